@@ -7,6 +7,8 @@ from .analysis.certificates import verify as verify
 from .analysis.certified_margins import certified_share as certified_share
 from .analysis.certified_margins import largest_range as largest_range
 from .analysis.certified_margins import largest_rate as largest_rate
+from .analysis.covariance import OutputBound as OutputBound
+from .analysis.covariance import peak_gain as peak_gain
 from .analysis.critical import critical_scheduling as critical_scheduling
 from .analysis.decay import decay_rate as decay_rate
 from .analysis.frozen_stability import frozen_stability as frozen_stability
@@ -127,6 +129,7 @@ from .synthesis.coprime_reduction import reduce_coprime as reduce_coprime
 from .synthesis.criteria import H2 as H2
 from .synthesis.criteria import Cone as Cone
 from .synthesis.criteria import Disc as Disc
+from .synthesis.criteria import GeneralizedH2 as GeneralizedH2
 from .synthesis.criteria import HalfPlane as HalfPlane
 from .synthesis.criteria import HInfinity as HInfinity
 from .synthesis.delays import delay as delay
@@ -165,6 +168,8 @@ from .synthesis.output_feedback import OutputFeedback as OutputFeedback
 from .synthesis.reduction import balanced_realization as balanced_realization
 from .synthesis.reduction import reduce_order as reduce_order
 from .synthesis.result import Synthesis as Synthesis
+from .synthesis.robust_feedback import RobustDesign as RobustDesign
+from .synthesis.robust_feedback import RobustFeedback as RobustFeedback
 from .synthesis.sampled_plants import from_function as from_function
 from .synthesis.sampled_plants import from_grid as from_grid
 from .synthesis.sampling_rules import Euler as Euler

@@ -509,17 +509,7 @@ def _scale(y: np.ndarray) -> float:
 def _limit(model: Model, u: np.ndarray, scale: float, x0: np.ndarray | None = None) -> float:
     """What no sane run exceeds: `DIVERGED` times the scale of the data or of one step's forcing, in any units."""
     reach = max(float(u.max(initial=0.0)), -float(u.min(initial=0.0)))
-    if isinstance(model, SelfScheduled):
-        forcing = reach * np.abs(model.vector).sum() + np.abs(model.vector).sum()
-    elif isinstance(model, LPVTransferFunction):
-        assert model.c is not None
-        forcing = reach * np.abs(model.b).sum() + np.abs(model.c).sum()
-    else:
-        assert model.state_offset is not None and model.output_offset is not None
-        state = reach * np.abs(model.B).sum() + np.abs(model.state_offset).sum()
-        state += 0.0 if x0 is None else np.abs(x0).sum()
-        forcing = reach * np.abs(model.D).sum() + np.abs(model.output_offset).sum() + state * np.abs(model.C).sum()
-    return DIVERGED * (max(scale, float(forcing)) or 1.0)
+    return DIVERGED * (max(scale, model.forcing(reach, 0.0 if x0 is None else float(np.abs(x0).sum()))) or 1.0)
 
 
 def _first_beyond(out: np.ndarray, limit: float) -> int | None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.tables import si
+from lpvid.toolkit import checks
 
 
 @dataclass(frozen=True)
@@ -31,22 +32,22 @@ class CarParameters:
     352.5
     """
 
-    sprung_mass: float
-    unsprung_mass: float
-    spring_stiffness: float
-    damping: float
-    tyre_stiffness: float
-    tyre_damping: float = 0.0
+    sprung_mass: float = field(metadata=si("kg"))
+    unsprung_mass: float = field(metadata=si("kg"))
+    spring_stiffness: float = field(metadata=si("N/m"))
+    damping: float = field(metadata=si("N*s/m"))
+    tyre_stiffness: float = field(metadata=si("N/m"))
+    tyre_damping: float = field(default=0.0, metadata=si("N*s/m"))
     source: str = ""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.name == "source":
+        for own in fields(self):
+            if own.name == "source":
                 continue
-            value = _checks.real(getattr(self, field.name), field.name)
-            if value < 0 or (value == 0 and field.name in ("sprung_mass", "unsprung_mass", "tyre_stiffness")):
-                raise InputError(f"{field.name} must be positive", got=value)
-            object.__setattr__(self, field.name, value)
+            value = checks.real(getattr(self, own.name), own.name)
+            if value < 0 or (value == 0 and own.name in ("sprung_mass", "unsprung_mass", "tyre_stiffness")):
+                raise InputError(f"{own.name} must be positive", got=value)
+            object.__setattr__(self, own.name, value)
 
     def replace(self, **changes: float) -> CarParameters:
         """The same car with some numbers changed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -34,6 +35,31 @@ def test_every_export_exists() -> None:
     for name in lpvid.__all__:
         assert getattr(lpvid, name) is not None
     assert len(set(lpvid.__all__)) == len(lpvid.__all__) > 100
+
+
+def test_tests_mirror_the_packages_and_share_through_helpers() -> None:
+    """A folder of tests is a room of the package; what two test modules need stands in tests/helpers."""
+    tests = ROOT / "tests"
+    for package in ("lpvid", "quartercar"):
+        for folder in sorted({p.parent for p in (tests / package).rglob("test_*.py")}):
+            room = folder.relative_to(tests / package)  # quartercar's causes run in lpvid's diagnosis
+            assert any((ROOT / p / room).is_dir() for p in (package, "lpvid")), f"{folder} has no room of its name"
+    for path in tests.rglob("*.py"):
+        if "benchmarks" not in path.parts:
+            text = path.read_text(encoding="utf8")
+            found = re.findall(r"^\s*(?:from|import) (?:\w+\.)*test_\w+.*", text, re.MULTILINE)
+            assert not found, f"{path} imports a test module: {found}"
+
+
+def test_every_room_has_its_line() -> None:
+    page = (ROOT / "docs" / "rooms.md").read_text(encoding="utf8")
+    for package in ("lpvid", "quartercar"):
+        table = page.split(f"## {package}\n")[1].split("\n## ")[0]
+        for path in sorted((ROOT / package).iterdir()):
+            if path.is_dir() and (path / "__init__.py").exists():
+                assert f"`{path.name}/`" in table, f"{package}/{path.name} has no line in docs/rooms.md"
+            elif path.suffix == ".py" and not path.name.startswith("_"):
+                assert f"`{path.name}`" in table, f"{package}/{path.name} has no line in docs/rooms.md"
 
 
 def test_nothing_else_at_top_level() -> None:

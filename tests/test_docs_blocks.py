@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_docs import DOCS, PAGES, ROOT, blocks
+from helpers.docs_pages import DOCS, PAGES, ROOT, blocks
 
 Names = dict[str, Any]
 

@@ -19,7 +19,7 @@ from quartercar.dampers import (
     fit_network_squares,
     static_points,
 )
-from quartercar.dampers.bridged import Branch, Bridged
+from quartercar.dampers.laws.bridged import Branch, Bridged
 from quartercar.dampers.laws.hydraulics import Laminar, Turbulent
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def main() -> None:
                     [
                         "Figs. 1, 2, 5",
                         "damper, rig, networks",
-                        "drawings; `quartercar.dampers.laws.hydraulics`, bridges in `quartercar.dampers.bridged`",
+                        "drawings; `quartercar.dampers.laws.hydraulics`, bridges in `quartercar.dampers.laws.bridged`",
                     ],
                     ["Fig. 3", "steady force levels of two runs", "below"],
                     ["Fig. 4", "static characteristic, linear and logarithmic", "below, points"],

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.analysis.gain_bounds import ATTEMPT, worst_pole
+from lpvid.codec import Encoded
 from lpvid.lmi.bound_certificate import BoundCertificate, inequality_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.certificate_common import certificate_kind
@@ -23,7 +24,7 @@ Region = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Bound:
+class Bound(Encoded):
     """A quantity of an LPV system between a bound that is certified and one that is reached.
 
     Parameters
@@ -39,6 +40,8 @@ class Bound:
         What `lpvid.verify` re-checks.
     why : str
     """
+
+    JSON = ("quantity", "verdict", "lower", "upper", "between_grid", "why", "certificate")
 
     quantity: str
     verdict: str
@@ -56,19 +59,6 @@ class Bound:
     def between_grid(self) -> bool:
         """Proven on the whole scheduling box."""
         return self.certificate is not None and self.certificate.between_grid
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"quantity": self.quantity, "verdict": self.verdict,
-                **{k: v if math.isfinite(v) else None for k, v in (("lower", self.lower), ("upper", self.upper))},
-                "between_grid": self.between_grid, "why": self.why,
-                "certificate": None if self.certificate is None else self.certificate.to_dict()}
 
     def __repr__(self) -> str:
         if self.certificate is None:

@@ -10,11 +10,12 @@ import numpy as np
 from lpvid import _checks
 from lpvid.analysis.crossings import Crossing, LineSearch, search
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 
 
 @dataclass(frozen=True)
-class Critical:
+class Critical(Encoded):
     """One value at which a pole reaches the boundary of stability.
 
     Parameters
@@ -34,6 +35,8 @@ class Critical:
     pole : complex
     """
 
+    JSON = ("value", "variable", "unit", "direction", "crossing", "frequency_hz", "modulus_residual", "pole")
+
     value: float
     variable: str
     unit: str
@@ -48,18 +51,6 @@ class Critical:
             self.crossing, self.crossing)
         return (f"{self.direction} at {self.variable} = {self.value:.6g} {self.unit}".rstrip()
                 + f" through {where} ({self.frequency_hz:.4g} Hz)")
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"value": self.value, "variable": self.variable, "unit": self.unit, "direction": self.direction,
-                "crossing": self.crossing, "frequency_hz": self.frequency_hz,
-                "modulus_residual": self.modulus_residual, "pole": [self.pole.real, self.pole.imag]}
 
 
 @dataclass(frozen=True, eq=False)

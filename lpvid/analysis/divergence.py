@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.codec import Coded
 from lpvid.lmi.autonomous import Autonomous
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.search import frozen_rates
@@ -18,7 +19,7 @@ GROWTH = 1e-9  # what counts as growth, per sample or relative to the fastest po
 
 
 @dataclass(frozen=True, eq=False)
-class Divergence:
+class Divergence(Coded):
     """A periodic scheduling trajectory, within box and rate bound, along which the state grows.
 
     Parameters
@@ -35,6 +36,9 @@ class Divergence:
         Exponential growth of the state [1/s]: the log of the spectral radius over a period, over its length.
     """
 
+    JSON = ("kind", "names", "units", "points", "durations", "growth_rate",
+            ("growth_per_sample", "growth"), "sample_time")
+
     kind: str
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -48,36 +52,9 @@ class Divergence:
         """Factor per sample; None in continuous time."""
         return None if self.sample_time is None else math.exp(self.growth_rate * self.sample_time)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"kind": self.kind, "names": list(self.names), "units": list(self.units),
-                "points": self.points.tolist(), "durations": self.durations.tolist(),
-                "growth_rate": self.growth_rate, "growth_per_sample": self.growth, "sample_time": self.sample_time}
-
     @classmethod
-    def from_dict(cls, data: Mapping) -> Divergence:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        Divergence
-            With the same values.
-        """
-        names = tuple(data["names"])
-        return cls(data["kind"], names, tuple(data["units"]),
-                   np.asarray(data["points"], dtype=float).reshape(-1, len(names)),
-                   np.asarray(data["durations"], dtype=float), data["growth_rate"], data["sample_time"])
+    def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
+        return {"points": (-1, len(values["names"]))}
 
     def __repr__(self) -> str:
         speed = f"grows {self.growth:.6g}-fold per sample" if self.growth else f"grows as exp({self.growth_rate:.4g} t)"

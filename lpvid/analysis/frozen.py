@@ -11,7 +11,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+from lpvid.scheduling import Basis, Scheduling
 
 Model = LPVTransferFunction | LPVStateSpace
 
@@ -170,13 +170,13 @@ def family(model: Model) -> FrozenFamily:
         for sign in (1.0, -1.0):
             signs = sign ** np.arange(1, na + 1)
             ends.append(FrozenMatrix(np.eye(ny), np.einsum("i,ijkm->mjk", signs, model.a)))
-        return FrozenFamily(still(model.basis), FrozenMatrix(shift, tensor), ends[0], ends[1], model.sample_time)
+        return FrozenFamily(model.basis.still(), FrozenMatrix(shift, tensor), ends[0], ends[1], model.sample_time)
     eye, zero = np.eye(model.order), np.zeros((model.order, model.order))
     matrix = FrozenMatrix(zero, model.A)
     if not model.is_discrete:
-        return FrozenFamily(still(model.basis), matrix, matrix, None, None)
+        return FrozenFamily(model.basis.still(), matrix, matrix, None, None)
     return FrozenFamily(
-        still(model.basis), matrix, FrozenMatrix(-eye, model.A), FrozenMatrix(eye, model.A), model.sample_time
+        model.basis.still(), matrix, FrozenMatrix(-eye, model.A), FrozenMatrix(eye, model.A), model.sample_time
     )
 
 
@@ -186,15 +186,6 @@ def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:
 
 
 # -- bases ------------------------------------------------------------------------------------------------------------
-def still(basis: Basis) -> Basis:
-    """The same functions without delays: with p held still p(k−i) is p."""
-    if isinstance(basis, Shifted):
-        return still(basis.basis)
-    if isinstance(basis, Stacked):
-        return Stacked(tuple(still(f) for f in basis.factors))
-    if isinstance(basis, Product):
-        return Product(still(basis.first), still(basis.second))
-    return basis
 
 
 def basis_values(basis: Basis, p: np.ndarray) -> np.ndarray:
@@ -204,29 +195,11 @@ def basis_values(basis: Basis, p: np.ndarray) -> np.ndarray:
     return np.vstack([basis.evaluate(point[None, :]) for point in p])
 
 
-def piece_degree(basis: Basis, moving: Sequence[str]) -> int | None:
-    """Highest polynomial degree along a line between breakpoints, or None where there is none."""
-    if isinstance(basis, Spline):
-        return basis.order if basis.name in moving else 0
-    if isinstance(basis, Polynomial):
-        return basis.degree if any(n in moving for n in basis.names) else 0
-    if isinstance(basis, Product | Stacked):
-        degrees = [piece_degree(f, moving) for f in basis.factors]
-        known = [d for d in degrees if d is not None]
-        if len(known) < len(degrees):
-            return None
-        return sum(known) if isinstance(basis, Product) else max(known, default=0)
-    return basis.degree
-
-
 def breakpoints(basis: Basis, names: Sequence[str], line: Line) -> np.ndarray:
     """Rising values of s at which a spline's next piece begins."""
-    if isinstance(basis, Spline):
-        i = list(names).index(basis.name)
-        if not line.direction[i]:
-            return np.empty(0)
-        return np.sort((np.array(basis.knots) - line.origin[i]) / line.direction[i])
-    if isinstance(basis, Product | Stacked):
-        parts = [breakpoints(f, names, line) for f in basis.factors]
-        return np.unique(np.concatenate(parts)) if parts else np.empty(0)
-    return np.empty(0)
+    parts = []
+    for name, knots in basis.knots_of.items():
+        i = list(names).index(name)
+        if line.direction[i]:
+            parts.append((np.array(knots) - line.origin[i]) / line.direction[i])
+    return np.unique(np.concatenate(parts)) if parts else np.empty(0)

@@ -9,14 +9,18 @@ import numpy as np
 from lpvid import _checks
 from lpvid.analysis.critical import CriticalScheduling, critical_scheduling
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability_margin
+from lpvid.codec import Encoded
 
 
 @dataclass(frozen=True, eq=False)
-class FrozenStability:
+class FrozenStability(Encoded):
     """Whether the frozen model is stable over its box, and where it is closest to losing stability.
 
     It says nothing about a scheduling variable that moves; see `certify_stability`.
     """
+
+    caveat = CAVEAT
+    JSON = ("stable", "max_modulus", "max_real_part", "at", "points", "caveat")
 
     stable: bool
     max_modulus: float | None
@@ -34,17 +38,6 @@ class FrozenStability:
         if len(self.critical.lines) > 1:
             rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the box")
         return "\n".join([*rows, CAVEAT])
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"stable": self.stable, "max_modulus": self.max_modulus, "max_real_part": self.max_real_part,
-                "at": dict(self.at), "points": self.points, "caveat": CAVEAT}
 
 
 def frozen_stability(model: Model, points: int | None = None) -> FrozenStability:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from lpvid.analysis.certificates import Range, Rate, asked
 from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.gain_bounds import GainBounds, usable, worst_pole
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
+from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import Driven, driven
@@ -22,7 +23,7 @@ VERDICTS = ("certified", "certified on a grid only", "not certified", "unstable"
 
 
 @dataclass(frozen=True, eq=False)
-class Gain:
+class Gain(Coded):
     """What is known of sup ‖z‖/‖w‖ over all inputs and all admissible trajectories of the scheduling.
 
     Parameters
@@ -43,11 +44,14 @@ class Gain:
     seconds : float
     """
 
+    JSON = ("verdict", "upper", "lower", "between_grid", "inputs", "outputs", "worst", "certificate", "why", "mend",
+            "seconds")
+
     verdict: str
-    upper: float
-    lower: float
+    upper: float = field(metadata=null(math.inf))
+    lower: float = field(metadata=null(math.inf))
     worst: WorstCase | None
-    certificate: GainCertificate | None
+    certificate: GainCertificate | None = field(metadata={"read": lambda data, _: _certificate(data)})
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     why: str = ""
@@ -58,40 +62,6 @@ class Gain:
     def between_grid(self) -> bool:
         """`upper` is proven on the whole scheduling box."""
         return self.certificate is not None and self.certificate.between_grid
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads.
-        """
-        return {"verdict": self.verdict, "upper": _finite(self.upper), "lower": _finite(self.lower),
-                "between_grid": self.between_grid, "inputs": list(self.inputs), "outputs": list(self.outputs),
-                "worst": None if self.worst is None else self.worst.to_dict(),
-                "certificate": None if self.certificate is None else self.certificate.to_dict(),
-                "why": self.why, "mend": self.mend, "seconds": self.seconds}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> Gain:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        Gain
-            With the same values.
-        """
-        worst, certificate = data["worst"], data["certificate"]
-        upper, lower = (math.inf if data[k] is None else data[k] for k in ("upper", "lower"))
-        return cls(data["verdict"], upper, lower, None if worst is None else WorstCase.from_dict(worst),
-                   None if certificate is None else _certificate(certificate), tuple(data["inputs"]),
-                   tuple(data["outputs"]), data["why"], data["mend"], data["seconds"])
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.why or self.certificate.claim if self.certificate else self.why}"]
@@ -220,7 +190,3 @@ def _certificate(data: Mapping) -> GainCertificate:
 
     kind = HullCertificate if data.get("schema") == SCHEMA else GainCertificate
     return kind.from_dict(data)  # type: ignore[return-value]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -14,7 +14,6 @@ from lpvid.analysis.frozen import (
     Line,
     basis_values,
     breakpoints,
-    piece_degree,
     stability_margin,
 )
 
@@ -62,7 +61,7 @@ class Piece:
 def pieces(models: FrozenFamily, names: tuple[str, ...], line: Line) -> list[Piece] | None:
     """The polynomial pieces along a line with their guardian maps, or None if the basis is not piecewise polynomial."""
     moving = [n for n, d in zip(names, line.direction, strict=True) if d]
-    degree = piece_degree(models.basis, moving)
+    degree = models.basis.piece_degree(moving)
     if degree is None:
         return None
     knots = breakpoints(models.basis, names, line)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import encode
 from lpvid.errors import InputError
 from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -125,12 +126,12 @@ class PassivityMargin:
             "says": self.description(BAND),
             "says_to_nyquist": self.description(None),
             "band": BAND,
-            "least_damping": _finite(self.damping.min()),
-            "least_damping_in_band": _finite(self.damping[:, self.within(BAND)].min(initial=math.inf)),
+            "least_damping": encode(self.damping.min()),
+            "least_damping_in_band": encode(self.damping[:, self.within(BAND)].min(initial=math.inf)),
             "unit": self.unit,
             "scheduling": self.scheduling.tolist(),
             "frequencies": self.frequencies.tolist(),
-            "damping": [[_finite(v) for v in row] for row in self.damping],
+            "damping": encode(self.damping),
         }
 
     def __repr__(self) -> str:
@@ -238,7 +239,3 @@ def _span(values: np.ndarray, name: str, unit: str) -> str:
 
 def _number(value: float) -> str:
     return f"{round(value, 3) + 0.0:.3g}"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

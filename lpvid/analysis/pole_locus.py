@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 
 DEEPEST = 14
@@ -17,8 +18,10 @@ REAL_POLE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class FixedPole:
+class FixedPole(Encoded):
     """A pole that does not depend on the scheduling variable."""
+
+    JSON = ("pole", "time_constant", "frequency_hz")
 
     pole: complex
     branch: int
@@ -33,8 +36,10 @@ class FixedPole:
 
 
 @dataclass(frozen=True)
-class Meeting:
+class Meeting(Encoded):
     """Where two real poles become a complex pair ("pair") or the reverse ("real"), for a rising variable."""
+
+    JSON = ("value", "becomes")
 
     value: float
     becomes: str
@@ -42,7 +47,7 @@ class Meeting:
 
 
 @dataclass(frozen=True, eq=False)
-class PoleLocus:
+class PoleLocus(Encoded):
     """Frozen poles along one scheduling variable, one column for each branch.
 
     It says nothing about a scheduling variable that moves; see `certify_stability`.
@@ -60,6 +65,9 @@ class PoleLocus:
     meetings : tuple of Meeting
     notes : tuple of str
     """
+
+    caveat = CAVEAT
+    JSON = ("variable", "unit", "p", "poles", "fixed", "meetings", "notes", "caveat")
 
     variable: str
     unit: str
@@ -115,21 +123,6 @@ class PoleLocus:
         rows = [f"{verdict}: {self.poles.shape[1]} poles over {span}",
                 f"  largest {what} {self.max_modulus[worst]:.6g} at {self.p[worst]:.6g} {self.unit}".rstrip()]
         return "\n".join([*rows, *(f"  {n}" for n in self.notes), CAVEAT])
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON; poles as [real, imaginary].
-
-        Returns
-        -------
-        dict
-            Plain values by name; arrays as lists.
-        """
-        return {"variable": self.variable, "unit": self.unit, "p": self.p.tolist(),
-                "poles": np.stack([np.real(self.poles), np.imag(self.poles)], axis=-1).tolist(),
-                "fixed": [{"pole": [f.pole.real, f.pole.imag], "time_constant": f.time_constant,
-                           "frequency_hz": f.frequency_hz} for f in self.fixed],
-                "meetings": [{"value": m.value, "becomes": m.becomes} for m in self.meetings],
-                "notes": list(self.notes), "caveat": CAVEAT}
 
 
 def pole_locus(model: Model, variable: str | None = None, points: int = 201,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import usable
 from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, given, recheck_robust, uncertain
 from lpvid.analysis.uncertain_blocks import PSD, Block, diagonal
+from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.autonomous import box_of
@@ -38,7 +39,7 @@ FREQUENCIES = 25
 
 
 @dataclass(frozen=True, eq=False)
-class RobustGain:
+class RobustGain(Coded):
     """What is known of sup ‖z‖/‖w‖ over all uncertainties and all admissible trajectories of the scheduling.
 
     Parameters
@@ -57,43 +58,12 @@ class RobustGain:
     """
 
     verdict: str
-    upper: float
+    upper: float = field(metadata=null(math.inf))
     lower: float
     certificate: RobustCertificate | None
     why: str = ""
     mend: str = ""
     seconds: float = 0.0
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            The result; an infinite bound is None.
-        """
-        return {"verdict": self.verdict, "upper": self.upper if math.isfinite(self.upper) else None,
-                "lower": self.lower, "certificate": None if self.certificate is None else self.certificate.to_dict(),
-                "why": self.why, "mend": self.mend, "seconds": self.seconds}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> RobustGain:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        RobustGain
-            The same result.
-        """
-        kept = data["certificate"]
-        return cls(data["verdict"], math.inf if data["upper"] is None else data["upper"], data["lower"],
-                   None if kept is None else RobustCertificate.from_dict(kept), data["why"], data["mend"],
-                   data["seconds"])
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.why or (self.certificate.claim if self.certificate else '')}"]

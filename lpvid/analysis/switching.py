@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import Model, autonomous, reading_box
 from lpvid.lmi.certificate import EPS, Recheck
@@ -20,7 +21,7 @@ SCHEMA = "lpvid/polytopic-certificate/1"
 
 
 @dataclass(frozen=True, eq=False)
-class JointSpectralRadius:
+class JointSpectralRadius(Encoded):
     """How fast products of the matrices can grow, per factor.
 
     Parameters
@@ -35,6 +36,8 @@ class JointSpectralRadius:
         Number of products looked at.
     """
 
+    JSON = (..., "stable")
+
     lower: float
     upper: float
     word: tuple[int, ...]
@@ -44,17 +47,6 @@ class JointSpectralRadius:
     def stable(self) -> bool | None:
         """True or False where the bounds decide it; None where they enclose 1."""
         return True if self.upper < 1 else False if self.lower > 1 else None
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"lower": self.lower, "upper": self.upper, "word": list(self.word), "products": self.products,
-                "stable": self.stable}
 
     def __repr__(self) -> str:
         verdict = {True: "stable", False: "unstable", None: "undecided"}[self.stable]

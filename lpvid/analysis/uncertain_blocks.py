@@ -163,7 +163,7 @@ class Parametric(Block):
         _checks.positive(self.bound, "the bound of a parameter")
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
-        return _both(_bank((), None) if self.moving else _bank(poles, sample_time), len(self.outputs), len(self.inputs))
+        return _both(bank((), None) if self.moving else bank(poles, sample_time), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
         size = len(self.inputs) * (1 if self.moving else 1 + len(poles))
@@ -196,7 +196,7 @@ class Dynamic(Block):
         _checks.positive(self.bound, "the bound of neglected dynamics")
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
-        return _both(_bank(poles, sample_time), len(self.outputs), len(self.inputs))
+        return _both(bank(poles, sample_time), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
         return ((PSD, 1 + len(poles)),)
@@ -227,7 +227,7 @@ class Lipschitz(Block):
         _checks.positive(self.bound, "a Lipschitz constant")
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
-        return _both(_bank((), None), len(self.outputs), len(self.inputs))
+        return _both(bank((), None), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
         return ((PSD, 1),)
@@ -273,7 +273,7 @@ class Sector(Block):
             raise InputError("a sector's lower bound lies below its upper one", got=f"{self.lower} and {self.upper}")
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
-        a, b, c, _ = _bank(poles if self.slope else (), sample_time)
+        a, b, c, _ = bank(poles if self.slope else (), sample_time)
         k, v = len(a), self._rows()[1]
         return a, b @ v, np.vstack([np.zeros((2, k)), c[1:]]), np.vstack([np.eye(2), np.zeros((k, 2))])
 
@@ -329,12 +329,12 @@ class Delay(Block):
             raise InputError("an uncertain delay is stated in continuous time", got=f"a period of {sample_time:g} s",
                              mend="a known one in discrete time is exact: lpv.delay")
         m = len(self.inputs)
-        bank = _bank(poles, None)
-        a, b, c, d = bank
+        filters = bank(poles, None)
+        a, b, c, d = filters
         slow = a, b, (c @ a)[1:], (c @ b)[1:]                       # s H̃: C A x + C B u
         plain = a, b, c[1:], d[1:]
         eye, zero = np.eye(m), np.zeros((m, m))
-        rows = [(bank, np.hstack([eye, zero])), (bank, np.hstack([-eye, eye])), (slow, np.hstack([eye, zero])),
+        rows = [(filters, np.hstack([eye, zero])), (filters, np.hstack([-eye, eye])), (slow, np.hstack([eye, zero])),
                 (plain, np.hstack([-eye, eye]))]
         return _stacked([(_repeated(f, m), into) for f, into in rows])
 
@@ -399,8 +399,21 @@ def diagonal(*matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def _bank(poles: Sequence[float], sample_time: float | None) -> Filter:
-    """(1, a/(s + a), …) of one signal."""
+def bank(poles: Sequence[float], sample_time: float | None) -> Filter:
+    """(1, a/(s + a), …) of one signal, in discrete time (1, (1 − α)/(z − α), …).
+
+    Parameters
+    ----------
+    poles : sequence of float
+        a [1/s].
+    sample_time : float or None
+        Period [s].
+
+    Returns
+    -------
+    tuple of arrays
+        A, B, C, D.
+    """
     a = np.asarray(poles, dtype=float)
     if sample_time is not None:
         a = np.exp(-a * sample_time)

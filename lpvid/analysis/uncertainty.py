@@ -22,6 +22,7 @@ from lpvid.analysis.frozen import (
 )
 from lpvid.analysis.guardian import candidates, pieces, polish
 from lpvid.analysis.pole_locus import grid_along, one_line
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Scheduling
@@ -30,12 +31,14 @@ CHUNK = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class PoleBand:
+class PoleBand(Encoded):
     """Spread of the frozen poles over models drawn from a parameter covariance.
 
     ``low``, ``median``, ``high`` are pointwise quantiles, over the draws, of the largest |z| (continuous time: of the
     largest Re s [1/s]); ``cloud`` holds the poles of some draws, (n_draws, n, n_poles), for plots.
     """
+
+    JSON = ("variable", "unit", "p", "low", "median", "high", "level", "share_stable", "draws")
 
     variable: str
     unit: str
@@ -60,21 +63,9 @@ class PoleBand:
             f"  {self.draws} draws, band pointwise; fewest stable: {self.share_stable[least]:.1%} "
             f"at {self.p[least]:.6g} {self.unit}".rstrip(), CAVEAT])
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON, without the cloud.
-
-        Returns
-        -------
-        dict
-            Plain values by name; arrays as lists.
-        """
-        return {"variable": self.variable, "unit": self.unit, "p": self.p.tolist(), "low": self.low.tolist(),
-                "median": self.median.tolist(), "high": self.high.tolist(), "level": self.level,
-                "share_stable": self.share_stable.tolist(), "draws": self.draws}
-
 
 @dataclass(frozen=True)
-class StabilityProbability:
+class StabilityProbability(Encoded):
     """Share of drawn models that are frozen-stable over the whole range, with its Wilson interval."""
 
     probability: float
@@ -90,17 +81,6 @@ class StabilityProbability:
                 f"({self.level:.0%} interval {self.interval[0]:.3f} … {self.interval[1]:.3f}, {self.draws} draws, "
                 f"{how})"
                 f"\n{CAVEAT}")
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"probability": self.probability, "standard_error": self.standard_error,
-                "interval": list(self.interval), "level": self.level, "draws": self.draws, "exact": self.exact}
 
 
 def pole_band(models: Iterable[Model], variable: str | None = None, points: int = 101,

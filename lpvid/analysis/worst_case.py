@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from lpvid.analysis.path_ascent import ascended
+from lpvid.codec import Coded, null
 from lpvid.lmi.driven import Driven
 from lpvid.scheduling import Scheduling
 
@@ -19,7 +20,7 @@ ITERATIONS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class WorstCase:
+class WorstCase(Coded):
     """A scheduling with which the gain is at least `gain`.
 
     Parameters
@@ -42,7 +43,7 @@ class WorstCase:
     units: tuple[str, ...]
     points: np.ndarray
     period: float
-    frequency: float
+    frequency: float = field(metadata=null(math.nan))
     gain: float
 
     @classmethod
@@ -50,36 +51,9 @@ class WorstCase:
         """One value, held."""
         return cls("frozen", box.names, box.units, np.array(point, dtype=float).reshape(1, -1), 0.0, frequency, gain)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"kind": self.kind, "names": list(self.names), "units": list(self.units),
-                "points": self.points.tolist(), "period": self.period,
-                "frequency": self.frequency if math.isfinite(self.frequency) else None, "gain": self.gain}
-
     @classmethod
-    def from_dict(cls, data: Mapping) -> WorstCase:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        WorstCase
-            With the same values.
-        """
-        names, frequency = tuple(data["names"]), data["frequency"]
-        return cls(data["kind"], names, tuple(data["units"]), np.asarray(data["points"], dtype=float).reshape(
-            len(data["points"]), len(names)), data["period"], math.nan if frequency is None else frequency,
-            data["gain"])
+    def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
+        return {"points": (len(values["points"]), len(values["names"]))}
 
     def __str__(self) -> str:
         if self.kind == "frozen":

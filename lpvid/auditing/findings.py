@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lpvid._shown import Shown
+from lpvid.codec import Encoded
 
 SCHEMA = "lpvid/audit/1"
 SEVERITIES = ("fault", "warning", "note")
@@ -13,7 +14,7 @@ SEVERITIES = ("fault", "warning", "note")
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Encoded):
     """One thing the audit has to say about the data.
 
     Attributes
@@ -44,20 +45,9 @@ class Finding:
         mend = f" → {self.mend}" if self.mend else ""
         return f"{self.severity} {self.name}{f' [{where}]' if where else ''}: {self.evidence}{mend}"
 
-    def to_dict(self) -> dict:
-        """As it stands in ``audit.json``.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"name": self.name, "record": self.record, "channel": self.channel, "severity": self.severity,
-                "evidence": self.evidence, "mend": self.mend, "value": self.value}
-
 
 @dataclass(frozen=True, eq=False)
-class Audit(Shown):
+class Audit(Encoded, Shown):
     """Findings about a data set, gravest first; prints the verdict and one line for each kind of finding.
 
     Attributes
@@ -69,6 +59,9 @@ class Audit(Shown):
     names : tuple of str
         Names of the records.
     """
+
+    schema = SCHEMA
+    JSON = ("schema", "verdict", "records", "findings")
 
     findings: tuple[Finding, ...]
     records: tuple[str, ...]
@@ -118,17 +111,6 @@ class Audit(Shown):
         if warnings:
             return f"usable with care: {warnings} warning(s), {notes} note(s)"
         return f"nothing against these data; {notes} note(s)" if notes else "nothing against these data"
-
-    def to_dict(self) -> dict:
-        """As written to ``audit.json``.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"schema": SCHEMA, "verdict": self.verdict, "records": list(self.records),
-                "findings": [f.to_dict() for f in self.findings]}
 
     def __str__(self) -> str:
         head = self.records[0] if len(self.records) == 1 else f"{len(self.records)} records"

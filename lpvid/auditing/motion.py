@@ -17,7 +17,7 @@ _STENCIL = -np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 10
 """central difference of eighth order, for np.convolve: within 1 % up to 0.28 of the sampling rate."""
 FAR, APART = 0.3, 0.05
 """shares of the velocity that are not the derivative of the displacement beyond which the two are different motions,
-and from which on it is worth a line: the measured records of `tests/lpvid/test_auditing.py` have 0.016 at most"""
+and from which on it is worth a line: the measured records of `tests/lpvid/auditing` have 0.016 at most"""
 
 
 @dataclass(frozen=True)

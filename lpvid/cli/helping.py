@@ -10,7 +10,6 @@ import re
 import shutil
 import sys
 import textwrap
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -234,15 +233,9 @@ def read_options(path: Path, command: Any) -> dict[str, Any]:
         A file that cannot be read, TOML that does not parse, an unknown key, a table where a value is expected.
     """
     from lpvid import _checks
-    from lpvid.errors import InputError
+    from lpvid.tables import read_toml
 
-    try:
-        found = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path; --template prints one") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name} is not TOML", why=str(error), mend="--template prints one") from None
+    found = read_toml(path)
     keys, values = _keys(command), {}
     for key, value in found.items():
         known = key.replace("_", "-")

@@ -49,7 +49,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     if plant is None:
         raise InputError("synthesize needs a plant", mend="lpvid synthesize --template > plant.toml")
     from lpvid.synthesis.design_log import limiting, limits
-    from lpvid.synthesis.progress import INTERRUPTED as BEGINS
+    from lpvid.synthesis.progress import was_interrupted
     from lpvid.synthesis.synthesizing import synthesize as solve
 
     results = Results(out)
@@ -74,7 +74,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
             results.report(synthesis_page(result, loaded, title, weights))
     stated = limiting(found, result.gamma_verified)
     conclude(results, data, repr(result) + (f"\n  {stated}" if stated else ""), json)
-    if result.notes and result.notes[0].startswith(BEGINS):
+    if was_interrupted(result):
         raise typer.Exit(INTERRUPTED)
     if result.verdict != "solved":
         raise typer.Exit(SHORTFALL)
@@ -123,16 +123,18 @@ def verify(certificate: Annotated[Path, typer.Argument(metavar="CERTIFICATE", he
 def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, str,
                                                               dict[str, LPVStateSpace | float]]:
     """Plant and design of the files, with every fault named by its file; a title, and the performance weights."""
+    from lpvid.codec import expect_table
     from lpvid.export.serialise import load
     from lpvid.synthesis.design_file import design_of
     from lpvid.synthesis.plant_file import output_weights, plant_of
-    from lpvid.synthesis.toml_tables import read_toml, table_of, within
+    from lpvid.tables import read_toml, within
 
-    table = read_toml(plant)
-    asked = table.get("design") if design is None else read_toml(design)
+    example = "lpvid synthesize --template prints an example"
+    table = read_toml(plant, example)
+    asked = table.get("design") if design is None else read_toml(design, example)
     if asked is None:
         raise InputError(f"{plant} says nothing about the design", mend="add --design DESIGN.toml, or a [design] table")
     loaded = within(str(plant), lambda: plant_of(table, plant.parent, load))
     place = f"{plant} [design]" if design is None else str(design)
-    settings = within(place, lambda: design_of(table_of(asked, "the design"), loaded))
+    settings = within(place, lambda: design_of(expect_table(asked, "the design"), loaded))
     return loaded, settings, str(table.get("name") or plant.stem), output_weights(table, loaded)

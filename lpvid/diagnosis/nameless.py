@@ -92,7 +92,7 @@ class Nameless:
 
     def _functions(self, s: Signals, family: tuple[str, ...]) -> np.ndarray:
         """(n, k) values along a record."""
-        from lpvid.diagnosis._play_kernel import play
+        from lpvid.diagnosis.play_kernel import play
 
         columns, scaled = [], []
         for c in family:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.codec import MissingKey
 from lpvid.errors import InputError
 from lpvid.export.json_files import jsonable, write_json, write_text
 from lpvid.named_classes import NamedClasses
@@ -200,8 +201,9 @@ def load(path: str | os.PathLike) -> Any:
                          why=f"known: {', '.join(tags)}", mend="write it again with lpvid.save")
     try:
         return _rebuilt(data, kind)
-    except KeyError as error:
-        raise InputError(f"'{path}' lacks {error}", why=f"a {kind.name} file needs it",
+    except (MissingKey, KeyError) as error:
+        key = error.key if isinstance(error, MissingKey) else error.args[0]
+        raise InputError(f"'{path}' lacks '{key}'", why=f"a {kind.name} file needs it",
                          mend="write it again with lpvid.save") from None
     except (InputError, ValueError, TypeError, AttributeError, IndexError, OverflowError, MemoryError,
             RecursionError) as error:

@@ -65,6 +65,8 @@ class ARX(Structure):
     8
     """
 
+    KIND = "arx"
+
     na: int = 4
     nb: int | tuple[int, ...] = 4
     nk: int | tuple[int, ...] = 1
@@ -302,13 +304,7 @@ class ARX(Structure):
         dict
             Plain values by name.
         """
-        stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
-        lag = self.schedule_filter
-        lag = lag.to_dict() if isinstance(lag, SchedulingStage) else lag
-        return {"kind": getattr(self, "name", "arx"), "na": self.na, "nb": list(self._nb()), "nk": list(self._nk()),
-                "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
-                "affine": self.affine, "lagged": self.lagged, "stage": stage, "schedule_filter": lag,
-                "ridge": self.ridge.to_dict() if isinstance(self.ridge, Ridge) else self.ridge, "weight": self.weight}
+        return {**super().to_dict(), "nb": list(self._nb()), "nk": list(self._nk())}
 
 
 def _stage_fits(stage: InputStage, inputs: int, variables: int) -> None:

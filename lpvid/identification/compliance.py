@@ -79,6 +79,10 @@ class Compliance(Structure):
     ('velocity', 'force', 'displacement', 'current')
     """
 
+    KIND = "compliance"
+    JSON = ("input", "output", "current", "knots", "levels", "lags", "side", "states", "asymmetric", "schedule_filter",
+            "smoothness", "substeps")
+
     input: str = "velocity"
     output: str = "force"
     current: str | None = None
@@ -214,18 +218,3 @@ class Compliance(Structure):
         linear = [0.1 * spread / r for r in [*reach, 1.0]]
         scales = np.concatenate([np.ones(place), linear, problem.filter_scales])
         return scales, Prior(np.array(rows), np.array(values))
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        lag = self.schedule_filter
-        return {"kind": "compliance", "input": self.input, "output": self.output, "current": self.current,
-                "knots": None if self.knots is None else list(self.knots), "levels": self.levels, "lags": self.lags,
-                "side": list(self.side), "states": self.states, "asymmetric": self.asymmetric,
-                "schedule_filter": lag.to_dict() if isinstance(lag, SchedulingStage) else lag,
-                "smoothness": self.smoothness, "substeps": self.substeps}

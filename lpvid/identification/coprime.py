@@ -66,6 +66,8 @@ class RightCoprime(Structure):
     2
     """
 
+    KIND = "right-coprime"
+
     na: int = 4
     nb: int = 4
     input: str | tuple[str, ...] = "velocity"
@@ -227,20 +229,4 @@ class RightCoprime(Structure):
         """Coefficients of the product of two functions, as well as the basis can say it over the box."""
         phi = self.basis.evaluate(warm.box.grid(7))
         return np.linalg.lstsq(phi, (phi @ x) * (phi @ y), rcond=1e-10)[0]
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
-        lag = self.schedule_filter
-        return {"kind": "right-coprime", "na": self.na, "nb": self.nb, "input": list(self.input),
-                "output": list(self.output), "basis": self.basis.to_dict(), "direct": self.direct,
-                "affine": self.affine, "stage": stage,
-                "schedule_filter": lag.to_dict() if isinstance(lag, SchedulingStage) else lag,
-                "iterations": self.iterations}
 

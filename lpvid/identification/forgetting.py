@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 
 
 @dataclass(frozen=True)
-class VariableForgetting:
+class VariableForgetting(Encoded):
     """Forget fast where the prediction error is large: λ = 1 − ε²/(memory σ² (1 + φᵀPφ)), not below `lowest`.
 
     Fortescue, Kershenbaum & Ydstie 1981. The noise variance σ² is learnt from the start and from a slow average of the
@@ -30,6 +29,9 @@ class VariableForgetting:
     {'kind': 'variable', 'memory': 200.0, 'lowest': 0.9}
     """
 
+    kind = "variable"
+    JSON = ("kind", ...)
+
     memory: float = 1000.0
     lowest: float = 0.9
 
@@ -38,19 +40,9 @@ class VariableForgetting:
         object.__setattr__(self, "memory", memory)
         object.__setattr__(self, "lowest", forgetting_factor(self.lowest, "the lowest forgetting factor"))
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"kind": "variable", "memory": self.memory, "lowest": self.lowest}
-
 
 @dataclass(frozen=True)
-class CovarianceReset:
+class CovarianceReset(Encoded):
     """Set P back to ``to · diag(1/mean square of each regressor)`` when its mean variance leaves its bounds.
 
     Variances are in unit-column scaling: 1 is what one sample of typical size tells about a lone parameter. Grown
@@ -76,16 +68,6 @@ class CovarianceReset:
         if not (0 <= self.below <= self.to and self.above > 1):
             raise InputError("a covariance reset needs 0 <= below <= to, and above > 1",
                              got=f"below {self.below}, to {self.to}, above {self.above}")
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"above": self.above if np.isfinite(self.above) else None, "below": self.below, "to": self.to}
 
 
 def forgetting_factor(value: object, name: str) -> float:

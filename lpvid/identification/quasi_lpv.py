@@ -73,6 +73,10 @@ class QuasiLPV(Structure):
     3
     """
 
+    KIND = "quasi-lpv"
+    JSON = ("na", "nb", "nk", "input", "output", "basis", "on", "trial", "external", "schedule_filter", "smoothness",
+            "ridge", "oddness")
+
     na: int = 0
     nb: int | tuple[int, ...] = 4
     nk: int | tuple[int, ...] = 0
@@ -226,9 +230,4 @@ class QuasiLPV(Structure):
         dict
             Plain values by name.
         """
-        lag = self.schedule_filter
-        return {"kind": "quasi-lpv", "na": self.na, "nb": list(self._tuple(self.nb)), "nk": list(self._tuple(self.nk)),
-                "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(), "on": self.on,
-                "trial": self.trial, "external": self.external.to_dict(),
-                "schedule_filter": lag.to_dict() if isinstance(lag, SchedulingStage) else lag,
-                "smoothness": self.smoothness, "ridge": self.ridge, "oddness": self.oddness}
+        return {**super().to_dict(), "nb": list(self._tuple(self.nb)), "nk": list(self._tuple(self.nk))}

@@ -80,6 +80,8 @@ class Recursive(Structure):
     ('u', 'y')
     """
 
+    KIND = "recursive"
+
     structure: ARX = field(default_factory=ARX)
     forgetting: float | VariableForgetting = 0.995
     reset: CovarianceReset | None = field(default_factory=CovarianceReset)
@@ -122,20 +124,6 @@ class Recursive(Structure):
         for record in records:
             running.follow(record)
         return packaged(running, records)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        f = self.forgetting
-        return {"kind": "recursive", "structure": self.structure.to_dict(),
-                "forgetting": f.to_dict() if isinstance(f, VariableForgetting) else f,
-                "reset": None if self.reset is None else self.reset.to_dict(),
-                "initial_covariance": self.initial_covariance, "history": self.history}
 
 
 def packaged(running: RecursiveEstimator, records: Sequence[Record]) -> RecursiveIdentification:

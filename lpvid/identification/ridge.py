@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.identification.regression import Factor, RegressionEstimate
-from lpvid.scheduling import Basis, Polynomial, Product, Shifted, Spline, Stacked
+from lpvid.scheduling import Basis
 
 PENALTIES = {"size": 0, "variation": 1, "curvature": 2}
 """what is penalised: the coefficients themselves, how they vary with p, how they bend over p."""
@@ -18,7 +19,7 @@ STRENGTHS = np.logspace(-10, 4, 71)
 
 
 @dataclass(frozen=True)
-class Ridge:
+class Ridge(Encoded):
     r"""Prior on how the coefficients depend on the scheduling variables (empirical Bayes).
 
     ::
@@ -62,7 +63,8 @@ class Ridge:
     def matrix(self, basis: Basis) -> np.ndarray:
         """(M, M) penalty P of one coefficient."""
         if isinstance(self.penalty, str):
-            return _penalty(basis, PENALTIES[self.penalty])
+            order = PENALTIES[self.penalty]
+            return basis.penalty(order) if order else np.eye(basis.size)
         if len(self.penalty) != basis.size:
             raise InputError(f"a ridge needs one weight for each of {basis.size} basis functions",
                              got=f"{len(self.penalty)} weights")
@@ -95,38 +97,6 @@ class Ridge:
         what = self.penalty if isinstance(self.penalty, str) else "the basis functions by given weights"
         how = "chosen by marginal likelihood" if self.strength is None else "as given"
         return f"ridge on {what}, {how}"
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"penalty": self.penalty if isinstance(self.penalty, str) else list(self.penalty),
-                "strength": self.strength}
-
-
-def _penalty(basis: Basis, order: int) -> np.ndarray:
-    if order == 0:
-        return np.eye(basis.size)
-    if isinstance(basis, Polynomial):
-        degree = basis.exponents.sum(axis=1).astype(float)
-        return np.diag((degree if order == 1 else degree * (degree - 1)) ** 2)
-    if isinstance(basis, Spline):
-        differences = np.diff(np.eye(basis.size), n=min(order, basis.size - 1), axis=0) * basis.segments**order
-        return differences.T @ differences
-    if isinstance(basis, Product):
-        first, second = _penalty(basis.first, order), _penalty(basis.second, order)
-        return np.kron(first, np.eye(len(second))) + np.kron(np.eye(len(first)), second)
-    if isinstance(basis, Stacked):
-        from scipy.linalg import block_diag
-
-        return np.asarray(block_diag(*(_penalty(f, order) for f in basis.factors)))
-    if isinstance(basis, Shifted):
-        return _penalty(basis.basis, order)
-    return np.diag([0.0 if label == "1" else 1.0 for label in basis.labels])
 
 
 @dataclass(frozen=True, eq=False)

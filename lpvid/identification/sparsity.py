@@ -56,6 +56,8 @@ class SparseARX(Structure):
     ('velocity', 'force')
     """
 
+    KIND = "sparse-arx"
+
     arx: ARX
     method: str = "garrote"
     criterion: str = "bic"
@@ -154,17 +156,6 @@ class SparseARX(Structure):
                                f", by {self.group}); the standard errors ignore that they were chosen",
                  *(f"no coefficient depends on '{n}'" for n in dead))
         return found.replace(notes=notes)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"kind": "sparse-arx", "arx": self.arx.to_dict(), "method": self.method, "criterion": self.criterion,
-                "group": self.group}
 
 
 def _fewest(errors: np.ndarray) -> int:

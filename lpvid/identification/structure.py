@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.identification.result import Identification
 from lpvid.named_classes import NamedClasses
 from lpvid.record import Record
@@ -16,12 +16,19 @@ from lpvid.record import Record
 S = TypeVar("S")
 
 
-class Structure(ABC):
+class Structure(Encoded, ABC):
     """A model structure with its estimator's settings; subclasses are frozen dataclasses.
 
     One that `register_structure` or the entry-point group ``lpvid.structures`` makes known by its ``name`` is offered
     by ``lpvid identify --structure``; its options are those of its fields that have one.
+
+    Attributes
+    ----------
+    KIND : str
+        What files call it where it has no ``name``.
     """
+
+    KIND: ClassVar[str] = ""
 
     @property
     @abstractmethod
@@ -70,9 +77,14 @@ class Structure(ABC):
         return None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: the name, then every field."""
-        own = {f.name: _plain(getattr(self, f.name)) for f in fields(self)} if is_dataclass(self) else {}
-        return {"kind": getattr(self, "name", type(self).__name__), **own}
+        """Plain data for JSON: the name as ``kind``, then every field.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
+        return {"kind": getattr(self, "name", self.KIND or type(self).__name__), **super().to_dict()}
 
 
 STRUCTURES = NamedClasses("structure", "lpvid.structures", (), "lpvid.identification.structure:Structure")
@@ -98,13 +110,3 @@ def register_structure(cls: type[S]) -> type[S]:
         Methods that it lacks, or a name that is taken.
     """
     return STRUCTURES.register(cls)
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "to_dict"):
-        return value.to_dict()
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(v) for v in value]
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value

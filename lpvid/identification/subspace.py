@@ -84,6 +84,8 @@ class Subspace(Structure):
     6
     """
 
+    KIND = "subspace"
+
     order: int | None = None
     past: int | None = None
     future: int = 4
@@ -265,18 +267,6 @@ class Subspace(Structure):
             A=state[:, :n].transpose(turned), B=state[:, n: n + nu].transpose(turned) / su, state_offset=f,
             observer_gain=state[:, -ny:].transpose(turned) / sy, C=c.transpose(turned) * sy[:, None],
             D=d.transpose(turned) * sy[:, None] / su, output_offset=g * sy)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"kind": "subspace", "order": self.order, "past": self.past, "future": self.future,
-                "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
-                "direct": self.direct, "affine": self.affine, "kernel": self.kernel}
 
 
 def _spread(values: np.ndarray) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,28 +11,10 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling.reading import Reading
 
 Model = LPVTransferFunction | LPVStateSpace
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One scheduling variable as it is read: at p(k − lag), with what degree, and where its pieces meet.
-
-    A trigonometric dependence has a highest angular frequency [rad per unit] instead of a degree.
-    """
-
-    name: str
-    lag: int
-    degree: int
-    breaks: tuple[float, ...] = ()
-    frequency: float = 0.0
-
-    @property
-    def label(self) -> str:
-        """Name, with the delay if there is one."""
-        return f"{self.name}(k{-self.lag:+d})" if self.lag else self.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,26 +119,4 @@ def _digest(model: Model, coefficients: np.ndarray) -> str:
 
 def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
     """What a basis reads: each variable at each delay; refuses one that is neither piecewise polynomial nor Fourier."""
-    if isinstance(basis, Polynomial):
-        highest = basis.exponents.max(axis=0, initial=0)
-        return tuple(Reading(name, shift, int(d)) for name, d in zip(basis.names, highest, strict=True))
-    if isinstance(basis, Spline):
-        return (Reading(basis.name, shift, basis.order, basis.knots),)
-    if isinstance(basis, Fourier):
-        return (Reading(basis.name, shift, 0, (), 2 * math.pi * basis.harmonics / basis.period),)
-    if isinstance(basis, Shifted):
-        return readings_of(basis.basis, shift + basis.lag)
-    if isinstance(basis, Product):
-        return _merged([readings_of(f, shift) for f in basis.factors], sum)
-    if isinstance(basis, Stacked):
-        return _merged([readings_of(f, shift) for f in basis.factors], max)
-    raise InputError("a stability certificate needs a basis of polynomials, splines or sines", got=type(basis).__name__,
-                     why="its pieces carry the statement between grid points")
-
-
-def _merged(parts: list[tuple[Reading, ...]], combine) -> tuple[Reading, ...]:
-    together: dict[tuple[str, int], list[Reading]] = {}
-    for reading in (r for part in parts for r in part):
-        together.setdefault((reading.name, reading.lag), []).append(reading)
-    return tuple(Reading(name, lag, combine(r.degree for r in same), tuple(sorted({b for r in same for b in r.breaks})),
-                         combine(r.frequency for r in same)) for (name, lag), same in together.items())
+    return basis.readings(shift)

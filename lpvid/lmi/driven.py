@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import Reading, reading_weights, readings_of
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+from lpvid.scheduling import Basis, Scheduling
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -95,23 +94,11 @@ def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
 
 
 def basis_ceilings(basis: Basis, limits: dict[str, tuple[float, float]]) -> np.ndarray:
-    """(M,) bounds of |φ| over intervals of the variables; trigonometric functions count 1.
+    """(M,) bounds of |φ| over intervals of the variables; splines, sines and cosines count 1.
 
     Examples
     --------
     >>> basis_ceilings(Polynomial("p", degree=2), {"p": (-3.0, 2.0)}).tolist()
     [1.0, 3.0, 9.0]
     """
-    if isinstance(basis, Polynomial):
-        corners = np.array(list(itertools.product(*(limits[n] for n in basis.names))), dtype=float)
-        return np.abs(basis.evaluate(corners)).max(axis=0)
-    if isinstance(basis, Product):
-        first, second = (basis_ceilings(f, limits) for f in basis.factors)
-        return np.outer(first, second).ravel()
-    if isinstance(basis, Stacked):
-        return np.concatenate([basis_ceilings(f, limits) for f in basis.factors])
-    if isinstance(basis, Shifted):
-        return basis_ceilings(basis.basis, limits)
-    if isinstance(basis, Spline):
-        return np.ones(basis.size)
-    return np.ones(basis.size)  # sines and cosines
+    return np.maximum(*np.abs(basis.ranges(limits)))

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled, lagged
-from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
+from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
-from lpvid.scheduling import Basis, Polynomial, Scheduling, Spline, basis_from_dict
+from lpvid.scheduling import Basis, Polynomial, Scheduling, Spline
 
 HEAD = 10
 """samples over which a second element settles before the first takes the measured rest."""
@@ -43,7 +44,7 @@ class Element:
 
 
 @dataclass(frozen=True, eq=False)
-class ComplianceModel(SelfScheduled):
+class ComplianceModel(Coded, SelfScheduled):
     r"""Damper with series compliance, and linear terms in parallel (equation sheet 9.3).
 
     ::
@@ -101,6 +102,10 @@ class ComplianceModel(SelfScheduled):
     array([ 0., 50., 75.])
     """
 
+    kind = "compliance"
+    JSON = ("kind", "elements", "knots", "direct", "side", "offset", "sample_time", "inputs", "outputs", "current",
+            ("scheduling", "box"), "scheduling_stage", "substeps", "noise_variance", "metadata")
+
     elements: Sequence[Element]
     knots: np.ndarray
     direct: np.ndarray
@@ -114,7 +119,7 @@ class ComplianceModel(SelfScheduled):
     scheduling_stage: SchedulingStage | None = None
     substeps: int = 4
     noise_variance: float = 0.0
-    metadata: Mapping = field(default_factory=dict)
+    metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -251,47 +256,6 @@ class ComplianceModel(SelfScheduled):
         out = force + beside
         out[: self.start] = y[: self.start]
         return out
-
-    # -- storing ------------------------------------------------------------------------------------------------
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        stage = self.scheduling_stage
-        return {"kind": "compliance", "elements": [{"law": e.law.tolist(), "stiffness": e.stiffness}
-                                                   for e in self.elements],
-                "knots": self.knots.tolist(), "direct": self.direct.tolist(), "side": self.side.tolist(),
-                "offset": self.offset, "sample_time": self.sample_time,
-                "inputs": [s.to_dict() for s in self.inputs], "outputs": [s.to_dict() for s in self.outputs],
-                "current": self.current.to_dict(), "scheduling": self.box.to_dict(),
-                "scheduling_stage": None if stage is None else stage.to_dict(), "substeps": self.substeps,
-                "noise_variance": self.noise_variance, "metadata": dict(self.metadata)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> ComplianceModel:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        ComplianceModel
-            With the same values.
-        """
-        current = basis_from_dict(data["current"])
-        return cls(tuple(Element(np.asarray(e["law"], dtype=float), e["stiffness"]) for e in data["elements"]),
-                   data["knots"], data["direct"], data["side"], data["offset"], data["sample_time"],
-                   tuple(Signal.from_dict(s) for s in data["inputs"]),
-                   tuple(Signal.from_dict(s) for s in data["outputs"]), current,
-                   Scheduling.from_dict(data["scheduling"]), scheduling_stage_from_dict(data["scheduling_stage"]),
-                   data["substeps"], data["noise_variance"], data["metadata"])
 
     def __repr__(self) -> str:
         stiff = ", ".join(f"{k:.4g}" for k in self.stiffness)

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Coded
 from lpvid.errors import InputError
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
@@ -29,7 +30,7 @@ SLACK = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Hull:
+class Hull(Coded):
     """Convex region ``normals @ z ≤ offsets`` with z = (p − centre)/half_width, around the training scheduling.
 
     The convex hull itself where it has at most 200 facets in at most four variables; otherwise the tightest region with
@@ -193,34 +194,9 @@ class Hull:
             inside[part] = np.all(z[part] @ self.normals.T <= self.offsets + SLACK, axis=1)
         return inside
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"names": list(self.names), "centre": self.centre.tolist(), "half_width": self.half_width.tolist(),
-                "normals": self.normals.tolist(), "offsets": self.offsets.tolist(), "exact": self.exact}
-
     @classmethod
-    def from_dict(cls, data: Mapping) -> Hull:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        Hull
-            With the same values.
-        """
-        n = len(data["names"])
-        return cls(tuple(data["names"]), np.array(data["centre"]), np.array(data["half_width"]),
-                   np.array(data["normals"], dtype=float).reshape(-1, n), np.array(data["offsets"]), data["exact"])
+    def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
+        return {"normals": (-1, len(values["names"]))}
 
 
 def _facets(z: np.ndarray) -> np.ndarray | None:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.codec import Coded
 from lpvid.model.signals import Signal
 
 
-class InputStage(ABC):
+class InputStage(Coded, ABC):
     """A memoryless map of measured inputs and scheduling to the inputs of an LPV filter.
 
     Its free parameters are a vector so that an estimator can fit them without knowing the shape.
     """
+
+    NOUN = "input stage"
+    KINDS_IN = ("lpvid.model.zone_lines",)
+    JSON = ("kind", ...)
 
     channel: int
     variable: int
@@ -138,16 +141,6 @@ class InputStage(ABC):
             In the units of the parameters.
         """
 
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            With the kind of stage.
-        """
-
 
 @dataclass(frozen=True)
 class TanhStage(InputStage):
@@ -169,6 +162,8 @@ class TanhStage(InputStage):
     >>> TanhStage(v0=0.1).apply(np.array([[0.1]]), np.zeros((1, 0))).round(4)
     array([[0.1   , 0.7616]])
     """
+
+    kind = "tanh"
 
     v0: float = 0.05
     slope: float = 0.0
@@ -215,9 +210,6 @@ class TanhStage(InputStage):
     def scales(self, reach: float) -> np.ndarray:
         return np.array([self.v0, 0.5 * self.v0 / reach if reach else 0.0])
 
-    def to_dict(self) -> dict:
-        return {"kind": "tanh", "v0": self.v0, "slope": self.slope, "channel": self.channel, "variable": self.variable}
-
 
 @dataclass(frozen=True)
 class ThreeZoneStage(InputStage):
@@ -247,6 +239,8 @@ class ThreeZoneStage(InputStage):
     >>> stage.apply(np.array([[-0.3], [0.03], [0.3]]), np.zeros((3, 1))).ravel().round(3)
     array([-0.078,  0.03 ,  0.078])
     """
+
+    kind = "three-zone"
 
     limit: float = 0.05
     limit_slope: float = 0.0
@@ -317,38 +311,5 @@ class ThreeZoneStage(InputStage):
         per_unit = 1.0 / reach if reach else 0.0
         return np.array([self.limit, 0.5 * self.limit * per_unit, 0.3, 0.2 * per_unit, 0.3, 0.2 * per_unit])
 
-    def to_dict(self) -> dict:
-        return {"kind": "three-zone", "limit": self.limit, "limit_slope": self.limit_slope, "upper": self.upper,
-                "upper_slope": self.upper_slope, "lower": self.lower, "lower_slope": self.lower_slope,
-                "channel": self.channel, "variable": self.variable}
-
 
 STAGES = {"tanh": TanhStage, "three-zone": ThreeZoneStage}
-
-
-def stage_from_dict(data: Mapping | None) -> InputStage | None:
-    """Rebuild an input stage from `InputStage.to_dict`; None stays None.
-
-    Parameters
-    ----------
-    data : mapping or None
-        What `InputStage.to_dict` returned.
-
-    Returns
-    -------
-    InputStage or None
-        The same stage.
-
-    Raises
-    ------
-    InputError
-        An unknown kind of stage.
-    """
-    if data is None:
-        return None
-    from lpvid.model.zone_lines import ZoneLines
-
-    known: dict[str, type[InputStage]] = {**STAGES, "zone-lines": ZoneLines}
-    if data.get("kind") not in known:
-        raise InputError("unknown input stage in a model file", got=data.get("kind"))
-    return known[data["kind"]](**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k != "kind"})

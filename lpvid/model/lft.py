@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _as_signals, _point
@@ -43,7 +44,7 @@ class WellPosedness:
 
 
 @dataclass(frozen=True, eq=False)
-class LFTModel:
+class LFTModel(Coded):
     """x⁺, q, y = M [x, p, u] with p = Δ q: every rational dependence on the scheduling, exactly.
 
     ::
@@ -79,6 +80,10 @@ class LFTModel:
     ([[-0.333333333333]], 'well posed on the whole box (1 boxes)')
     """
 
+    kind = "lft"
+    JSON = ("kind", "matrix", "shape", "order", "scheduling", "repetitions", "sample_time", "inputs", "outputs",
+            "metadata")
+
     matrix: np.ndarray
     order: int
     scheduling: Scheduling
@@ -86,7 +91,7 @@ class LFTModel:
     sample_time: float | None
     inputs: tuple[Signal, ...] = ()
     outputs: tuple[Signal, ...] = ()
-    metadata: Mapping = field(default_factory=dict)
+    metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -240,37 +245,14 @@ class LFTModel:
         """A copy with some fields changed."""
         return replace(self, **changes)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"kind": "lft", "matrix": self.matrix.tolist(), "shape": list(self.matrix.shape), "order": self.order,
-                "scheduling": self.scheduling.to_dict(), "repetitions": list(self.repetitions),
-                "sample_time": self.sample_time, "inputs": [s.to_dict() for s in self.inputs],
-                "outputs": [s.to_dict() for s in self.outputs], "metadata": dict(self.metadata)}
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the matrix."""
+        return self.matrix.shape[0], self.matrix.shape[1]
 
     @classmethod
-    def from_dict(cls, data: Mapping) -> LFTModel:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        LFTModel
-            With the same values.
-        """
-        return cls(np.asarray(data["matrix"], dtype=float).reshape(data["shape"]), data["order"],
-                   Scheduling.from_dict(data["scheduling"]), tuple(data["repetitions"]), data["sample_time"],
-                   tuple(Signal.from_dict(s) for s in data["inputs"]),
-                   tuple(Signal.from_dict(s) for s in data["outputs"]), data["metadata"])
+    def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
+        return {"matrix": tuple(values["shape"])}
 
     def __repr__(self) -> str:
         size = ", ".join(f"{n} x{r}" for n, r in zip(self.scheduling.names, self.repetitions, strict=True))

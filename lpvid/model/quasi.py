@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
 from lpvid.model.noise_model import NoiseModel
-from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
+from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline, basis_from_dict
+from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
 
 ON = ("output", "trial", "input")
 """What a quasi-LPV model can be scheduled on."""
@@ -90,13 +91,29 @@ class SelfScheduled(ABC):
     def noise(self) -> NoiseModel:
         """Equation noise where predictions start from measured outputs, output noise where they are the free run."""
 
+    def forcing(self, reach: float, state: float = 0.0) -> float:
+        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
+
+        Parameters
+        ----------
+        reach : float
+            Largest modulus of an input.
+        state : float
+            Sum of the moduli of a state that is given.
+
+        Returns
+        -------
+        float
+        """
+        return float((reach + 1.0) * np.abs(self.vector).sum())
+
     def replace(self, **changes):
         """A copy with some fields changed."""
         return replace(self, **changes)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, eq=False)
-class QuasiLPVModel(SelfScheduled):
+class QuasiLPVModel(Coded, SelfScheduled):
     r"""LPV input-output model whose scheduling variable is simulated along with it.
 
     ::
@@ -148,6 +165,10 @@ class QuasiLPVModel(SelfScheduled):
     array([0. , 0.6, 1. , 0.5])
     """
 
+    kind = "quasi-lpv"
+    JSON = ("kind", "theta", "own", "na", "nb", "nk", "sample_time", "inputs", "outputs", "on", "kappa", "external",
+            ("scheduling", "box"), "scheduling_stage", "noise_variance", "metadata")
+
     theta: np.ndarray
     own: Basis
     na: int
@@ -162,7 +183,7 @@ class QuasiLPVModel(SelfScheduled):
     box: Scheduling = field(default_factory=lambda: Scheduling((), (), ()))
     scheduling_stage: SchedulingStage | None = None
     noise_variance: float = 0.0
-    metadata: Mapping = field(default_factory=dict)
+    metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -306,45 +327,6 @@ class QuasiLPVModel(SelfScheduled):
         largest = float(forcing.max() if isinstance(self.own, Spline) else forcing.sum(axis=1).max())
         back = float(mixed[:, : self.na].sum(axis=1).max(initial=0.0))
         return largest / (1.0 - back) if back < 1.0 else float("inf")
-
-    # -- storing ------------------------------------------------------------------------------------------------
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        stage = self.scheduling_stage
-        return {"kind": "quasi-lpv", "theta": self.theta.tolist(), "own": self.own.to_dict(), "na": self.na,
-                "nb": list(self.nb), "nk": list(self.nk), "sample_time": self.sample_time,
-                "inputs": [s.to_dict() for s in self.inputs], "outputs": [s.to_dict() for s in self.outputs],
-                "on": self.on, "kappa": self.kappa.tolist(), "external": self.external.to_dict(),
-                "scheduling": self.box.to_dict(), "scheduling_stage": None if stage is None else stage.to_dict(),
-                "noise_variance": self.noise_variance, "metadata": dict(self.metadata)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> QuasiLPVModel:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        QuasiLPVModel
-            With the same values.
-        """
-        return cls(np.asarray(data["theta"], dtype=float), basis_from_dict(data["own"]), data["na"],
-                   tuple(data["nb"]), tuple(data["nk"]), data["sample_time"],
-                   tuple(Signal.from_dict(s) for s in data["inputs"]),
-                   tuple(Signal.from_dict(s) for s in data["outputs"]), data["on"],
-                   np.asarray(data["kappa"], dtype=float), basis_from_dict(data["external"]),
-                   Scheduling.from_dict(data["scheduling"]), scheduling_stage_from_dict(data["scheduling_stage"]),
-                   data["noise_variance"], data["metadata"])
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(str, self.inputs))

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Coded
 from lpvid.errors import InputError
 
 FORGOTTEN = 40.0
 """time constants after which a lag's start is below rounding: exp(−40) = 4e-18."""
 
 
-class SchedulingStage(ABC):
+class SchedulingStage(Coded, ABC):
     """A causal filter from the logged scheduling to the one that the coefficients see.
 
     It never leaves the range of its input, so a model's box holds for both. Its free parameters are a vector so that an
     estimator can fit them without knowing the filter.
     """
+
+    NOUN = "scheduling filter"
+    JSON = ("kind", ...)
 
     @property
     @abstractmethod
@@ -55,16 +58,6 @@ class SchedulingStage(ABC):
         One entry for each variable; None where the filter does not limit it. A stability statement may use it.
         """
 
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-
 
 @dataclass(frozen=True)
 class SchedulingLag(SchedulingStage):
@@ -96,6 +89,8 @@ class SchedulingLag(SchedulingStage):
     >>> SchedulingLag(tau_rise=0.01, symmetric=True).apply(np.array([[0.0], [1.0], [1.0]]), 0.01).ravel().round(4)
     array([0.    , 0.6321, 0.8647])
     """
+
+    kind = "lag"
 
     tau_rise: float = 0.005
     tau_fall: float = 0.005
@@ -156,12 +151,7 @@ class SchedulingLag(SchedulingStage):
             limits[self.variable] = float(-np.expm1(-sample_time / tau) * width[self.variable] / sample_time)
         return limits
 
-    def to_dict(self) -> dict:
-        return {"kind": "lag", "tau_rise": self.tau_rise, "tau_fall": self.tau_fall, "delay": self.delay,
-                "variable": self.variable, "symmetric": self.symmetric, "with_delay": self.with_delay}
 
-
-SCHEDULING_STAGES = {"lag": SchedulingLag}
 FITTED = {
     "lag": SchedulingLag(symmetric=True),
     "rise-fall": SchedulingLag(),
@@ -169,15 +159,6 @@ FITTED = {
     "rise-fall-delay": SchedulingLag(with_delay=True),
 }
 """Names by which a structure asks for a filter to be fitted."""
-
-
-def scheduling_stage_from_dict(data: Mapping | None) -> SchedulingStage | None:
-    """Rebuild a scheduling filter from its `to_dict`; None stays None."""
-    if data is None:
-        return None
-    if data.get("kind") not in SCHEDULING_STAGES:
-        raise InputError("unknown scheduling filter in a model file", got=data.get("kind"))
-    return SCHEDULING_STAGES[data["kind"]](**{k: v for k, v in data.items() if k != "kind"})
 
 
 def memory(stage: object, sample_time: float) -> int:

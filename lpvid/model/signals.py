@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+
+from lpvid.codec import Coded
 
 
 @dataclass(frozen=True)
-class Signal:
+class Signal(Coded):
     """A named signal with its SI unit.
 
     Examples
@@ -21,32 +22,6 @@ class Signal:
 
     def __str__(self) -> str:
         return f"{self.name} [{self.unit or '1'}]"
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads.
-        """
-        return {"name": self.name, "unit": self.unit}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> Signal:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        Signal
-            With the same values.
-        """
-        return cls(data["name"], data["unit"])
 
 
 def signals(names: tuple[str, ...] | list[str], prefix: str, count: int) -> tuple[Signal, ...]:

@@ -10,19 +10,21 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._shown import Shown
+from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
-from lpvid.model.input_stage import InputStage, stage_from_dict
-from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
+from lpvid.model.conversion import Convertible
+from lpvid.model.input_stage import InputStage
+from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _as_signals, _point
-from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+from lpvid.scheduling import Basis, Scheduling
 
 if TYPE_CHECKING:
-    import control
+    pass
 
 
 @dataclass(frozen=True, eq=False)
-class LPVStateSpace(Shown):
+class LPVStateSpace(Coded, Convertible, Shown):
     """State-space LPV model, discrete (``sample_time`` set) or continuous (None).
 
     ::
@@ -62,6 +64,11 @@ class LPVStateSpace(Shown):
     0.7
     """
 
+    kind = "lpv-state-space"
+    JSON = ("kind", "A", "B", "C", "D", "state_offset", "output_offset", "observer_gain", "basis", "sample_time",
+            "scheduling", "order", "inputs", "outputs", "input_stage", "scheduling_stage", "noise_covariance",
+            "metadata")
+
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
@@ -77,7 +84,7 @@ class LPVStateSpace(Shown):
     input_stage: InputStage | None = None
     scheduling_stage: SchedulingStage | None = None
     noise_covariance: np.ndarray | None = None
-    metadata: Mapping = field(default_factory=dict)
+    metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -197,35 +204,6 @@ class LPVStateSpace(Shown):
         """
         return np.linalg.eigvals(self.companion(p)) if self.order else np.empty(0)
 
-    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage).
-
-        Parameters
-        ----------
-        at : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        control.StateSpace
-            At the model's period.
-        """
-        from lpvid.export.python_control import frozen_state_space
-
-        return frozen_state_space(self, at)
-
-    def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
-        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…).
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            The scheduling is a further input.
-        """
-        from lpvid.export.python_control import nonlinear_io_system
-
-        return nonlinear_io_system(self)
-
     def replace(self, **changes) -> LPVStateSpace:
         """A copy with some fields changed.
 
@@ -241,56 +219,30 @@ class LPVStateSpace(Shown):
         """
         return replace(self, **changes)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        assert self.state_offset is not None and self.output_offset is not None and self.noise_covariance is not None
-        gain = None if self.observer_gain is None else self.observer_gain.tolist()
-        return {"kind": "lpv-state-space", "A": self.A.tolist(), "B": self.B.tolist(), "C": self.C.tolist(),
-                "D": self.D.tolist(), "state_offset": self.state_offset.tolist(),
-                "output_offset": self.output_offset.tolist(), "observer_gain": gain, "basis": self.basis.to_dict(),
-                "sample_time": self.sample_time, "scheduling": self.box.to_dict(), "order": self.order,
-                "inputs": [s.to_dict() for s in self.inputs], "outputs": [s.to_dict() for s in self.outputs],
-                "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
-                "scheduling_stage": None if self.scheduling_stage is None else self.scheduling_stage.to_dict(),
-                "noise_covariance": self.noise_covariance.tolist(), "metadata": dict(self.metadata)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> LPVStateSpace:
-        """Inverse of `to_dict`.
+    def forcing(self, reach: float, state: float = 0.0) -> float:
+        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
 
         Parameters
         ----------
-        data : mapping
-            What `to_dict` returned.
+        reach : float
+            Largest modulus of an input.
+        state : float
+            Sum of the moduli of a state that is given.
 
         Returns
         -------
-        LPVStateSpace
-            With the same values.
+        float
         """
-        basis = basis_from_dict(data["basis"])
-        m, n = basis.size, data["order"]
-        stage = stage_from_dict(data["input_stage"])
-        outputs = tuple(Signal.from_dict(s) for s in data["outputs"])
-        inputs = tuple(Signal.from_dict(s) for s in data["inputs"])
-        ny = len(outputs)
-        nu = len(inputs) if stage is None else len(stage.signals(inputs))
+        assert self.state_offset is not None and self.output_offset is not None
+        moved = reach * np.abs(self.B).sum() + np.abs(self.state_offset).sum() + state
+        return float(reach * np.abs(self.D).sum() + np.abs(self.output_offset).sum() + moved * np.abs(self.C).sum())
 
-        def array(name: str, *shape: int) -> np.ndarray:
-            return np.asarray(data[name], dtype=float).reshape(m, *shape)
-
-        gain = None if data["observer_gain"] is None else array("observer_gain", n, ny)
-        return cls(array("A", n, n), array("B", n, nu), array("C", ny, n), array("D", ny, nu), basis,
-                   data["sample_time"], Scheduling.from_dict(data["scheduling"]), array("state_offset", n),
-                   array("output_offset", ny), gain, inputs, outputs, stage,
-                   scheduling_stage_from_dict(data["scheduling_stage"]),
-                   np.asarray(data["noise_covariance"], dtype=float), data["metadata"])
+    @classmethod
+    def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
+        m, n, outputs, stage, inputs = (values[k] for k in ("basis", "order", "outputs", "input_stage", "inputs"))
+        m, y, u = m.size, len(outputs), len(inputs if stage is None else stage.signals(inputs))
+        return {"A": (m, n, n), "B": (m, n, u), "C": (m, y, n), "D": (m, y, u), "state_offset": (m, n),
+                "output_offset": (m, y), "observer_gain": (m, n, y)}
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(str, self.inputs))

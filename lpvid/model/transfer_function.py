@@ -10,19 +10,21 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._shown import Shown
+from lpvid.codec import ADDED, VERBATIM, Coded
 from lpvid.errors import InputError
-from lpvid.model.input_stage import InputStage, stage_from_dict
+from lpvid.model.conversion import Convertible
+from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
-from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
+from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal, signals
-from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+from lpvid.scheduling import Basis, Scheduling
 
 if TYPE_CHECKING:
-    import control
+    pass
 
 
 @dataclass(frozen=True, eq=False)
-class LPVTransferFunction(Shown):
+class LPVTransferFunction(Coded, Convertible, Shown):
     r"""Discrete LPV input-output model with coefficients linear in a basis of the scheduling variables.
 
     ::
@@ -73,6 +75,10 @@ class LPVTransferFunction(Shown):
     (2, 3, array([0.6+0.3742j, 0.6-0.3742j]))
     """
 
+    kind = "lpv-transfer-function"
+    JSON = ("kind", "a", "b", "c", "basis", "sample_time", "lagged", "scheduling", "inputs", "outputs", "input_stage",
+            "scheduling_stage", "noise_covariance", "noise", "metadata")
+
     a: np.ndarray
     b: np.ndarray
     basis: Basis
@@ -85,8 +91,8 @@ class LPVTransferFunction(Shown):
     input_stage: InputStage | None = None
     scheduling_stage: SchedulingStage | None = None
     noise_covariance: np.ndarray | None = None
-    metadata: Mapping = field(default_factory=dict)
-    noise: NoiseModel = field(default_factory=NoiseModel)
+    metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
+    noise: NoiseModel = field(default_factory=NoiseModel, metadata=ADDED)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -245,35 +251,6 @@ class LPVTransferFunction(Shown):
         """
         return np.linalg.eigvals(self.companion(p)) if self.na else np.empty(0)
 
-    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage).
-
-        Parameters
-        ----------
-        at : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        control.StateSpace
-            At the model's period.
-        """
-        from lpvid.export.python_control import frozen_state_space
-
-        return frozen_state_space(self, at)
-
-    def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
-        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…).
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            The scheduling is a further input.
-        """
-        from lpvid.export.python_control import nonlinear_io_system
-
-        return nonlinear_io_system(self)
-
     # -- deriving -----------------------------------------------------------------------------------------------
     def replace(self, **changes) -> LPVTransferFunction:
         """A copy with some fields changed.
@@ -290,50 +267,29 @@ class LPVTransferFunction(Shown):
         """
         return replace(self, **changes)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        assert self.c is not None and self.noise_covariance is not None
-        return {"kind": "lpv-transfer-function", "a": self.a.tolist(), "b": self.b.tolist(), "c": self.c.tolist(),
-                "basis": self.basis.to_dict(), "sample_time": self.sample_time, "lagged": self.lagged,
-                "scheduling": self.box.to_dict(), "inputs": [s.to_dict() for s in self.inputs],
-                "outputs": [s.to_dict() for s in self.outputs],
-                "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
-                "scheduling_stage": None if self.scheduling_stage is None else self.scheduling_stage.to_dict(),
-                "noise_covariance": self.noise_covariance.tolist(), "noise": self.noise.to_dict(),
-                "metadata": dict(self.metadata)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> LPVTransferFunction:
-        """Inverse of `to_dict`.
+    def forcing(self, reach: float, state: float = 0.0) -> float:
+        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
 
         Parameters
         ----------
-        data : mapping
-            What `to_dict` returned.
+        reach : float
+            Largest modulus of an input.
+        state : float
+            Sum of the moduli of a state that is given.
 
         Returns
         -------
-        LPVTransferFunction
-            With the same values.
+        float
         """
-        basis = basis_from_dict(data["basis"])
-        stage = stage_from_dict(data["input_stage"])
-        outputs = tuple(Signal.from_dict(s) for s in data["outputs"])
-        inputs = tuple(Signal.from_dict(s) for s in data["inputs"])
-        ny, m = len(outputs), basis.size
-        nu = len(inputs) if stage is None else len(stage.signals(inputs))
-        return cls(np.asarray(data["a"], dtype=float).reshape(-1, ny, ny, m),
-                   np.asarray(data["b"], dtype=float).reshape(-1, ny, nu, m), basis, data["sample_time"],
-                   Scheduling.from_dict(data["scheduling"]), np.asarray(data["c"], dtype=float).reshape(-1, ny, m),
-                   data["lagged"], inputs, outputs, stage,
-                   scheduling_stage_from_dict(data["scheduling_stage"]), np.asarray(data["noise_covariance"]),
-                   data["metadata"], NoiseModel.from_dict(data.get("noise")))
+        assert self.c is not None
+        return float(reach * np.abs(self.b).sum() + np.abs(self.c).sum())
+
+    @classmethod
+    def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
+        outputs, m = len(values["outputs"]), values["basis"].size
+        stage, inputs = values["input_stage"], values["inputs"]
+        width = len(inputs if stage is None else stage.signals(inputs))
+        return {"a": (-1, outputs, outputs, m), "b": (-1, outputs, width, m), "c": (-1, outputs, m)}
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(str, self.inputs))

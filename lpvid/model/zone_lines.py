@@ -43,6 +43,8 @@ class ZoneLines(InputStage):
     array([-0.078,  0.03 ,  0.078])
     """
 
+    kind = "zone-lines"
+
     limit: tuple[float, ...]
     lower: tuple[float, ...]
     middle: tuple[float, ...]
@@ -129,7 +131,3 @@ class ZoneLines(InputStage):
         out = np.concatenate(parts)
         out[len(self.limit) + len(self.lower)] = 0.0
         return out
-
-    def to_dict(self) -> dict:
-        return {"kind": "zone-lines", **{n: list(getattr(self, n)) for n in ("limit", *self.LINES)},
-                "channel": self.channel, "variable": self.variable}

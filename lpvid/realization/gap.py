@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.realization.judgement import Judgement, judge
@@ -25,7 +26,7 @@ NEGLIGIBLE = 1e-4
 
 
 @dataclass(frozen=True)
-class RecordGap:
+class RecordGap(Encoded):
     """The gap on one record.
 
     Attributes
@@ -42,6 +43,8 @@ class RecordGap:
         Which of them: "", "input-output model", "state space" or "both".
     """
 
+    JSON = ("name", "esr", "fit_percent", "largest_step", "diverged_at", "diverged")
+
     name: str
     esr: tuple[float, ...]
     largest_step: tuple[float, ...]
@@ -55,7 +58,7 @@ class RecordGap:
 
 
 @dataclass(frozen=True, eq=False)
-class Gap:
+class Gap(Encoded):
     """Difference between a realisation and the input-output model it came from, in free run from rest.
 
     Attributes
@@ -74,6 +77,9 @@ class Gap:
     judgement : Judgement or None
         The gap beside the model's own error, where the records hold the measured outputs.
     """
+
+    JSON = ("form", "exact", "causal", "esr", "fit_percent", "largest_step", "outputs", "scheduling", "advice",
+            "verdict", "judgement", "records")
 
     form: str
     exact: bool
@@ -97,22 +103,6 @@ class Gap:
     def fit_percent(self) -> tuple[float, ...]:
         """100 (1 − √ESR) for each output, pooled."""
         return tuple(100 * (1 - float(np.sqrt(e))) for e in self.esr)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"form": self.form, "exact": self.exact, "causal": self.causal, "esr": list(self.esr),
-                "fit_percent": list(self.fit_percent), "largest_step": list(self.largest_step),
-                "outputs": list(self.outputs), "scheduling": list(self.scheduling), "advice": self.advice,
-                "verdict": self.verdict, "judgement": None if self.judgement is None else self.judgement.to_dict(),
-                "records": [{"name": r.name, "esr": list(r.esr), "fit_percent": list(r.fit_percent),
-                             "largest_step": list(r.largest_step), "diverged_at": r.diverged_at,
-                             "diverged": r.diverged} for r in self.records]}
 
     def __str__(self) -> str:
         steps = ", ".join(f"{n} {100 * s:.3g} %" for n, s in zip(self.scheduling, self.largest_step, strict=True))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.record import Record
 from lpvid.simulation import _outputs, simulate
 
@@ -18,7 +19,7 @@ VERDICTS = ("safe", "costs", "not safe")
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Judgement(Encoded):
     """A form's gap beside the model's own error, both in free run on measured records and relative to the output.
 
     With e the ESR of the transfer function, f that of the form on the same records, and g the difference between the
@@ -46,6 +47,8 @@ class Judgement:
         "training", "held-out", or "" where the caller did not say.
     """
 
+    JSON = ("verdict", "label", ("own_esr", "own"), ("own_esr_std", "spread"), ("gap_esr", "gap"), ("form_esr", "form"))
+
     own: tuple[float, ...]
     spread: tuple[float, ...]
     gap: tuple[float, ...]
@@ -63,20 +66,6 @@ class Judgement:
         o = self.worst
         extra = self.form[o] - self.own[o]
         return "safe" if extra <= self.spread[o] else "costs" if extra <= self.own[o] else "not safe"
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON; a diverging form has null figures.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        def listed(values: Sequence[float]) -> list[float | None]:
-            return [v if np.isfinite(v) else None for v in values]
-
-        return {"verdict": self.verdict, "label": self.label, "own_esr": listed(self.own),
-                "own_esr_std": listed(self.spread), "gap_esr": listed(self.gap), "form_esr": listed(self.form)}
 
     def text(self, output: str, moves: bool) -> str:
         """The verdict with its figures."""

@@ -65,18 +65,7 @@ def at(basis: Basis, coefficients: np.ndarray, lag: int) -> Term:
     """Coefficients taken at p(k − lag); what does not move stays with the basis itself."""
     if lag == 0 or not basis.names or constant_part((basis, coefficients)) is not None:
         return basis, coefficients
-    return shifted(basis, lag), coefficients
-
-
-def shifted(basis: Basis, lag: int) -> Basis:
-    """The basis read at p(k − lag), in one shift at each leaf: nested shifts would hold the end values twice."""
-    if isinstance(basis, Shifted):
-        return shifted(basis.basis, basis.lag + lag)
-    if isinstance(basis, Stacked):
-        return Stacked(tuple(shifted(f, lag) for f in basis.factors))
-    if isinstance(basis, Product):
-        return Product(shifted(basis.first, lag), shifted(basis.second, lag))
-    return Shifted(basis, lag) if lag else basis
+    return basis.shifted(lag), coefficients
 
 
 def product(left: Term, right: Term) -> Term:
@@ -96,7 +85,7 @@ def product(left: Term, right: Term) -> Term:
     if (lag == other_lag and isinstance(plain_first, Polynomial) and isinstance(plain_second, Polynomial)
             and _family(plain_first) == _family(plain_second)):
         basis, coefficients = _polynomial_product(plain_first, plain_second, pairs)
-        return shifted(basis, lag), coefficients
+        return basis.shifted(lag), coefficients
     return Product(first, second), pairs.reshape(*pairs.shape[:-2], -1)
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from lpvid.errors import InputError
 from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.fourier import Fourier
 from lpvid.scheduling.polynomial import Polynomial
@@ -17,20 +14,5 @@ from lpvid.scheduling.variables import Scheduling
 __all__ = ["Basis", "Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked",
            "basis_from_dict"]
 
-
-def basis_from_dict(data: Mapping) -> Basis:
-    """Rebuild a basis from `Basis.to_dict`."""
-    kind = data.get("kind")
-    if kind == "polynomial":
-        return Polynomial(tuple(data["names"]), data["degree"], tuple(data["centre"]), tuple(data["half_width"]))
-    if kind == "spline":
-        return Spline(data["name"], data["segments"], data["order"], tuple(data["knots"]))
-    if kind == "product":
-        return Product(basis_from_dict(data["first"]), basis_from_dict(data["second"]))
-    if kind == "stacked":
-        return Stacked(tuple(basis_from_dict(f) for f in data["factors"]))
-    if kind == "shifted":
-        return Shifted(basis_from_dict(data["basis"]), data["lag"])
-    if kind == "fourier":
-        return Fourier(data["name"], data["harmonics"], data["period"], data["origin"])
-    raise InputError("unknown basis in a model file", got=kind)
+basis_from_dict = Basis.from_dict
+"""a basis of any kind from its plain data"""

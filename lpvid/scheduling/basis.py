@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from lpvid.codec import Coded
+from lpvid.errors import InputError
+from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
 
-class Basis(ABC):
+class Basis(Coded, ABC):
     """Functions φ_1(p) … φ_M(p) of the scheduling variables, in physical units outside, normalised inside.
 
     A basis is bound to a box by `bound`; unbound it takes p as it is.
     """
+
+    NOUN = "basis"
+    JSON = ("kind", ...)
 
     names: tuple[str, ...]
 
@@ -84,16 +91,6 @@ class Basis(ABC):
             With centres and half widths of the box.
         """
 
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            With the kind of basis.
-        """
-
     @property
     def redundant(self) -> int | None:
         """Index of a function to drop where a second copy of the constant would make regressors dependent."""
@@ -115,3 +112,112 @@ class Basis(ABC):
         from lpvid.scheduling.algebra import common
 
         return common(self, other)[0]
+
+    # -- what an analysis asks; a basis of another package may leave it out -------------------------------------
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        """What is read: each variable at each delay, with its degree or frequency and the ends of its pieces.
+
+        Parameters
+        ----------
+        shift : int
+            Further delay [samples].
+
+        Returns
+        -------
+        tuple of Reading
+
+        Raises
+        ------
+        InputError
+            A basis that is neither piecewise polynomial nor a Fourier basis.
+        """
+        raise InputError("a stability certificate needs a basis of polynomials, splines or sines",
+                         got=type(self).__name__, why="its pieces carry the statement between grid points")
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of every function over intervals of the variables: exact for monomials, safe for the others.
+
+        Parameters
+        ----------
+        limits : mapping of str to (float, float)
+            Interval of each variable, in its unit.
+
+        Returns
+        -------
+        lower, upper : (M,) array
+
+        Raises
+        ------
+        InputError
+            A basis whose values have no known bounds.
+        """
+        raise InputError("the values of this basis have no known bounds", got=type(self).__name__)
+
+    def penalty(self, order: int) -> np.ndarray:
+        """Quadratic form of what varies in a combination of the functions.
+
+        Parameters
+        ----------
+        order : int
+            1 for slopes, 2 for curvature.
+
+        Returns
+        -------
+        (M, M) array
+            Zero for the constant.
+        """
+        return np.diag([0.0 if label == "1" else 1.0 for label in self.labels])
+
+    def trimmed(self, c: np.ndarray) -> tuple[Basis, np.ndarray]:
+        """Without what has zero coefficients: high degrees, also inside products, and parts of a stack.
+
+        Parameters
+        ----------
+        c : (M, …) array
+            Coefficients.
+
+        Returns
+        -------
+        Basis, (M', …) array
+            The same function.
+        """
+        return self, c
+
+    def shifted(self, lag: int) -> Basis:
+        """Read at p(k − lag), in one shift at each leaf: nested shifts would hold the end values twice.
+
+        Parameters
+        ----------
+        lag : int
+            Delay [samples].
+
+        Returns
+        -------
+        Basis
+        """
+        from lpvid.scheduling.shifted import Shifted
+
+        return Shifted(self, lag) if lag else self
+
+    def still(self) -> Basis:
+        """The same functions without delays: with p held still p(k−i) is p."""
+        return self
+
+    def piece_degree(self, moving: Collection[str]) -> int | None:
+        """Highest polynomial degree along a line between the ends of pieces, or None where there is none.
+
+        Parameters
+        ----------
+        moving : collection of str
+            Variables that change along the line.
+
+        Returns
+        -------
+        int or None
+        """
+        return self.degree
+
+    @property
+    def knots_of(self) -> Mapping[str, tuple[float, ...]]:
+        """Rising values of each variable at which a piece ends."""
+        return {}

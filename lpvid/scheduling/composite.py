@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+
 import numpy as np
 
 from lpvid.scheduling.basis import Basis
@@ -27,3 +29,16 @@ class Composite(Basis):
     def _slope(self, factor: Basis, p: np.ndarray, name: str) -> np.ndarray:
         columns = self._columns(factor, p)
         return factor.derivative(columns, name) if name in factor.names else np.zeros((columns.shape[0], factor.size))
+
+    def _piece_degrees(self, moving: Collection[str]) -> list[int] | None:
+        degrees = [f.piece_degree(moving) for f in self.factors]
+        known = [d for d in degrees if d is not None]
+        return known if len(known) == len(degrees) else None
+
+    @property
+    def knots_of(self) -> Mapping[str, tuple[float, ...]]:
+        together: dict[str, set[float]] = {}
+        for factor in self.factors:
+            for name, knots in factor.knots_of.items():
+                together.setdefault(name, set()).update(knots)
+        return {name: tuple(sorted(knots)) for name, knots in together.items()}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -39,6 +41,8 @@ class Fourier(Basis):
     >>> Fourier("angle", 1).evaluate(np.array([[np.pi / 2]])).round(12)
     array([[1., 0., 1.]])
     """
+
+    kind = "fourier"
 
     name: str
     harmonics: int = 1
@@ -101,10 +105,6 @@ class Fourier(Basis):
     def unity(self) -> np.ndarray:
         return np.eye(1, self.size)[0]
 
-    def to_dict(self) -> dict:
-        return {"kind": "fourier", "name": self.name, "harmonics": self.harmonics, "period": self.period,
-                "origin": self.origin}
-
     def overshoot(self, samples: int) -> float:
         """1/cos(πd/N): how far a sum of these functions can exceed its samples.
 
@@ -127,3 +127,15 @@ class Fourier(Basis):
             raise InputError("too few samples to bound a Fourier sum", got=samples,
                              mend=f"take more than {2 * self.harmonics} over the period")
         return 1.0 / math.cos(math.pi * self.harmonics / samples)
+
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        return (Reading(self.name, shift, 0, (), 2 * math.pi * self.harmonics / self.period),)
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        low = -np.ones(self.size)
+        low[0] = 1.0
+        return low, np.ones(self.size)
+
+    def trimmed(self, c: np.ndarray) -> tuple[Basis, np.ndarray]:
+        used = np.flatnonzero(c.reshape(self.size, -1).any(axis=1)).max(initial=1)
+        return replace(self, harmonics=int(used + 1) // 2), c[: 2 * (int(used + 1) // 2) + 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -35,6 +37,8 @@ class Polynomial(Basis):
     >>> Polynomial(("p", "q"), degree=2).labels
     ('1', 'p', 'q', 'p^2', 'p*q', 'q^2')
     """
+
+    kind = "polynomial"
 
     names: tuple[str, ...] = ()
     degree: int = 1  # type: ignore[assignment]
@@ -113,9 +117,35 @@ class Polynomial(Basis):
     def unity(self) -> np.ndarray:
         return np.eye(1, self.size)[0]
 
-    def to_dict(self) -> dict:
-        return {"kind": "polynomial", "names": list(self.names), "degree": self.degree,
-                "centre": list(self.centre), "half_width": list(self.half_width)}
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        highest = self.exponents.max(axis=0, initial=0)
+        return tuple(Reading(name, shift, int(d)) for name, d in zip(self.names, highest, strict=True))
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        out = [self._monomial_range(e, limits) for e in self.exponents.tolist()]
+        return np.array([o[0] for o in out]), np.array([o[1] for o in out])
+
+    def _monomial_range(self, exponents: list[int], limits: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+        low = high = 1.0
+        for name, centre, half, e in zip(self.names, self.centre, self.half_width, exponents, strict=True):
+            ends = [(v - centre) / half for v in limits[_checks.known_name(name, list(limits), "scheduling variable")]]
+            powers = [z**e for z in ends]
+            through_zero = e > 0 and e % 2 == 0 and ends[0] < 0 < ends[1]
+            corners = [x * y for x in (low, high) for y in (0.0 if through_zero else min(powers), max(powers))]
+            low, high = min(corners), max(corners)
+        return low, high
+
+    def penalty(self, order: int) -> np.ndarray:
+        degree = self.exponents.sum(axis=1).astype(float)
+        return np.diag((degree if order == 1 else degree * (degree - 1)) ** 2)
+
+    def trimmed(self, c: np.ndarray) -> tuple[Basis, np.ndarray]:
+        used = self.exponents[c.reshape(self.size, -1).any(axis=1)].sum(axis=1).max(initial=min(self.degree, 1))
+        narrow = replace(self, degree=int(used))
+        return narrow, c[: narrow.size]
+
+    def piece_degree(self, moving: Collection[str]) -> int | None:
+        return self.degree if any(n in moving for n in self.names) else 0
 
 
 def _normalisation(names: tuple[str, ...], box: Scheduling) -> tuple[tuple[float, ...], tuple[float, ...]]:

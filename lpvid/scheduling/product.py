@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.composite import Composite
+from lpvid.scheduling.reading import Reading, merged
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -22,6 +24,8 @@ class Product(Composite):
     >>> Product(Polynomial("p", degree=1), Polynomial("q", degree=1)).labels
     ('1', 'q', 'p', 'p*q')
     """
+
+    kind = "product"
 
     first: Basis
     second: Basis
@@ -63,5 +67,29 @@ class Product(Composite):
         first, second = self.first.unity, self.second.unity
         return None if first is None or second is None else np.kron(first, second)
 
-    def to_dict(self) -> dict:
-        return {"kind": "product", "first": self.first.to_dict(), "second": self.second.to_dict()}
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        return merged([f.readings(shift) for f in self.factors], sum)
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        (a, b), (c, d) = self.first.ranges(limits), self.second.ranges(limits)
+        corners = np.array([np.kron(x, y) for x in (a, b) for y in (c, d)])
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def penalty(self, order: int) -> np.ndarray:
+        first, second = self.first.penalty(order), self.second.penalty(order)
+        return np.kron(first, np.eye(len(second))) + np.kron(np.eye(len(first)), second)
+
+    def trimmed(self, c: np.ndarray) -> tuple[Basis, np.ndarray]:
+        first, c = self.first.trimmed(c.reshape(self.first.size, self.second.size, *c.shape[1:]))
+        second, c = self.second.trimmed(c.swapaxes(0, 1))
+        return Product(first, second), c.swapaxes(0, 1).reshape(first.size * second.size, *c.shape[2:])
+
+    def shifted(self, lag: int) -> Basis:
+        return Product(self.first.shifted(lag), self.second.shifted(lag))
+
+    def still(self) -> Basis:
+        return Product(self.first.still(), self.second.still())
+
+    def piece_degree(self, moving: Collection[str]) -> int | None:
+        known = self._piece_degrees(moving)
+        return None if known is None else sum(known)

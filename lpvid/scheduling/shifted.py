@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -20,6 +22,8 @@ class Shifted(Basis):
     >>> Shifted(Polynomial("p", degree=1), 1).evaluate(np.array([[1.0], [2.0], [3.0]]))
     array([[1., 1.], [1., 1.], [1., 2.]])
     """
+
+    kind = "shifted"
 
     basis: Basis
     lag: int
@@ -66,5 +70,17 @@ class Shifted(Basis):
     def unity(self) -> np.ndarray | None:
         return self.basis.unity
 
-    def to_dict(self) -> dict:
-        return {"kind": "shifted", "basis": self.basis.to_dict(), "lag": self.lag}
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        return self.basis.readings(shift + self.lag)
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        return self.basis.ranges(limits)
+
+    def penalty(self, order: int) -> np.ndarray:
+        return self.basis.penalty(order)
+
+    def shifted(self, lag: int) -> Basis:
+        return self.basis.shifted(self.lag + lag)
+
+    def still(self) -> Basis:
+        return self.basis.still()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -34,6 +36,8 @@ class Spline(Basis):
     >>> Spline("current", segments=2, order=1, knots=(0.0, 1.0, 2.0)).evaluate(np.array([[0.5]]))
     array([[0.5, 0.5, 0. ]])
     """
+
+    kind = "spline"
 
     name: str
     segments: int = 3
@@ -103,6 +107,19 @@ class Spline(Basis):
     def unity(self) -> np.ndarray:
         return np.ones(self.size)
 
-    def to_dict(self) -> dict:
-        return {"kind": "spline", "name": self.name, "segments": self.segments, "order": self.order,
-                "knots": list(self.knots)}
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        return (Reading(self.name, shift, self.order, self.knots),)
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(self.size), np.ones(self.size)
+
+    def penalty(self, order: int) -> np.ndarray:
+        differences = np.diff(np.eye(self.size), n=min(order, self.size - 1), axis=0) * self.segments**order
+        return differences.T @ differences
+
+    def piece_degree(self, moving: Collection[str]) -> int | None:
+        return self.order if self.name in moving else 0
+
+    @property
+    def knots_of(self) -> Mapping[str, tuple[float, ...]]:
+        return {self.name: self.knots}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.composite import Composite
+from lpvid.scheduling.reading import Reading, merged
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -22,6 +25,8 @@ class Stacked(Composite):
     >>> Stacked((Polynomial("p", degree=1), Shifted(Polynomial("p", degree=1), 1))).labels
     ('1', 'p', '1', 'p(k-1)')
     """
+
+    kind = "stacked"
 
     factors: tuple[Basis, ...]  # type: ignore[assignment]
 
@@ -59,5 +64,33 @@ class Stacked(Composite):
         parts = [f.unity if i == place else np.zeros(f.size) for i, f in enumerate(self.factors)]
         return None if place is None else np.concatenate(parts)  # type: ignore[arg-type]
 
-    def to_dict(self) -> dict:
-        return {"kind": "stacked", "factors": [f.to_dict() for f in self.factors]}
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        return merged([f.readings(shift) for f in self.factors], max)
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        parts = [f.ranges(limits) for f in self.factors]
+        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+    def penalty(self, order: int) -> np.ndarray:
+        from scipy.linalg import block_diag
+
+        return np.asarray(block_diag(*(f.penalty(order) for f in self.factors)))
+
+    def trimmed(self, c: np.ndarray) -> tuple[Basis, np.ndarray]:
+        ends = np.cumsum([0, *(f.size for f in self.factors)])
+        kept = [f.trimmed(c[i:j]) for f, (i, j) in zip(self.factors, itertools.pairwise(ends), strict=True)
+                if c[i:j].any()]
+        joined = Stacked(tuple(b for b, _ in kept)) if len(kept) > 1 else kept[0][0] if kept else self
+        if kept and joined.names == self.names:
+            return joined, np.concatenate([x for _, x in kept])
+        return self, c
+
+    def shifted(self, lag: int) -> Basis:
+        return Stacked(tuple(f.shifted(lag) for f in self.factors))
+
+    def still(self) -> Basis:
+        return Stacked(tuple(f.still() for f in self.factors))
+
+    def piece_degree(self, moving: Collection[str]) -> int | None:
+        known = self._piece_degrees(moving)
+        return None if known is None else max(known, default=0)

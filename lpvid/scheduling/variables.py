@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Coded
 from lpvid.errors import InputError
 
 
 @dataclass(frozen=True)
-class Scheduling:
+class Scheduling(Coded):
     """Named scheduling variables with the box they live in and how fast they may move.
 
     Parameters
@@ -89,6 +90,11 @@ class Scheduling:
         """(len(names),) half the box."""
         return 0.5 * (np.array(self.upper) - np.array(self.lower))
 
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lower and upper end of each variable."""
+        return {n: (a, b) for n, a, b in zip(self.names, self.lower, self.upper, strict=True)}
+
     def contains(self, p: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
         """(n,) bool: which samples of `p` (n, len(names)) lie in the box, within `tolerance` of its width.
 
@@ -122,30 +128,3 @@ class Scheduling:
         """
         axes = [np.linspace(lo, up, points) for lo, up in zip(self.lower, self.upper, strict=True)]
         return np.array(list(itertools.product(*axes))) if axes else np.empty((1, 0))
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads.
-        """
-        return {"names": list(self.names), "lower": list(self.lower), "upper": list(self.upper),
-                "rate": list(self.rate), "units": list(self.units)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> Scheduling:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        Scheduling
-            With the same values.
-        """
-        return cls(*(tuple(data[k]) for k in ("names", "lower", "upper", "rate", "units")))

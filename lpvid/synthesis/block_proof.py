@@ -12,6 +12,7 @@ from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.lmi.driven import driven
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
+from lpvid.synthesis.criteria import CovarianceCriterion
 from lpvid.synthesis.design_grid import is_affine
 from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.loop_certificate import own_certificate
@@ -40,11 +41,15 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Loo
                   is_affine(loop.basis) or proven, own)
 
 
-def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage) -> Figure | None:
+def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage,
+                    criterion: CovarianceCriterion) -> Figure | None:
     """The bound of the H2 norm, rms of z while w is white noise of unit intensity, at every instant of any trajectory.
 
+    Of the generalised one: the peak of z for a w of unit energy.
+
     With Q = P⁻¹ and the least s for which AQ + QAᵀ + BBᵀ/s ≼ 0 (or AQAᵀ − Q + BBᵀ/s ≼ 0) everywhere, sQ bounds the
-    covariance of the states: ν² = s·max trace(CQCᵀ), in discrete time with trace(DDᵀ).
+    covariance of the states: ν² = s·max trace(CQCᵀ), in discrete time with trace(DDᵀ); of a peak the largest
+    eigenvalue of s·CQCᵀ + DDᵀ.
     """
     (a, b, c, d), _ = _corners(loop)
     root = [np.linalg.inv(np.linalg.cholesky(p[0]).T) for p in (storage.first, storage.second)]
@@ -57,8 +62,10 @@ def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage:
     if not np.all(np.isfinite(m)) or np.linalg.eigvalsh(m)[:, 0].min() <= 1e-12 * np.linalg.norm(m, axis=(1, 2)).max():
         return None
     share = float(np.linalg.eigvalsh(b.swapaxes(1, 2) @ np.linalg.solve(m, b))[:, -1].max(initial=0.0))
-    square = share * (c**2).sum(axis=(1, 2)) + (d**2).sum(axis=(1, 2))
-    return Figure("H2", channel, promised, float(np.sqrt(square.max())) * (1 + SAFETY), None, is_affine(loop.basis))
+    output = share * (c @ c.swapaxes(1, 2)) + d @ d.swapaxes(1, 2)
+    square = np.linalg.eigvalsh(output)[:, -1] if criterion.peak else np.trace(output, axis1=1, axis2=2)
+    bound = float(np.sqrt(square.max())) * (1 + SAFETY)
+    return Figure(criterion.kind, channel, promised, bound, None, is_affine(loop.basis))
 
 
 def _corners(loop: LPVStateSpace) -> tuple[Matrices, int]:

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -107,17 +107,38 @@ class HInfinity(_Channel):
 
 
 @dataclass(frozen=True)
-class H2(_Channel):
-    """Bound ν of the H2 norm of a channel: the rms of z while w is white noise of unit intensity.
+class CovarianceCriterion(_Channel, ABC):
+    """Bound of what a matrix above the covariance of the states says about z; 𝐃 must be 0 in continuous time.
 
-    [He 𝐀, 𝐁; ⋆, −I] ≺ 0, [Z, 𝐂; ⋆, 𝐗] ≻ 0, trace Z ≤ ν² (continuous time; 𝐃 must be 0); [𝐗⁺, 𝐀, 𝐁; ⋆, 𝐗, 0;
-    ⋆, ⋆, I] ≻ 0, [Z, 𝐂, 𝐃; ⋆, 𝐗, 0; ⋆, ⋆, I] ≻ 0 (discrete time). For a varying plant it bounds the variance at every
-    instant of every trajectory.
+    [He 𝐀, 𝐁; ⋆, −I] ≺ 0, [Z, 𝐂; ⋆, 𝐗] ≻ 0 (continuous time); [𝐗⁺, 𝐀, 𝐁; ⋆, 𝐗, 0; ⋆, ⋆, I] ≻ 0, [Z, 𝐂, 𝐃; ⋆, 𝐗, 0;
+    ⋆, ⋆, I] ≻ 0 (discrete time). The criteria differ in what they ask of Z.
     """
+
+    kind: ClassVar[str]
+    peak: ClassVar[bool]
+
+    @abstractmethod
+    def output(self, program: Program, level: Affine, size: int) -> Affine:
+        """(size, size) Z that keeps `level`, ν or its square.
+
+        Parameters
+        ----------
+        program : Program
+            Where what is asked of Z is required.
+        level : Affine
+            (1, 1).
+        size : int
+            Number of performance signals.
+
+        Returns
+        -------
+        Affine
+            Z.
+        """
 
     def require(self, program: Program, loops: Sequence[ShapedLoop], level: Affine,
                 chosen: tuple[np.ndarray, np.ndarray], *, squared: bool = True) -> None:
-        """The channel's norm is at most `level` (1, 1) in every loop, or its square is.
+        """The criterion is at most `level` (1, 1) in every loop, or its square is.
 
         Not squared, 𝐗 and Z are those of the squared form times and over ν, which keeps them of like size.
         """
@@ -125,8 +146,7 @@ class H2(_Channel):
             b, c, d = loop.entry @ chosen[0], chosen[1] @ loop.exit, chosen[1] @ loop.through @ chosen[0]
             nz, nw, n = chosen[1].shape[0], chosen[0].shape[1], loop.order
             w: Matrix = np.eye(nw) if squared else level.times(np.eye(nw))
-            z = program.unknowns.symmetric(nz)
-            program.require(level - _trace(z))
+            z = self.output(program, level, nz)
             if loop.discrete:
                 program.require(block([[loop.later(), loop.dynamics, b],
                                        [loop.dynamics.T, loop.lyapunov, np.zeros((n, nw))],
@@ -137,6 +157,54 @@ class H2(_Channel):
             b = (-1 / math.sqrt(loop.pace)) * b
             program.require(block([[-loop.flow(), b], [b.T, w]]), margin=STRICT)
             program.require(block([[z, c], [c.T, loop.lyapunov]]), margin=STRICT)
+
+
+@dataclass(frozen=True)
+class H2(CovarianceCriterion):
+    """Bound ν of the H2 norm of a channel: the rms of z while w is white noise of unit intensity; trace Z ≤ ν².
+
+    For a varying plant it bounds the variance at every instant of every trajectory.
+
+    Examples
+    --------
+    >>> H2("road", "comfort").performance
+    ('comfort',)
+    """
+
+    kind: ClassVar[str] = "H2"
+    peak: ClassVar[bool] = False
+
+    def output(self, program: Program, level: Affine, size: int) -> Affine:
+        z = program.unknowns.symmetric(size)
+        program.require(level - _trace(z))
+        return z
+
+
+@dataclass(frozen=True)
+class GeneralizedH2(CovarianceCriterion):
+    """Bound ν of the peak of z for a w of unit energy: |z(t)| ≤ ν‖w‖₂ at every t; Z = ν²I (Rotea 1993).
+
+    For one z it is the H2 norm; for several, |z| is their Euclidean length. A stroke that must not reach its stop is
+    bounded so, under every road of limited energy; for a varying plant, on every trajectory.
+
+    References
+    ----------
+    Rotea, M. A. (1993). The generalized H2 control problem. Automatica 29, 373-385.
+
+    Examples
+    --------
+    >>> GeneralizedH2("road", "stroke", bound=0.05).bound
+    0.05
+    """
+
+    kind: ClassVar[str] = "generalized H2"
+    peak: ClassVar[bool] = True
+
+    def output(self, program: Program, level: Affine, size: int) -> Affine:
+        return level.times(np.eye(size))
+
+
+Criterion = HInfinity | CovarianceCriterion
 
 
 class Region(ABC):

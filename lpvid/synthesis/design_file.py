@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from lpvid import _checks
+from lpvid.codec import decode
 from lpvid.errors import InputError
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
-from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity, Region
+from lpvid.synthesis.criteria import H2, Cone, Criterion, Disc, GeneralizedH2, HalfPlane, HInfinity, Region
 from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
 from lpvid.synthesis.fixed_structure import FixedStructure
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -20,21 +21,22 @@ from lpvid.synthesis.output_feedback import VARYING, OutputFeedback
 from lpvid.synthesis.plant_file import WEIGHTS
 from lpvid.synthesis.state_feedback import StateFeedback
 from lpvid.synthesis.synthesizing import Design
-from lpvid.synthesis.toml_tables import known_keys, number_of, switch_of, tables_of, text_of, texts_of
+from lpvid.tables import kind_of, known_keys, tables_of, texts_of, to_si
 
 DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "output-feedback": (OutputFeedback, ("lyapunov_degree", "varying", "strictly_proper", "regions", "bound",
                                          "back_off", "points")),
     "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "dissipative-feedback": (DissipativeFeedback, ("back_off", "points")),
-    "multi-objective": (MultiObjective, ("criteria", "regions", "feedthrough", "back_off", "points")),
+    "multi-objective": (MultiObjective, ("criteria", "regions", "lyapunov_degree", "varying", "feedthrough", "back_off",
+                                         "points")),
     "observer": (Observer, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "filter": (Filter, ("criteria", "regions", "feedthrough", "back_off", "points")),
     "lft": (LFTFeedback, ("back_off",)),
     "fixed-structure": (FixedStructure, ("structure", "order", "filter", "gain_degree", "lyapunov_degree", "points")),
 }
 """Designs by their name in a file, with the settings they take."""
-CRITERIA = {"h-infinity": HInfinity, "h2": H2}
+CRITERIA = {"h-infinity": HInfinity, "h2": H2, "generalized-h2": GeneralizedH2}
 STRUCTURES: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "static-gain": (StaticGain, ()), "pid": (PID, ("filter",)), "low-order": (LowOrder, ("order",)),
     "observer-based": (ObserverBased, ())}
@@ -60,7 +62,7 @@ def design_of(table: Mapping[str, Any], plant: GeneralizedPlant) -> Design:
     if "design" not in table:
         raise InputError("the design lacks its name", mend=f"design = \"{next(iter(DESIGNS))}\"; there are "
                          + ", ".join(DESIGNS))
-    name = _checks.known_name(text_of(table["design"], "design"), list(DESIGNS), "design")
+    name = _checks.known_name(decode(str, table["design"], "design"), list(DESIGNS), "design")
     kind, allowed = DESIGNS[name]
     settings = {k: v for k, v in table.items() if k != "design"}
     known_keys(settings, allowed, f"the design '{name}'")
@@ -79,11 +81,11 @@ def design_of(table: Mapping[str, Any], plant: GeneralizedPlant) -> Design:
         elif key == "points":
             given[key] = _checks.count(value, key, at_least=2)
         elif key == "varying":
-            given[key] = _checks.one_of(text_of(value, key), VARYING, key)
+            given[key] = _checks.one_of(decode(str, value, key), VARYING, key)
         elif key in ("strictly_proper", "feedthrough"):
-            given[key] = switch_of(value, key)
+            given[key] = decode(bool, value, key)
         else:
-            given[key] = number_of(value, key)
+            given[key] = to_si(value, None, key)
     return kind(**given)
 
 
@@ -100,38 +102,37 @@ def _lyapunov(degree: int, plant: GeneralizedPlant) -> Polynomial | None:
 
 def _structure(settings: Mapping[str, Any]) -> Any:
     """The structure with the settings that belong to it."""
-    name = _checks.known_name(text_of(settings.get("structure", ""), "structure"), list(STRUCTURES), "structure")
+    name = _checks.known_name(decode(str, settings.get("structure", ""), "structure"), list(STRUCTURES), "structure")
     kind, own = STRUCTURES[name]
     for key in ("order", "filter"):
         if key in settings and key not in own:
             raise InputError(f"the structure '{name}' has no '{key}'", got=settings[key], mend=f"leave {key} out")
     if name == "low-order" and "order" not in settings:
         raise InputError("the structure 'low-order' lacks its order", mend="order = 2")
-    given = {key: _checks.count(settings[key], key, at_least=1) if key == "order" else number_of(settings[key], key)
+    given = {key: _checks.count(settings[key], key, at_least=1) if key == "order" else to_si(settings[key], None, key)
              for key in own if key in settings}
     return kind(**given)
 
 
-def _criterion(entry: Mapping[str, Any], plant: GeneralizedPlant, k: int) -> HInfinity | H2:
+def _criterion(entry: Mapping[str, Any], plant: GeneralizedPlant, k: int) -> Criterion:
     where = f"criteria[{k}]"
-    known_keys(entry, ("kind", "disturbances", "performance", "bound", "weight"), where)
-    kind = _checks.known_name(text_of(entry.get("kind", ""), f"{where}.kind"), list(CRITERIA), "kind of criterion")
+    kind, entry = kind_of(entry, CRITERIA, where)
+    known_keys(entry, ("disturbances", "performance", "bound", "weight"), where)
     names = {key: texts_of(entry.get(key, []), f"{where}.{key}") for key in ("disturbances", "performance")}
-    numbers = {key: number_of(entry[key], f"{where}.{key}") for key in ("bound", "weight") if key in entry}
-    criterion = CRITERIA[kind](**names, **numbers)
+    numbers = {key: to_si(entry[key], None, f"{where}.{key}") for key in ("bound", "weight") if key in entry}
+    criterion = kind(**names, **numbers)
     criterion.selection(plant)
     return criterion
 
 
 def _region(entry: Mapping[str, Any], k: int) -> Region:
     where = f"regions[{k}]"
-    name = _checks.known_name(text_of(entry.get("kind", ""), f"{where}.kind"), list(REGIONS), "kind of region")
-    kind, settings = REGIONS[name]
-    known_keys(entry, ("kind", *settings), where)
+    (kind, settings), entry = kind_of(entry, REGIONS, where)
+    known_keys(entry, settings, where)
     for key in settings:
         if key not in entry:
             raise InputError(f"{where} lacks '{key}'")
-    return kind(**{key: number_of(entry[key], f"{where}.{key}") for key in settings})
+    return kind(**{key: to_si(entry[key], None, f"{where}.{key}") for key in settings})
 
 
 TEMPLATE = """\
@@ -186,7 +187,7 @@ back_off = 0.02                # how far above the least gain to stop, for a tam
 # [[design.regions]]           # where frozen poles must lie: half-plane, disc, cone
 # kind = "half-plane"
 # decay = 1.0                  # 1/s
-# [[design.criteria]]          # for state-feedback, multi-objective, observer and filter: h-infinity, h2
+# [[design.criteria]]          # of state-feedback, multi-objective, observer, filter: h-infinity, h2, generalized-h2
 # kind = "h-infinity"
 # performance = ["comfort"]
 # bound = 2.0                  # left out: as low as possible

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.analysis.covariance import output_bound
 from lpvid.analysis.gain import l2_gain
-from lpvid.analysis.h2 import h2_norm
 from lpvid.analysis.pole_regions import certify_region
+from lpvid.codec import Encoded
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial
-from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.scheduling import Basis
+from lpvid.synthesis.criteria import CovarianceCriterion, Criterion, Region
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 
 GRID = {0: 1, 1: 81, 2: 13, 3: 6}
@@ -22,13 +23,13 @@ GRID = {0: 1, 1: 81, 2: 13, 3: 6}
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class Figure(Encoded):
     """One criterion of a design, promised and verified.
 
     Parameters
     ----------
     criterion : str
-        "H-infinity" or "H2".
+        "H-infinity", "H2" or "generalized H2".
     channel : str
         From what to what.
     promised : float
@@ -43,6 +44,8 @@ class Figure:
         What `lpvid.verify` re-checks.
     """
 
+    JSON = ("criterion", "channel", "promised", "verified", "lower", "between_grid")
+
     criterion: str
     channel: str
     promised: float
@@ -50,18 +53,6 @@ class Figure:
     lower: float | None
     between_grid: bool
     certificate: Any = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, without the certificate.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"criterion": self.criterion, "channel": self.channel, "promised": float(self.promised),
-                "verified": float(self.verified), "lower": None if self.lower is None else float(self.lower),
-                "between_grid": bool(self.between_grid)}
 
     def __str__(self) -> str:
         where = "on the whole box" if self.between_grid else "at the points of a grid only"
@@ -77,34 +68,21 @@ def channel(loop: LPVStateSpace, into: Sequence[int], out: Sequence[int]) -> LPV
                    inputs=tuple(loop.inputs[k] for k in j), outputs=tuple(loop.outputs[k] for k in i))
 
 
-def measure(criterion: HInfinity | H2, plant: GeneralizedPlant, loop: LPVStateSpace, promised: float,
+def measure(criterion: Criterion, plant: GeneralizedPlant, loop: LPVStateSpace, promised: float,
             storage: Basis | None = None) -> Figure:
     """What a closed loop, with signals in the order of a plant's, does in the channel of a criterion.
 
     `storage` are the functions of the storage function that is looked for; None leaves them to the analysis.
     """
     part = channel(loop, *criterion.indices(plant))
-    if isinstance(criterion, H2):
-        still = Polynomial((), 0)
-        bounds = h2_norm(_transposed(part), basis=still if part.is_discrete else storage)
-        if not part.box.names:  # the Lyapunov equation has the norm itself
-            return Figure("H2", criterion.description(plant), promised, bounds.lower, bounds.lower, True)
-        return Figure(
-            "H2", criterion.description(plant), promised, _finite(bounds.upper), bounds.lower, bounds.between_grid
-        )
+    if isinstance(criterion, CovarianceCriterion):
+        found = output_bound(part, criterion.peak, basis=storage)
+        verified = found.upper if part.box.names else found.lower  # the Lyapunov equation has the norm itself
+        return Figure(criterion.kind, criterion.description(plant), promised, verified, found.lower,
+                      found.between_grid or not part.box.names)
     found = l2_gain(part, basis=storage, trajectories=False)
     return Figure("H-infinity", criterion.description(plant), promised, _finite(found.upper), found.lower,
                   found.between_grid, found.certificate)
-
-
-def _transposed(loop: LPVStateSpace) -> LPVStateSpace:
-    """The dual system: its bound from impulses at the outputs is one of the covariance, at every instant, of the loop.
-
-    He(AX) − Ẋ + BBᵀ ≼ 0 with trace CXCᵀ in place of He(PA) + Ṗ + CᵀC ≼ 0 with trace BᵀPB: rates are symmetric, and X is
-    constant in discrete time.
-    """
-    a, b, c, d = (m.swapaxes(1, 2) for m in (loop.A, loop.C, loop.B, loop.D))
-    return LPVStateSpace(a, b, c, d, loop.basis, loop.sample_time, loop.box, inputs=loop.outputs, outputs=loop.inputs)
 
 
 def stays_inside(regions: Sequence[Region], loop: LPVStateSpace) -> tuple[bool, tuple[str, ...]]:

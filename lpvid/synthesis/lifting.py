@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Spline, Stacked
+from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def lift(system: LPVStateSpace) -> Lifting:
             arrays[name] = x - one.reshape(-1, *[1] * (x.ndim - 1)) * constant[name]
             arrays[name][pivot] = 0.0
     moving = [m for m in range(basis.size) if any(x[m].any() for x in arrays.values())]
-    lower, upper = (r[moving] for r in ranges(basis, system.box))
+    lower, upper = (r[moving] for r in basis.ranges(system.box.limits))
     names = _unique([basis.labels[m] for m in moving])
     box = Scheduling(names, tuple(lower.tolist()), tuple(upper.tolist()))
     full = {n: np.concatenate([constant[n][None], x[moving]]) for n, x in arrays.items()}
@@ -80,45 +79,6 @@ def lift(system: LPVStateSpace) -> Lifting:
     lifted = LPVStateSpace(full["A"], full["B"], full["C"], full["D"], affine, system.sample_time, box,
                            full["state_offset"], full["output_offset"], inputs=system.inputs, outputs=system.outputs)
     return Lifting(lifted, basis, tuple(moving))
-
-
-def ranges(basis: Basis, box: Scheduling) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) lower and (M,) upper bounds of every function over the box: exact for monomials, safe for the others.
-
-    Examples
-    --------
-    >>> ranges(Polynomial("p", 2), Scheduling(("p",), (-1.0,), (3.0,)))
-    (array([ 1., -1.,  0.]), array([1., 3., 9.]))
-    """
-    if isinstance(basis, Polynomial):
-        out = [_monomial(e, basis, box) for e in basis.exponents.tolist()]
-        return np.array([o[0] for o in out]), np.array([o[1] for o in out])
-    if isinstance(basis, Spline):
-        return np.zeros(basis.size), np.ones(basis.size)
-    if isinstance(basis, Fourier):
-        low = -np.ones(basis.size)
-        low[0] = 1.0
-        return low, np.ones(basis.size)
-    if isinstance(basis, Product):
-        (a, b), (c, d) = ranges(basis.first, box), ranges(basis.second, box)
-        corners = np.array([np.kron(x, y) for x in (a, b) for y in (c, d)])
-        return corners.min(axis=0), corners.max(axis=0)
-    if isinstance(basis, Stacked):
-        parts = [ranges(f, box) for f in basis.factors]
-        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
-    raise InputError("the values of this basis have no known bounds", got=type(basis).__name__)
-
-
-def _monomial(exponents: list[int], basis: Polynomial, box: Scheduling) -> tuple[float, float]:
-    low = high = 1.0
-    for j, e in enumerate(exponents):
-        i = box.names.index(_checks.known_name(basis.names[j], box.names, "scheduling variable"))
-        ends = [((v - basis.centre[j]) / basis.half_width[j]) for v in (box.lower[i], box.upper[i])]
-        powers = [z**e for z in ends]
-        through_zero = e > 0 and e % 2 == 0 and ends[0] < 0 < ends[1]
-        corners = [x * y for x in (low, high) for y in (0.0 if through_zero else min(powers), max(powers))]
-        low, high = min(corners), max(corners)
-    return low, high
 
 
 def _unique(labels: list[str]) -> tuple[str, ...]:

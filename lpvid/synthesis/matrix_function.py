@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Stacked
+from lpvid.scheduling import Basis
 from lpvid.scheduling.algebra import ONE, atoms, common, products
 
 
@@ -130,31 +130,8 @@ class MatrixFunction:
 
     def trimmed(self) -> MatrixFunction:
         """The same function over no higher degree, and no more stacked bases, than it needs; variables stay named."""
-        basis, coefficients = _trimmed(self.basis, self.coefficients)
+        basis, coefficients = self.basis.trimmed(self.coefficients)
         return MatrixFunction(basis, coefficients)
-
-
-def _trimmed(basis: Basis, c: np.ndarray) -> tuple[Basis, np.ndarray]:
-    """Basis and coefficients (M, …) without what is zero: high degrees, also inside products, and parts of a stack."""
-    if isinstance(basis, Polynomial):
-        used = basis.exponents[c.reshape(basis.size, -1).any(axis=1)].sum(axis=1).max(initial=min(basis.degree, 1))
-        narrow = replace(basis, degree=int(used))
-        return narrow, c[: narrow.size]
-    if isinstance(basis, Fourier):
-        used = np.flatnonzero(c.reshape(basis.size, -1).any(axis=1)).max(initial=1)
-        return replace(basis, harmonics=int(used + 1) // 2), c[: 2 * (int(used + 1) // 2) + 1]
-    if isinstance(basis, Product):
-        first, c = _trimmed(basis.first, c.reshape(basis.first.size, basis.second.size, *c.shape[1:]))
-        second, c = _trimmed(basis.second, c.swapaxes(0, 1))
-        return Product(first, second), c.swapaxes(0, 1).reshape(first.size * second.size, *c.shape[2:])
-    if isinstance(basis, Stacked):
-        ends = np.cumsum([0, *(f.size for f in basis.factors)])
-        kept = [_trimmed(f, c[i:j]) for f, (i, j) in zip(basis.factors, itertools.pairwise(ends), strict=True)
-                if c[i:j].any()]
-        joined = Stacked(tuple(b for b, _ in kept)) if len(kept) > 1 else kept[0][0] if kept else basis
-        if kept and joined.names == basis.names:
-            return joined, np.concatenate([x for _, x in kept])
-    return basis, c
 
 
 def block(rows: Sequence[Sequence[MatrixFunction | np.ndarray]]) -> MatrixFunction:

@@ -38,7 +38,7 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.bilinear import around_feedthrough
-from lpvid.synthesis.criteria import HInfinity
+from lpvid.synthesis.criteria import Criterion, HInfinity
 from lpvid.synthesis.design_grid import columns, fitted, over, richer, storage_for, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
@@ -56,7 +56,8 @@ two variables, less for one. With the back-off it stays within the tenth that `O
 
 
 def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...], *, turned: bool = False,
-                    strictly_proper: bool = False, bound: float | None = None, back_off: float = 0.01) -> Synthesis:
+                    strictly_proper: bool = False, bound: float | None = None, back_off: float = 0.01,
+                    criteria: Sequence[Criterion] = ()) -> Synthesis:
     """The controller of inequality (1) for a discrete plant, with what its closed loop was shown to do.
 
     Parameters
@@ -76,14 +77,16 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
         A gain that is good enough; left out, the least.
     back_off : float
         Share by which the bound is raised above the least one, for a controller of moderate gains.
+    criteria : sequence of HInfinity, H2 or GeneralizedH2
+        In place of one gain; they share P and G. Those of the covariance need `turned` to be false.
     """
     axes = _with_kinks(plant, lyapunov, axes)
     raw = plant.at(tensor(axes))
     coordinates = SignalCoordinates.of(raw, True)
     gains = richer(plant, lyapunov, axes)
     direct = not strictly_proper and not raw.D22.any()
-    found = settle(_Moving(plant, (HInfinity(bound=bound),), (), 1 + back_off, lyapunov, gains, axes, turned, direct,
-                           coordinates), kept=ABOVE if bound is None else KEPT)
+    found = settle(_Moving(plant, tuple(criteria) or (HInfinity(bound=bound),), (), 1 + back_off, lyapunov, gains, axes,
+                           turned, direct, coordinates), kept=ABOVE if bound is None else KEPT)
     if direct or strictly_proper:
         return found
     return replace(found, notes=(*found.notes, "controls reach the measurements directly: no feedthrough in the "

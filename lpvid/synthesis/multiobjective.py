@@ -15,24 +15,26 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
-from lpvid.synthesis.criteria import H2, HInfinity, Region
-from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor, varies
-from lpvid.synthesis.figures import Figure, channel
+from lpvid.synthesis.criteria import H2, CovarianceCriterion, Criterion, HInfinity, Region
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
+from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
+from lpvid.synthesis.moving_feedback import moving_feedback
+from lpvid.synthesis.moving_objectives import moving_objectives
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.preconditioning import Preconditioned, balancing, preconditioned, unconditioned
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
+from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
-from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates
+from lpvid.synthesis.shaped_program import APART, Shaped, Shaping, SignalCoordinates
+from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
-APART = 4.0
-"""How far the coupling [X, sI; sI, Y] ⪰ 0 is pushed from its limit s = 1, if that costs nothing."""
+VARYING = ("both", "controls", "measurements")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +42,13 @@ class MultiObjective:
     """Full-order controller x_K⁺ = A_K x_K + B_K y, u = C_K x_K + D_K y for mixed H2/H-infinity and pole regions.
 
     Scherer, Gahinet & Chilali 1997, with 𝐗 = [X, I; I, Y], 𝐀 = [AX + B2Ĉ, A + B2D̂C2; Â, YA + B̂C2],
-    𝐁 = [B1 + B2D̂D21; YB1 + B̂D21], 𝐂 = [C1X + D12Ĉ, C1 + D12D̂C2], 𝐃 = D11 + D12D̂D21: all criteria share X and Y,
-    which do not move, so the scheduling may move arbitrarily fast. For one H-infinity bound with a Lyapunov matrix
-    that depends on the scheduling see `OutputFeedback`.
+    𝐁 = [B1 + B2D̂D21; YB1 + B̂D21], 𝐂 = [C1X + D12Ĉ, C1 + D12D̂C2], 𝐃 = D11 + D12D̂D21: all criteria share X and Y.
+    Constant, they let the scheduling move arbitrarily fast; with `lyapunov` one of them moves, within the rate bounds
+    of the plant's box (`moving_objectives`, `moving_feedback`). One H-infinity bound alone is `OutputFeedback`.
 
     Parameters
     ----------
-    criteria : HInfinity, H2 or a sequence of them
+    criteria : HInfinity, H2, GeneralizedH2 or a sequence of them
         Those without a bound of their own are minimised (their weighted sum).
     regions : Region or sequence of Region
         Where the frozen poles of the closed loop must lie.
@@ -56,6 +58,11 @@ class MultiObjective:
         Grid points per scheduling variable, where corners are not enough.
     back_off : float
         Factor above the lowest level at which the controller is then made well conditioned.
+    lyapunov : Basis, optional
+        Functions of the matrix that moves; in continuous time their variables need rate bounds.
+    varying : {"both", "controls", "measurements"}
+        Which matrix moves, X or Y; "both" designs with either, and keeps the lower figures. In discrete time an H2
+        criterion needs "controls".
 
     Examples
     --------
@@ -69,10 +76,18 @@ class MultiObjective:
     feedthrough: bool = True
     points: int = 7
     back_off: float = 1.02
+    lyapunov: Basis | None = None
+    varying: str = "controls"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
+        _checks.one_of(self.varying, VARYING, "varying")
+        object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        if self.lyapunov is not None and not self.lyapunov.names:
+            object.__setattr__(self, "lyapunov", None)
+        if self.regions and self.lyapunov is not None:
+            raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
+                             mend="leave one of the two out")
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
                              mend="1.02 stops 2 % above it")
@@ -81,7 +96,8 @@ class MultiObjective:
         """The controller for a plant, with the figures of its closed loop."""
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
         found: list[Synthesis] = []
-        if len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough:
+        if (len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough
+                and self.lyapunov is None):
             other = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points)
             if other is not None and (other.controller is None or other.certificate is not None or plant.box.names):
                 return other
@@ -90,9 +106,12 @@ class MultiObjective:
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
         fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes))
-        direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
+        variance = any(isinstance(c, CovarianceCriterion) for c in criteria)
+        direct = self.feedthrough and (plant.sample_time is not None or not variance)
         if fault is not None:
             return settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)), fault)
+        if self.lyapunov is not None:
+            return self._moving(plant, criteria, direct)
         for attempt in self._attempts(plant, criteria, regions, axes, direct):
             found.append(attempt())
             if found[-1].verdict in ("solved", "infeasible"):
@@ -102,13 +121,31 @@ class MultiObjective:
     def _attempts(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
                   axes: tuple[np.ndarray, ...], direct: bool) -> Iterator[Callable[[], Synthesis]]:
         """The same design by several inequalities and in several coordinates, those first that are solved best."""
-        points, variance = tensor(axes), any(isinstance(c, H2) for c in criteria)
+        points, variance = tensor(axes), any(isinstance(c, CovarianceCriterion) for c in criteria)
         if len(criteria) == 1 and not regions and isinstance(criteria[0], H2) and suits(plant, criteria[0], points):
             yield lambda: self._by_variance(plant, criteria, axes)
         for of in (unconditioned, partial(regulated_plant, points=points) if variance else None,
                    partial(preconditioned, points=points)):
             if of is not None:
                 yield lambda of=of: settle(self._stated(plant, criteria, regions, axes, direct, of(plant)))
+
+    def _moving(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], direct: bool) -> Synthesis:
+        """The lowest figures of what may move, and of a constant X and Y."""
+        assert self.lyapunov is not None
+        check_rates(self.lyapunov, plant.box, plant.sample_time)
+        basis, axes = self.lyapunov.bound(plant.box), design_axes(plant.box, self.points, False)
+        found = []
+        for turned in {"controls": (False,), "measurements": (True,)}.get(self.varying, (False, True)):
+            if plant.sample_time is None:
+                found.append(moving_objectives(plant, criteria, basis, axes, turned=turned, direct=direct,
+                                               back_off=self.back_off))
+            elif not turned or not any(isinstance(c, CovarianceCriterion) for c in criteria):
+                found.append(moving_feedback(plant, basis, axes, turned=turned, strictly_proper=not direct,
+                                             criteria=criteria, back_off=self.back_off - 1))
+        if not found:
+            raise InputError("in discrete time an H2 criterion needs the X of the controls to move", got=self.varying,
+                             mend="varying=\"controls\"")
+        return _lowest([*found, replace(self, lyapunov=None).solve(plant)])
 
     def _by_variance(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], axes: tuple[np.ndarray, ...]
                      ) -> Synthesis:
@@ -243,7 +280,7 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
     from lpvid.synthesis.output_feedback_search import SLACK
 
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
-    part = _channel_of(plant, criterion)
+    part = channels_of(plant, criterion.disturbances or plant.disturbances, criterion.performance or plant.performance)
     share = min(max(back_off - 2 * SLACK, 0.0), 1.0)
     found = OutputFeedback(bound=criterion.bound, back_off=share, points=points).solve(part)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
@@ -260,18 +297,6 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
         found.certificate,
     )
     return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
-
-
-def _channel_of(plant: GeneralizedPlant, criterion: HInfinity) -> GeneralizedPlant:
-    """The plant without the disturbances and performance signals that a criterion does not name."""
-    inputs = {*plant.controls, *(criterion.disturbances or plant.disturbances)}
-    outputs = {*plant.measurements, *(criterion.performance or plant.performance)}
-    s = plant.system
-    j = [k for k, signal in enumerate(s.inputs) if signal.name in inputs]
-    i = [k for k, signal in enumerate(s.outputs) if signal.name in outputs]
-    if len(j) == len(s.inputs) and len(i) == len(s.outputs):
-        return plant
-    return GeneralizedPlant(channel(s, j, i), plant.controls, plant.measurements)
 
 
 def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float

@@ -13,7 +13,7 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
-from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.criteria import Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, richer, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.matrix_function import MatrixFunction
@@ -21,7 +21,7 @@ from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
+from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
 from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
@@ -37,7 +37,7 @@ class Observer:
 
     Parameters
     ----------
-    criteria : HInfinity, H2 or a sequence of them
+    criteria : HInfinity, H2, GeneralizedH2 or a sequence of them
         Bounds from w to the error of the performance signals; empty where only regions are asked for.
     regions : Region or sequence of Region
         Where the frozen poles of the error must lie.
@@ -64,7 +64,7 @@ class Observer:
     back_off: float = 1.02
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
+        object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
@@ -91,7 +91,7 @@ class Filter:
 
     Parameters
     ----------
-    criteria : HInfinity, H2 or a sequence of them
+    criteria : HInfinity, H2, GeneralizedH2 or a sequence of them
     regions : Region or sequence of Region
     feedthrough : bool
         Allow D_F.
@@ -109,7 +109,7 @@ class Filter:
         """The filter as `controller`, from measurements (and known controls) to ``…_estimate``."""
         criteria = [replace(c, performance=tuple(f"{n}_error" for n in c.performance),
                             disturbances=(*c.disturbances, *plant.controls) if c.disturbances else ())
-                    for c in listed(self.criteria, (HInfinity, H2), "the criteria")]
+                    for c in listed(self.criteria, Criterion, "the criteria")]
         design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off)
         found = design.solve(estimation_plant(plant))
         if found.verdict != "unstabilisable":

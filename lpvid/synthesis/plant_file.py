@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import decode, expect_table
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -17,7 +18,7 @@ from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.synthesis import weights
 from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.toml_tables import known_keys, matrix_of, number_of, table_of, text_of, texts_of
+from lpvid.tables import kind_of, known_keys, matrix_of, texts_of, to_si
 
 KEYS = ("name", "model", "inputs", "outputs", "controls", "measurements", "sample_time", "scheduling", "matrices",
         "weights", "design")
@@ -57,7 +58,7 @@ def plant_of(table: Mapping[str, Any], folder: Path, load: Callable[[Path], obje
         own = [k for k in ("inputs", "outputs", "matrices", "sample_time") if k in table]
         if own:
             raise InputError("a plant has a saved model or matrices of its own, not both", got=f"model and {own[0]}")
-        path = folder / text_of(table["model"], "model")
+        path = folder / decode(str, table["model"], "model")
         system = load(path)
         if not isinstance(system, LPVStateSpace):
             raise InputError(f"'{path}' holds a {type(system).__name__}", mend="give a state-space model "
@@ -68,7 +69,7 @@ def plant_of(table: Mapping[str, Any], folder: Path, load: Callable[[Path], obje
         system = _system(table)
     controls, measurements = (texts_of(_needed(table, k), k) for k in ("controls", "measurements"))
     plant = GeneralizedPlant(system, controls, measurements)
-    return _weighed(plant, table_of(table.get("weights", {}), "weights"))
+    return _weighed(plant, expect_table(table.get("weights", {}), "weights"))
 
 
 def output_weights(table: Mapping[str, Any], plant: GeneralizedPlant) -> dict[str, LPVStateSpace | float]:
@@ -86,9 +87,9 @@ def output_weights(table: Mapping[str, Any], plant: GeneralizedPlant) -> dict[st
     dict of str to LPVStateSpace or float
     """
     found: dict[str, LPVStateSpace | float] = {}
-    for name, value in table_of(table.get("weights", {}), "weights").items():
+    for name, value in expect_table(table.get("weights", {}), "weights").items():
         if name in plant.performance:
-            entry = dict(table_of(value, f"weights.{name}"))
+            entry = dict(expect_table(value, f"weights.{name}"))
             entry.pop("of", None)
             found[name] = _weight(entry, name)
     return found
@@ -103,8 +104,8 @@ def _needed(table: Mapping[str, Any], key: str, what: str = "the plant") -> Any:
 def _system(table: Mapping[str, Any]) -> LPVStateSpace:
     inputs, outputs = (tuple(map(_signal, texts_of(_needed(table, k), k))) for k in ("inputs", "outputs"))
     box = _box(table.get("scheduling", {}), None)
-    terms = {_exponents(key, box.names): (key, table_of(value, f"matrices.\"{key}\""))
-             for key, value in table_of(_needed(table, "matrices"), "matrices").items()}
+    terms = {_exponents(key, box.names): (key, expect_table(value, f"matrices.\"{key}\""))
+             for key, value in expect_table(_needed(table, "matrices"), "matrices").items()}
     constant = terms.get((0,) * len(box.names))
     if constant is None or "A" not in constant[1]:
         raise InputError("the plant lacks the constant part of A", mend="write it under [matrices.1]")
@@ -117,10 +118,9 @@ def _system(table: Mapping[str, Any]) -> LPVStateSpace:
         known_keys(blocks, tuple(shapes), f"matrices.\"{key}\"")
         for name, value in blocks.items():
             stacks[name][place[exponents]] = matrix_of(value, shapes[name], f"matrices.\"{key}\".{name}")
-    time = table.get("sample_time")
+    period = to_si(table["sample_time"], None, "sample_time") if "sample_time" in table else None
     return LPVStateSpace(stacks["A"], stacks["B"], stacks["C"], stacks["D"], basis,
-                         None if time is None else _checks.positive(number_of(time, "sample_time"), "sample_time", "s"),
-                         box, inputs=inputs, outputs=outputs)
+                         period, box, inputs=inputs, outputs=outputs)
 
 
 def _signal(text: str) -> Signal:
@@ -145,7 +145,7 @@ def _exponents(key: str, names: tuple[str, ...]) -> tuple[int, ...]:
 
 def _box(value: object, known: Scheduling | None) -> Scheduling:
     """The scheduling variables of a table; those of a model keep what the table does not say."""
-    tables = {name: table_of(entry, f"scheduling.{name}") for name, entry in table_of(value, "scheduling").items()}
+    tables = {n: expect_table(entry, f"scheduling.{n}") for n, entry in expect_table(value, "scheduling").items()}
     names = tuple(tables) if known is None else known.names
     rows = []
     for name in tables:
@@ -157,14 +157,14 @@ def _box(value: object, known: Scheduling | None) -> Scheduling:
             pair = entry["range"]
             if not isinstance(pair, list) or len(pair) != 2:
                 raise InputError(f"scheduling.{name}.range needs a lower and an upper value", got=repr(pair))
-            low, high = (number_of(v, f"scheduling.{name}.range") for v in pair)
+            low, high = (to_si(v, None, f"scheduling.{name}.range") for v in pair)
         elif known is None:
             raise InputError(f"scheduling.{name} lacks its range", mend="range = [lowest, highest]")
         else:
             low, high = known.lower[k], known.upper[k]
-        rate = number_of(entry["rate"], f"scheduling.{name}.rate") if "rate" in entry else (
+        rate = to_si(entry["rate"], None, f"scheduling.{name}.rate") if "rate" in entry else (
             None if known is None else known.rate[k])
-        unit = text_of(entry["unit"], f"scheduling.{name}.unit") if "unit" in entry else (
+        unit = decode(str, entry["unit"], f"scheduling.{name}.unit") if "unit" in entry else (
             "" if known is None else known.units[k])
         rows.append((low, high, rate, unit))
     lower, upper, rates, units = zip(*rows, strict=True) if rows else ((), (), (), ())
@@ -178,11 +178,11 @@ def _weighed(plant: GeneralizedPlant, table: Mapping[str, Any]) -> GeneralizedPl
     names_in = [s.name for s in plant.system.inputs]
     names_out = [s.name for s in plant.system.outputs]
     for name, value in table.items():
-        entry = dict(table_of(value, f"weights.{name}"))
+        entry = dict(expect_table(value, f"weights.{name}"))
         source = entry.pop("of", None)
         weight = _weight(entry, name)
         if source is not None:
-            outputs[name] = (text_of(source, f"weights.{name}.of"), weight)
+            outputs[name] = (decode(str, source, f"weights.{name}.of"), weight)
         elif name in names_in:
             inputs[name] = weight
         else:
@@ -192,13 +192,12 @@ def _weighed(plant: GeneralizedPlant, table: Mapping[str, Any]) -> GeneralizedPl
 
 
 def _weight(entry: dict[str, Any], name: str) -> LPVStateSpace | float:
-    kind = entry.pop("kind", None)
-    if kind is None:
+    if "kind" not in entry:
         known_keys(entry, ("gain",), f"weights.{name}")
-        return number_of(_needed(entry, "gain", f"weights.{name}"), f"weights.{name}.gain")
-    make, settings = WEIGHTS[_checks.known_name(text_of(kind, f"weights.{name}.kind"), list(WEIGHTS), "kind of weight")]
+        return to_si(_needed(entry, "gain", f"weights.{name}"), None, f"weights.{name}.gain")
+    (make, settings), entry = kind_of(entry, WEIGHTS, f"weights.{name}")
     known_keys(entry, settings, f"weights.{name}")
     for key in settings:
         if key not in OPTIONAL:
             _needed(entry, key, f"weights.{name}")
-    return make(**{key: number_of(value, f"weights.{name}.{key}") for key, value in entry.items()})
+    return make(**{key: to_si(value, None, f"weights.{name}.{key}") for key, value in entry.items()})

@@ -41,6 +41,27 @@ class Watch:
 
 
 _WATCH: ContextVar[Watch | None] = ContextVar("lpvid_synthesis_watch", default=None)
+_FOLLOWER: ContextVar[Say | None] = ContextVar("lpvid_synthesis_follower", default=None)
+
+
+@contextmanager
+def followed(report_progress: Say) -> Iterator[None]:
+    """Follow every synthesis inside that nobody follows by its own argument, each for itself.
+
+    Parameters
+    ----------
+    report_progress : callable
+        Takes a line on what is being done.
+
+    Yields
+    ------
+    None
+    """
+    token = _FOLLOWER.set(report_progress)
+    try:
+        yield
+    finally:
+        _FOLLOWER.reset(token)
 
 
 @contextmanager
@@ -61,7 +82,7 @@ def watched(report_progress: Say | None) -> Iterator[Watch]:
     if outer is not None:
         yield outer
         return
-    watch = Watch(report_progress)
+    watch = Watch(report_progress or _FOLLOWER.get())
     token = _WATCH.set(watch)
     try:
         yield watch
@@ -154,6 +175,22 @@ def interrupted(found: Synthesis, watch: Watch) -> Synthesis:
     seconds = time.monotonic() - watch.started
     note = f"{INTERRUPTED} {seconds:.3g} s: the best controller so far, verified as any other"
     return replace(found, notes=(note, *found.notes), seconds=seconds)
+
+
+def was_interrupted(found: Synthesis) -> bool:
+    """A synthesis is the best so far of a search that Ctrl-C ended.
+
+    Parameters
+    ----------
+    found : Synthesis
+        A result.
+
+    Returns
+    -------
+    bool
+        Its first note says so.
+    """
+    return bool(found.notes) and found.notes[0].startswith(INTERRUPTED)
 
 
 @dataclass(eq=False)

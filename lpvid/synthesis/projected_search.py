@@ -16,6 +16,7 @@ from lpvid.synthesis.projection import (
     ProjectedInequalities,
     ProjectedProgram,
     initial,
+    raised,
     roots_of,
     shortfall,
     singular,
@@ -27,8 +28,9 @@ ROUNDS = 6
 SETTLED = 1e-3
 """relative change of the bound from one round of coordinates to the next at which it counts as found."""
 KEPT, ACCURATE = 2e-3, 1e-8
-"""An answer counts that keeps its inequalities at this share above its bound, to a solver's accuracy in rows of size
-one: answers of two disks, an autopilot and random plants miss them by nothing, false ones by 1e-3 to 0.3."""
+"""An answer counts that keeps its inequalities and the coupling, all raised by this share, to a solver's accuracy in
+rows of size one: answers of two disks, an autopilot and random plants miss them by nothing, false ones by 1e-3 to 0.3.
+"""
 ABOVE = 10.0
 """times a bound at which Riccati equations that refuse it must have a solution, for their refusal to count: nearer they
 may fail by rounding alone"""
@@ -151,7 +153,7 @@ def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.n
             break
         if found is None:
             break
-        if shortfall(problem, replace(found, gamma=(1 + KEPT) * found.gamma)) > ACCURATE:
+        if shortfall(problem, raised(found, KEPT)) > ACCURATE:
             rough, pair, roots = found, found, roots_of(problem, found)
             continue
         last, best = best, found if best is None or found.gamma < best.gamma else best

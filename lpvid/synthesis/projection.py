@@ -257,8 +257,8 @@ def sizes_at(
 
 
 def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
-    """How far a pair is from keeping the inequalities at its γ: the least eigenvalue below zero, rows being of size
-    one in coordinates in which the means of X and Y are the identity; 0 where it keeps them.
+    """How far a pair is from keeping the inequalities at its γ, and the coupling [X, I; I, Y] ⪰ 0: the least
+    eigenvalue below zero, rows being of size one in coordinates in which the means of X and Y are the identity.
 
     Parameters
     ----------
@@ -270,14 +270,45 @@ def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
     Returns
     -------
     float
-        At least 0, without unit.
+        At least 0, without unit; 0 where it keeps them.
     """
-    worst = 0.0
-    for half, root, matrices in zip(problem.halves, roots_of(problem, pair), (pair.x, pair.y), strict=True):
+    roots = roots_of(problem, pair)
+    worst = _uncoupled(problem, pair)
+    for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True):
         for value in half.values(root, matrices, pair.gamma):
             scale = _levelled(np.linalg.norm(value, axis=1))
             worst = max(worst, -float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0]))
     return worst
+
+
+def _uncoupled(problem: ProjectedInequalities, pair: MatrixPair) -> float:
+    """By how much the largest singular value of L_X⁻¹L_Y⁻ᵀ exceeds one, with X = L_X L_Xᵀ and Y alike; infinite where
+    one of the two is not positive definite. Apart from the halves' scale: X may be tiny where the coupling fails.
+    """
+    try:
+        x, y = (np.linalg.cholesky(v.at(m)) for v, m in ((problem.controls, pair.x), (problem.measurements, pair.y)))
+    except np.linalg.LinAlgError:
+        return np.inf
+    cross = np.linalg.solve(x, np.linalg.inv(y).swapaxes(1, 2))
+    return max(0.0, float(np.linalg.norm(cross, 2, axis=(1, 2)).max()) - 1) if x.shape[1] else 0.0
+
+
+def raised(pair: MatrixPair, share: float) -> MatrixPair:
+    """X, Y and γ a share larger: what keeps its inequalities then keeps them with room, the coupling too.
+
+    Parameters
+    ----------
+    pair : MatrixPair
+        X, Y and γ.
+    share : float
+        Above zero.
+
+    Returns
+    -------
+    MatrixPair
+        All three times 1 + share.
+    """
+    return replace(pair, x=(1 + share) * pair.x, y=(1 + share) * pair.y, gamma=(1 + share) * pair.gamma)
 
 
 def _levelled(size: np.ndarray) -> np.ndarray:

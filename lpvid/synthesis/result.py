@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks
 from lpvid._shown import Shown
+from lpvid.codec import ADDED, Coded
 from lpvid.errors import InputError, NumericalError
 from lpvid.model.designed import designed
 from lpvid.model.signals import Signal
@@ -31,7 +31,7 @@ _CERTIFICATES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Synthesis(Shown):
+class Synthesis(Coded, Shown):
     """A controller with what its closed loop was shown to do, or why there is none.
 
     Parameters
@@ -78,13 +78,17 @@ class Synthesis(Shown):
       mend: lower the weight on comfort
     """
 
+    BESIDE = ("schema", "lpvid_version", "plant", "design", "limits")  # in the synthesis.json of a command
+    JSON = ("verdict", "gamma", "gamma_verified", "gamma_lower", "infimum", "between_grid", "why", "mend", "notes",
+            "seconds", "solver", "method", "h2_verified", "figures", "controller", "closed_loop", "certificate")
+
     verdict: str
     gamma: float | None = None
     gamma_verified: float | None = None
     gamma_lower: float | None = None
     controller: LPVStateSpace | None = None
     closed_loop: LPVStateSpace | None = None
-    certificate: Any = None
+    certificate: Any = field(default=None, metadata={"read": lambda data, _: _certificate(data)})
     between_grid: bool = False
     why: str = ""
     mend: str = ""
@@ -92,8 +96,8 @@ class Synthesis(Shown):
     seconds: float = 0.0
     solver: str = ""
     method: str = ""
-    infimum: float | None = None
-    figures: tuple[Mapping[str, Any], ...] = ()
+    infimum: float | None = field(default=None, metadata=ADDED)
+    figures: tuple[Mapping[str, Any], ...] = field(default=(), metadata=ADDED)
 
     def __post_init__(self) -> None:
         _checks.one_of(self.verdict, VERDICTS, "the verdict of a synthesis")
@@ -146,45 +150,6 @@ class Synthesis(Shown):
         """
         return self.required().to_control(at)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads.
-        """
-        numbers = {name: _plain(getattr(self, name)) for name in ("gamma", "gamma_verified", "gamma_lower", "infimum")}
-        parts = {name: None if part is None else part.to_dict() for name, part in
-                 (("controller", self.controller), ("closed_loop", self.closed_loop),
-                  ("certificate", self.certificate))}
-        return {"verdict": self.verdict, **numbers, "between_grid": self.between_grid, "why": self.why,
-                "mend": self.mend, "notes": list(self.notes), "seconds": self.seconds, "solver": self.solver,
-                "method": self.method, "h2_verified": self.h2_verified, "figures": [dict(f) for f in self.figures],
-                **parts}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> Synthesis:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        Synthesis
-            With the same values.
-        """
-        systems: dict[str, Any] = {name: None if data[name] is None else LPVStateSpace.from_dict(data[name])
-                                   for name in ("controller", "closed_loop")}
-        fields = ("verdict", "gamma", "gamma_verified", "gamma_lower", "between_grid", "why", "mend", "seconds",
-                  "solver", "method")
-        return cls(infimum=data.get("infimum"), figures=tuple(data.get("figures", ())),
-                   **{name: data[name] for name in fields}, notes=tuple(data["notes"]),
-                   certificate=_certificate(data["certificate"]), **systems)
-
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.why or self.method}"]
         if self.gamma_verified is not None and self.closed_loop is not None:
@@ -209,10 +174,6 @@ def _certificate(data: Mapping | None) -> Any:
         raise InputError("a synthesis holds an unknown certificate", got=data.get("schema"))
     module, name = _CERTIFICATES[data["schema"]]
     return getattr(importlib.import_module(module), name).from_dict(data)
-
-
-def _plain(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _listed(signals: tuple[Signal, ...]) -> str:

@@ -6,6 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from types import UnionType
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +19,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
 from lpvid.synthesis.block_proof import gain_figure, variance_figure
-from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.criteria import CovarianceCriterion, Criterion, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.infeasibility import BEYOND
@@ -28,7 +29,6 @@ from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
-Criterion = HInfinity | H2
 T = TypeVar("T")
 Values = Callable[[np.ndarray], np.ndarray]
 """From points to matrices."""
@@ -49,7 +49,7 @@ class ShapedProblem(ABC):
     Parameters
     ----------
     plant : GeneralizedPlant
-    criteria : tuple of HInfinity or H2
+    criteria : tuple of HInfinity, H2 or GeneralizedH2
     regions : tuple of Region
     back_off : float
     """
@@ -58,6 +58,11 @@ class ShapedProblem(ABC):
     criteria: tuple[Criterion, ...]
     regions: tuple[Region, ...]
     back_off: float
+
+    @property
+    def squared(self) -> bool:
+        """A gain shares 𝐗 with a variance, and its V is measured in |w|²."""
+        return any(isinstance(c, CovarianceCriterion) for c in self.criteria)
 
     @property
     @abstractmethod
@@ -100,14 +105,14 @@ Answers = Callable[[float], Iterator[tuple[ShapedProblem, Shaped]]]
 """From a back-off to answers of inequalities, each with the problem that knows its coordinates."""
 
 
-def listed(value: T | Sequence[T], kind: type | tuple[type, ...], what: str) -> tuple[T, ...]:
+def listed(value: T | Sequence[T], kind: type | tuple[type, ...] | UnionType, what: str) -> tuple[T, ...]:
     """One object or several of a kind, as a tuple."""
     items = tuple(value) if isinstance(value, (tuple, list)) else (value,)
     for item in items:
         if not isinstance(item, kind):
             raise InputError(f"{what} of a design must be objects of this package", got=repr(item),
-                             mend="for example HInfinity(), H2(), HalfPlane(decay), Disc(centre, radius) or "
-                                  "Cone(damping)")
+                             mend="for example HInfinity(), H2(), GeneralizedH2(), HalfPlane(decay), Disc(centre, "
+                                  "radius) or Cone(damping)")
     return items  # type: ignore[return-value]
 
 
@@ -125,11 +130,11 @@ def check_criteria(plant: GeneralizedPlant, criteria: Sequence[Criterion], regio
     for criterion in criteria:
         into, out = criterion.selection(plant)
         through = out @ m.D11 @ into
-        if isinstance(criterion, H2) and not discrete and np.any(np.abs(through) > 1e-12):
+        if isinstance(criterion, CovarianceCriterion) and not discrete and np.any(np.abs(through) > 1e-12):
             _, i, j = np.unravel_index(int(np.argmax(np.abs(through))), through.shape)
             z = np.array(plant.performance)[np.argmax(out, axis=1)][i]
             w = np.array(plant.disturbances)[np.argmax(into, axis=0)][j]
-            raise InputError(f"the H2 norm from {w} to {z} is infinite in continuous time", why=f"white noise in {w} "
+            raise InputError(f"the {criterion.kind} norm from {w} to {z} is infinite in continuous time", why=f"{w} "
                              f"reaches {z} directly", mend=f"filter {w} or {z}, or leave the pair out of the criterion")
 
 
@@ -250,7 +255,7 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
     own, basis = problem.storage_of(shaped), problem.storage
     if own is None or basis is None or not isinstance(criterion, HInfinity):
         return None
-    unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
+    unit = promised if problem.squared else 1.0
     part = channel(loop, *criterion.indices(problem.plant))
     most = most if len(part.box.names) > 1 else KEPT  # a search over one variable takes seconds, and is tighter
     found = own_certificate(lambda points: unit * own(points), basis, part, promised, most)
@@ -265,16 +270,16 @@ def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: LoopStorage
                most: float) -> Figure | None:
     """The promise by one storage function in two blocks; None where that does not prove it."""
     part, description = channel(loop, *criterion.indices(problem.plant)), criterion.description(problem.plant)
-    if isinstance(criterion, H2):
-        found = variance_figure(description, part, promised, blocks)
+    if isinstance(criterion, CovarianceCriterion):
+        found = variance_figure(description, part, promised, blocks, criterion)
     else:
-        unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
+        unit = promised if problem.squared else 1.0
         found = gain_figure(description, part, promised, replace(blocks, first=unit * blocks.first,
                                                           second=unit * blocks.second))
     limit = promised if criterion.bound is not None else most * promised
     if found is None or not found.between_grid or found.verified > limit:
         return None
-    return found if isinstance(criterion, H2) or found.certificate is not None else None
+    return found if isinstance(criterion, CovarianceCriterion) or found.certificate is not None else None
 
 
 def _speed(controller: LPVStateSpace) -> tuple[str, ...]:

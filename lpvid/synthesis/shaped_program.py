@@ -11,14 +11,15 @@ from scipy.linalg import matrix_balance
 
 from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.program import Program, SolverAnswer
-from lpvid.synthesis.criteria import H2, STRICT, HInfinity, Region
+from lpvid.synthesis.criteria import STRICT, Criterion, HInfinity, Region
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.progress import stop_at
 from lpvid.synthesis.shaped_loop import ShapedLoop
 
 PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
 """Interior-point methods; a first-order one takes minutes to say that it finds nothing."""
-
-
+APART = 4.0
+"""How far the coupling [X, sI; sI, Y] ⪰ 0 is pushed from its limit s = 1, if that costs nothing."""
 NOTHING = 1e-6
 """Share of a channel's size below which an infimum counts as zero: to come close to it would take infinite gains."""
 
@@ -62,14 +63,14 @@ class ShapedProgram:
     Parameters
     ----------
     plant : GeneralizedPlant
-    criteria : tuple of HInfinity or H2
+    criteria : tuple of HInfinity, H2 or GeneralizedH2
     regions : tuple of Region
     build : callable
         Declares the design's unknowns in a program; the number is how large they were in the first solve (1 there).
     """
 
     plant: GeneralizedPlant
-    criteria: tuple[HInfinity | H2, ...]
+    criteria: tuple[Criterion, ...]
     regions: tuple[Region, ...]
     build: Callable[[Program, float], Shaping]
 
@@ -89,15 +90,18 @@ class ShapedProgram:
             raised = [low if c.bound is not None else self._raised(c, low, back_off)
                       for c, low in zip(self.criteria, lowest, strict=True)]
             second, tamed, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
-            for solution in second.solve(solvers=PATIENT):
-                yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
+            try:
+                for solution in second.solve(solvers=PATIENT):
+                    yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
+            except KeyboardInterrupt as error:  # the lowest levels have an answer, if not the tamest
+                stop_at(error)
             yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
 
     def refuted(self) -> float:
         """The norm of the unknowns below which the criteria and regions were shown to have no answer; 0 for nothing."""
         return self._program([c.bound for c in self.criteria])[0].refuted()
 
-    def _raised(self, criterion: HInfinity | H2, low: float, back_off: float) -> float:
+    def _raised(self, criterion: Criterion, low: float, back_off: float) -> float:
         size = _size(self.plant, criterion)
         return low * back_off if low > NOTHING * size else max(low, 10 * NOTHING * size)
 
@@ -119,7 +123,7 @@ class ShapedProgram:
         return program, shaping, levels
 
 
-def _size(plant: GeneralizedPlant, criterion: HInfinity | H2) -> float:
+def _size(plant: GeneralizedPlant, criterion: Criterion) -> float:
     """How large a channel's gain is, roughly: what a level is measured against that could be brought to zero."""
     m, (into, out) = plant.at(plant.box.centre[None]), criterion.selection(plant)
     c = SignalCoordinates.of(m, plant.sample_time is not None)

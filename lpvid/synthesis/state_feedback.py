@@ -14,7 +14,7 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
-from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.criteria import Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import (
     check_rates,
     columns,
@@ -31,7 +31,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, Values, check_criteria, listed, settle
+from lpvid.synthesis.shaped_design import ShapedProblem, Values, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
 from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
@@ -46,7 +46,7 @@ class StateFeedback:
 
     Parameters
     ----------
-    criteria : HInfinity, H2 or a sequence of them
+    criteria : HInfinity, H2, GeneralizedH2 or a sequence of them
         What to bound; those without a bound of their own are minimised. Several share X.
     regions : Region or sequence of Region
         Where the frozen poles of the closed loop must lie.
@@ -85,7 +85,7 @@ class StateFeedback:
     back_off: float = 1.02
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
+        object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",

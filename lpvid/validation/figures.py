@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.simulation import Simulation
 
 
@@ -63,25 +64,15 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class FigurePair:
+class FigurePair(Encoded):
     """Free-run and one-step figures of the same samples."""
 
     free_run: Figures
     one_step: Figures
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"free_run": self.free_run.to_dict(), "one_step": self.one_step.to_dict()}
-
 
 @dataclass(frozen=True)
-class RecordFigures:
+class RecordFigures(Encoded):
     """Figures of one record."""
 
     name: str
@@ -89,17 +80,6 @@ class RecordFigures:
     free_run: Figures
     one_step: Figures
     extrapolation_share: float
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"name": self.name, "n_samples": self.n_samples, "free_run": self.free_run.to_dict(),
-                "one_step": self.one_step.to_dict(), "extrapolation_share": self.extrapolation_share}
 
 
 class Pool:

@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from lpvid.codec import Encoded
+
 THINNED = 100_000
 """samples from which levels of the scheduling are found."""
 CHUNK = 65_536
@@ -19,7 +21,7 @@ LEVELS = 3
 
 
 @dataclass(frozen=True)
-class Regime:
+class Regime(Encoded):
     """Free-run error in one part of the data.
 
     Attributes
@@ -39,16 +41,6 @@ class Regime:
     share: float
     error_share: float
     esr: float | None
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"where": self.where, "share": self.share, "error_share": self.error_share, "esr": self.esr}
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.codec import Encoded
+
 LAGS = 25
 LEVEL = 0.01
 EXACT = 1e-11
@@ -20,28 +22,19 @@ Instrument = tuple[np.ndarray | None, np.ndarray | None]
 
 
 @dataclass(frozen=True)
-class ResidualTest:
+class ResidualTest(Encoded):
     """A test on the one-step residuals.
 
     A small p-value says that the residual still holds something the model could have used.
     """
+
+    JSON = ("name", "statistic", "p_value", "passed", ("says", "description"))
 
     name: str
     statistic: float
     p_value: float
     passed: bool
     description: str
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"name": self.name, "statistic": self.statistic, "p_value": self.p_value, "passed": self.passed,
-                "says": self.description}
 
 
 def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray | None],

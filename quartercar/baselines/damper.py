@@ -14,7 +14,6 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.laws.linear import Linear
 from quartercar.dampers.laws.relief_valve import LagDamper
 from quartercar.dampers.parameter import Parameter
 
@@ -50,9 +49,10 @@ class DamperBaseline(Baseline):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.damper.name)
-        object.__setattr__(self, "static", isinstance(self.damper, (StaticDamper, Linear)))
+        linear = self.damper.linear_elements is not None
+        object.__setattr__(self, "static", linear or isinstance(self.damper, StaticDamper))
         object.__setattr__(self, "adaptive", isinstance(self.damper, LagDamper))
-        object.__setattr__(self, "apart", ("mass",) if isinstance(self.damper, Linear) else ())
+        object.__setattr__(self, "apart", ("mass",) if linear else ())
         object.__setattr__(self, "polarity", self.damper.polarity)
         object.__setattr__(self, "schedule", tuple(r for r in ("current",) if r in self.damper.reads))
 

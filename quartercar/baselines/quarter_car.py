@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import ADDED, Coded
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.parameters import BENCH, CarParameters
 from quartercar.vehicle.strut_friction import OUTPUTS, CarCore, discretised
 
@@ -35,7 +36,7 @@ DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class QuarterCarBaseline(Baseline):
+class QuarterCarBaseline(Coded, Baseline):
     """A quarter car simulated from the measured road and actuator force.
 
     Motions are the same for a car whose masses, stiffnesses and dampings are all twice as large; only an actuator's
@@ -55,19 +56,22 @@ class QuarterCarBaseline(Baseline):
         The car around which the bounds lie; `car` when left out.
     """
 
+    kind = "quarter-car"
+    JSON = ("kind", ...)
+
     car: CarParameters = BENCH
     free: tuple[str, ...] = FREE
     output: str = "sprung"
-    actuated: bool = True
-    given: CarParameters | None = None
+    actuated: bool = field(default=True, metadata=ADDED)
+    given: CarParameters | None = field(default=None, metadata=ADDED)
     name: str = field(default="quarter-car", init=False)
     output_unit: str = field(default="m", init=False)
     static: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.output, OUTPUTS, "output")
+        checks.one_of(self.output, OUTPUTS, "output")
         for name in self.free:
-            _checks.one_of(name, tuple(UNITS), "a free parameter")
+            checks.one_of(name, tuple(UNITS), "a free parameter")
         if self.given is None:
             object.__setattr__(self, "given", self.car)
 
@@ -105,7 +109,7 @@ class QuarterCarBaseline(Baseline):
                 raise InputError(f"record '{record.name}' has no {role}", got=", ".join(record.channels),
                                  why="a quarter car is simulated from its road and compared with its motion",
                                  mend=f"--role {role}=CHANNEL")
-        channels = {r: _checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
+        channels = {r: checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
         return Signals(period, channels, channels[self.output], record.name)
 
     def core(self, vector: np.ndarray) -> Core:
@@ -149,28 +153,6 @@ class QuarterCarBaseline(Baseline):
 
     def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
         return []
-
-    def to_dict(self) -> dict:
-        return {"kind": "quarter-car", "car": asdict(self.car), "free": list(self.free), "output": self.output,
-                "actuated": self.actuated, "given": None if self.given is None else asdict(self.given)}
-
-    @classmethod
-    def from_dict(cls, data: dict) -> QuarterCarBaseline:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        QuarterCarBaseline
-            With the same values.
-        """
-        given = data.get("given")
-        return cls(CarParameters(**data["car"]), tuple(data["free"]), data["output"], bool(data.get("actuated", True)),
-                   None if given is None else CarParameters(**given))
 
 
 def _reach(given: CarParameters, name: str) -> tuple[float, float]:

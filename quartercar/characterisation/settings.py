@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 
 SPEEDS = (0.05, 0.1, 0.13, 0.26, 0.3, 0.52, 0.6, 1.05)
 """Speeds at which damper forces are usually quoted [m/s]: VDA's .052 … 1.05 and round values in use beside them."""
@@ -56,15 +56,15 @@ class CharacteriseSettings:
     def __post_init__(self) -> None:
         if not self.speeds:
             raise InputError("characterise needs at least one speed", mend="e.g. --speeds 0.1,0.3")
-        speeds = tuple(sorted({_checks.positive(v, "a speed", "m/s") for v in self.speeds}))
+        speeds = tuple(sorted({checks.positive(v, "a speed", "m/s") for v in self.speeds}))
         object.__setattr__(self, "speeds", speeds)
-        _checks.one_of(self.rebound, ("positive", "negative"), "rebound")
+        checks.one_of(self.rebound, ("positive", "negative"), "rebound")
         for name, delay in self.delays.items():
-            if _checks.real(delay, f"the delay of '{name}'") < 0:
+            if checks.real(delay, f"the delay of '{name}'") < 0:
                 raise InputError(f"the delay of '{name}' must not be negative", got=f"{delay:g} s",
                                  why="a sensor is never early", mend="name the sensors that are late")
         if self.sample_rate is not None:
-            _checks.positive(self.sample_rate, "sample_rate", "Hz")
+            checks.positive(self.sample_rate, "sample_rate", "Hz")
         if self.specimen and self.specimen != "file":
             _pattern(self.specimen)
 

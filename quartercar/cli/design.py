@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, solver_output_suppressed, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solver_output_suppressed, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ def design(
     """An LPV H-infinity controller for a semi-active damper, from weights; its gain verified.
 
     Writes controller.json, which `quartercar ride --controller` takes, synthesis.json, closed_loop.json and
-    certificate.json, which `lpvid verify` takes, report.html and its figures.
+    certificate.json, which `lpvid verify` takes, report.html and its figures. Ctrl-C writes down the best controller so
+    far and ends with 130; a second one stops at once.
     Without CONFIG: the default weights, for --car and --damper or the embedded damper in the default car.
     """
     from quartercar.design.config import design_schema, design_template, load_design, read_design
@@ -54,6 +55,8 @@ def design(
 
         typer.echo(design_template() if template else writer.dumps(design_schema(), indent=2) + "\n", nl=False)
         return
+    from lpvid.synthesis.progress import followed, was_interrupted
+
     results = Results(out)
     with working("reading") as report_progress, solver_output_suppressed():
         given = _table(car, damper, config)
@@ -63,9 +66,12 @@ def design(
             chosen = load_design(config, plant)
         law = _tuned(chosen, chosen.tune if tune is None else tune, report_progress)
         report_progress("looking for a controller")
-        found = designed(chosen.car, law)
+        with followed(report_progress):
+            found = designed(chosen.car, law)
         _deliver(results, found, report_progress)
     conclude(results, found.to_dict(), str(found), json)
+    if was_interrupted(found.synthesis):
+        raise typer.Exit(INTERRUPTED)
     if not found.synthesis.solved:
         raise typer.Exit(SHORTFALL)
 

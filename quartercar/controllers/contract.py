@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import encode
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.nonlinear import Coil
@@ -167,7 +168,7 @@ class Controller(ABC):
             raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
         known = {p.name: p for p in self.parameters}
         for name in self.values:
-            _checks.known_name(name, list(known), f"parameter of {self.name}")
+            checks.known_name(name, list(known), f"parameter of {self.name}")
         values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
         object.__setattr__(self, "values", MappingProxyType(values))
 
@@ -301,7 +302,7 @@ class Controller(ABC):
         dict
             What `from_dict` reads.
         """
-        return {"kind": self.name, "settings": {n: _plain(v) for n, v in self.settings.items()},
+        return {"kind": self.name, "settings": encode(self.settings),
                 "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters]}
 
     @classmethod
@@ -362,14 +363,6 @@ class Controller(ABC):
         shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
                           for p in self.parameters[:8])
         return f"{type(self).__name__}({shown})"
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "to_dict"):
-        return value.to_dict()
-    if isinstance(value, (tuple, list)):
-        return [_plain(v) for v in value]
-    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def start_together(controllers: Sequence[Controller], setting: Setting) -> Law:

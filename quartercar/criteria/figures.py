@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 
 if TYPE_CHECKING:
     from quartercar.vehicle.nonlinear import QuarterCar
@@ -84,8 +84,8 @@ def weighted(acceleration: np.ndarray, sample_time: float) -> np.ndarray:
     InputError
         A rate below 200 Hz, at which part of the weighted band is missing.
     """
-    a = _checks.finite(_checks.frozen_array(acceleration, "acceleration", ndim=1), "acceleration")
-    rate = 1 / _checks.positive(sample_time, "sample_time", "s")
+    a = checks.finite(checks.frozen_array(acceleration, "acceleration", ndim=1), "acceleration")
+    rate = 1 / checks.positive(sample_time, "sample_time", "s")
     if rate < LOWEST_RATE:
         raise InputError("too slow a sampling for the weighting of ISO 2631-1", got=f"{rate:.6g} Hz",
                          why="its band reaches 80 Hz", mend=f"at least {LOWEST_RATE:g} Hz")
@@ -125,7 +125,7 @@ def comfort_classes(weighted_rms: float) -> tuple[str, ...]:
     >>> comfort_classes(0.9)
     ('fairly uncomfortable', 'uncomfortable')
     """
-    value = _checks.real(weighted_rms, "weighted rms")
+    value = checks.real(weighted_rms, "weighted rms")
     return tuple(name for name, low, high in COMFORT if low <= value < high)
 
 
@@ -269,10 +269,10 @@ def frequency_gains(car: QuarterCar, frequency: Sequence[float] | np.ndarray, am
     FrequencyGains
         Each sine runs for at least 6 s and 4 periods to settle, then over 4 periods (at least 1 s) that count.
     """
-    f = _checks.finite(_checks.frozen_array(frequency, "frequency", ndim=1), "frequency")
+    f = checks.finite(checks.frozen_array(frequency, "frequency", ndim=1), "frequency")
     if f.size < 1 or f[0] <= 0 or np.any(np.diff(f) <= 0):
         raise InputError("frequencies must be positive and rise", got=f"{f.size} values")
-    amplitude = _checks.positive(amplitude, "amplitude", "m")
+    amplitude = checks.positive(amplitude, "amplitude", "m")
     clock = None if car.damper is None else car.damper.clock
     rows = [_sine_gains(car, float(value), amplitude, current, tuple(signals), clock) for value in f]
     gains = {s: np.array([row[i] for row in rows]) for i, s in enumerate(signals)}

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid._shown import Shown
 from lpvid.errors import ExtrapolationWarning, InputError
 from lpvid.model.adaptable import Adaptable
 from lpvid.record import Record
 from lpvid.simulation import Simulation
+from lpvid.toolkit import Shown, checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.parameter import Parameter
 
@@ -30,6 +29,25 @@ if TYPE_CHECKING:
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
     from quartercar.dampers.stepper import DamperStepper
+
+
+@dataclass(frozen=True)
+class LinearElements:
+    """F = m a + c v + k x.
+
+    Attributes
+    ----------
+    damping : float
+        c [N·s/m].
+    mass : float
+        m, an inerter's [kg].
+    stiffness : float
+        k [N/m].
+    """
+
+    damping: float = 0.0
+    mass: float = 0.0
+    stiffness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +108,7 @@ class Damper(Adaptable, Shown):
             raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
         known = {p.name: p for p in self.parameters}
         for name in self.values:
-            _checks.known_name(name, list(known), f"parameter of {self.name}")
+            checks.known_name(name, list(known), f"parameter of {self.name}")
         set_(self, "values", MappingProxyType({n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}))
         if self.polarity not in (1, -1):
             raise InputError("polarity is 1 or -1", got=self.polarity)
@@ -99,7 +117,7 @@ class Damper(Adaptable, Shown):
         if not isinstance(self.metadata, Mapping):
             raise InputError("metadata are a mapping", got=type(self.metadata).__name__)
         if self.current_range is not None:
-            low, high = (_checks.real(x, "a current of the fitted range") for x in self.current_range)
+            low, high = (checks.real(x, "a current of the fitted range") for x in self.current_range)
             if low > high:
                 raise InputError("current_range runs from low to high", got=f"{low:g} to {high:g}")
             set_(self, "current_range", (low, high))
@@ -257,7 +275,7 @@ class Damper(Adaptable, Shown):
         """Its own period or that of its training data [s]; None where neither is known."""
         training = self.metadata.get("training", {})
         given = training.get("sample_time") if isinstance(training, Mapping) else None
-        return self.clock or (None if given is None else _checks.positive(given, "sample_time of the training", "s"))
+        return self.clock or (None if given is None else checks.positive(given, "sample_time of the training", "s"))
 
     # -- in a simulation and in exported code ------------------------------------------------------------------------
     def stepper(self, step: float) -> DamperStepper:
@@ -286,6 +304,16 @@ class Damper(Adaptable, Shown):
         callable or None
             (n,) currents -> (n, 8) of F = a_0 + a_1 v + a_2 x + a_3 tanh(a_4 v + a_5 x + a_6 tanh(x/a_7));
             None for a damper that is not of this form.
+        """
+        return None
+
+    @property
+    def linear_elements(self) -> LinearElements | None:
+        """The damper as a dashpot, an inerter and a spring, which belong to the linear part of a car; None for others.
+
+        Returns
+        -------
+        LinearElements or None
         """
         return None
 
@@ -459,7 +487,7 @@ class Damper(Adaptable, Shown):
         given = training.get("usual_currents") if isinstance(training, Mapping) else None
         if given is None or self.current_range is None:
             return self.current_range
-        low, high = (_checks.real(c, "a usual current of the training") for c in given)
+        low, high = (checks.real(c, "a usual current of the training") for c in given)
         return max(low, self.current_range[0]), min(high, self.current_range[1])
 
     def trained(self, role: str) -> tuple[float, float] | None:
@@ -480,7 +508,7 @@ class Damper(Adaptable, Shown):
         given = ranges.get(role) if isinstance(ranges, Mapping) else None
         if given is None:
             return None
-        low, high = (_checks.real(x, f"a {role} of the training") for x in given)
+        low, high = (checks.real(x, f"a {role} of the training") for x in given)
         return low, high
 
     # -- asking ------------------------------------------------------------------------------------------------------
@@ -629,7 +657,7 @@ class Damper(Adaptable, Shown):
         settings = {k: tuple(v) if isinstance(v, list) else v for k, v in data["settings"].items()}
         found = cls(**settings, values={p["name"]: p["value"] for p in data["parameters"]},
                     current_range=None if span is None else (span[0], span[1]), current_unit=data["current_unit"],
-                    centre=_checks.real(data["centre"], "centre"), polarity=data["polarity"],
+                    centre=checks.real(data["centre"], "centre"), polarity=data["polarity"],
                     metadata=data["metadata"])
         missing = set(found.names) - {p["name"] for p in data["parameters"]}
         if missing:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 
 ROLES = ("displacement", "velocity", "current", "force")
 """Channel names, or roles, under which a damper looks for its signals."""
@@ -45,7 +45,7 @@ class Drive:
 
     def __post_init__(self) -> None:
         for name in ("velocity", "displacement", "current"):
-            object.__setattr__(self, name, _checks.read_only(getattr(self, name)))
+            object.__setattr__(self, name, checks.read_only(getattr(self, name)))
 
     @property
     def acceleration(self) -> np.ndarray:
@@ -149,4 +149,4 @@ def _signal(record: Record, role: str) -> np.ndarray:
     if wanted and channel.unit not in (wanted, ""):
         raise InputError(f"record '{record.name}': {role} has a wrong unit", got=channel.unit, why=f"{wanted} expected")
     values = np.ascontiguousarray(channel.values)
-    return _checks.finite(values, f"record '{record.name}': {role}")
+    return checks.finite(values, f"record '{record.name}': {role}")

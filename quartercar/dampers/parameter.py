@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from lpvid.units import is_known, quantity_to_si
 
 
@@ -52,7 +52,7 @@ class Parameter:
 
     def checked(self, value: object) -> float:
         """`value`, a number in SI or text such as "0.6 kN", as a float inside the bounds, or an InputError."""
-        number = _checks.real(self._read(value) if isinstance(value, str) else value, self.name)
+        number = checks.real(self._read(value) if isinstance(value, str) else value, self.name)
         if not self.lower <= number <= self.upper:
             raise InputError(f"{self.name} lies outside its physical bounds", got=f"{number:g} {self.unit}".strip(),
                              why=f"{self.lower:g} to {self.upper:g}")

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers import model_class
 from quartercar.dampers.contract import Damper
 
@@ -84,7 +84,7 @@ def read_values(path: str | Path, model: str, units: Mapping[str, str]) -> dict[
                          mend=f'{{"model": "{model}", "parameters": {{"NAME": VALUE, …}}}}')
     try:
         for name in data["parameters"]:
-            _checks.known_name(name, list(units), f"parameter of {model}")
+            checks.known_name(name, list(units), f"parameter of {model}")
         return {n: _si(v, units[n], n) for n, v in data["parameters"].items()}
     except InputError as error:
         raise InputError(f"'{path}': {' '.join(str(error).split())}") from None

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.laws.current_lag import LATEST
 
 
@@ -37,7 +37,7 @@ class RealTime:
     """
 
     def __init__(self, step: float, begin: Callable[..., float], advance: Callable[..., float], states: int) -> None:
-        self.step = _checks.positive(step, "step", "s")
+        self.step = checks.positive(step, "step", "s")
         self._begin, self._advance = begin, advance
         self._state: np.ndarray[Any, np.dtype[np.float64]] = np.zeros(states)
         self._buffer = np.zeros(int(np.ceil(LATEST / step)) + 3)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.report import Section
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ DURATION = 15.0
 
 
 @dataclass(frozen=True, eq=False)
-class HiddenCause:
+class HiddenCause(Encoded):
     """What was hidden and what was found.
 
     Attributes
@@ -31,6 +32,8 @@ class HiddenCause:
     question : Question
     found : Diagnosis
     """
+
+    JSON = ("hidden", "named", "verdict", ("diagnosis", "found"))
 
     hidden: str
     question: Question
@@ -49,17 +52,6 @@ class HiddenCause:
             return f"The rig hid {self.hidden} from Guo's law; the diagnosis says {stated}."
         return (f"The rig hid {self.hidden} from Guo's law; the diagnosis names it, and the extended model removes "
                 f"{self.found.gain_percent:.1f} % of the squared free-run error on a record it has not seen.")
-
-    def to_dict(self) -> dict:
-        """Part of demo.json.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"hidden": self.hidden, "named": list(self.named), "verdict": self.verdict,
-                "diagnosis": self.found.to_dict()}
 
     def lines(self) -> list[str]:
         """For the terminal."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from lpvid.codec import Encoded
 from lpvid.report import Section
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ SEEDS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class DemoRide:
+class DemoRide(Encoded):
     """A design, and the rides of its controller beside other laws.
 
     Attributes
@@ -31,6 +32,8 @@ class DemoRide:
     rides : RideComparison
     """
 
+    JSON = ("design", ("ride", "rides"))
+
     design: IdentifiedDesign
     rides: RideComparison
 
@@ -38,16 +41,6 @@ class DemoRide:
     def verdict(self) -> str:
         """Two sentences."""
         return f"{self.design.verdict} {self.rides.verdict}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Part of demo.json.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"design": self.design.to_dict(), "ride": self.rides.to_dict()}
 
     def lines(self) -> list[str]:
         """For the terminal."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.record import Record
 from lpvid.report import OUT, Item, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 
@@ -31,7 +32,7 @@ CURRENT_RATE = 125.0
 
 
 @dataclass(frozen=True)
-class ExperimentFigures:
+class ExperimentFigures(Encoded):
     """Free-run figures of one experiment, on records the fit has not seen.
 
     Attributes
@@ -49,6 +50,11 @@ class ExperimentFigures:
         The same, for a model of the same order and degree without input stage, scheduling filter and constant.
     """
 
+    data = "held-out"
+    run = "free-run"
+    JSON = ("name", ("says", "description"), "esr", "rmse", "records", ("unconstrained_esr", "free_esr"),
+            "plain_esr", "data", "run")
+
     name: str
     description: str
     esr: float | None
@@ -62,18 +68,6 @@ class ExperimentFigures:
         """Largest ESR of a record; None where one diverged."""
         known = [e for e in self.records if e is not None]
         return max(known) if known and len(known) == len(self.records) else None
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"name": self.name, "says": self.description, "esr": self.esr, "rmse": self.rmse,
-                "records": list(self.records), "unconstrained_esr": self.free_esr, "plain_esr": self.plain_esr,
-                "data": "held-out", "run": "free-run"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lpvid import _checks
+from lpvid.codec import build
 from lpvid.errors import InputError
+from lpvid.tables import numbers_of, option, quantity, quantity_schema, read_toml, within
 from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
@@ -19,13 +19,11 @@ from quartercar.lpv_models.frozen_damper import FrozenDamper
 from quartercar.lpv_models.weighted import MEASUREMENTS
 from quartercar.parameters import SETS as CARS
 from quartercar.rides.config import build_car
-from quartercar.rig._tables import expect_table, quantity_schema, to_si
 from quartercar.vehicle.nonlinear import QuarterCar
 
 LAWS: Mapping[str, type[LpvHinf] | type[LpvHinfClipped]] = {c.name: c for c in (LpvHinf, LpvHinfClipped)}
 PLANTS = ("identified", "nominal")
 """the damper's own dynamics, or c_nom alone"""
-KEYS = ("car", "damper", "stops", "coil", "plant", "law", "measured", "criterion", "lag", "tune", "weights")
 OF_NOMINAL = ("law", "measured", "criterion")
 """keys that only the nominal plant has"""
 WORDS: Mapping[str, tuple[str, ...]] = {"law": tuple(LAWS), "measured": tuple(MEASUREMENTS), "criterion": CRITERIA}
@@ -58,17 +56,25 @@ def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
         A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
     """
     path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name} is not TOML", why=str(error), mend="--template prints one") from None
-    try:
-        return read_design(table if plant is None else {**table, "plant": plant}, path.parent)
-    except InputError as error:
-        raise InputError(f"{path.name}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+    given = {} if plant is None else {"plant": plant}
+    return within(path.name, lambda: read_design({**read_toml(path), **given}, path.parent))
+
+
+@dataclass(frozen=True)
+class DesignTable:
+    """Keys of a CONFIG file."""
+
+    car: Any = "megane"
+    damper: str | None = None
+    stops: Mapping = field(default_factory=dict)
+    coil: Mapping = field(default_factory=dict)
+    plant: str = option("identified", "the damper's own dynamics, or c_nom alone", PLANTS)
+    law: str = option(next(iter(LAWS)), "on the nominal plant", tuple(LAWS))
+    measured: str = option("observed", "by the law", tuple(MEASUREMENTS))
+    criterion: str = option(CRITERIA[0], "that is made small", CRITERIA)
+    lag: float = quantity(0.004, "s", "from demand to force")
+    tune: int = option(0, "evaluations by which the weights are tuned")
+    weights: Mapping = field(default_factory=dict)
 
 
 def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig:
@@ -84,23 +90,18 @@ def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig
     >>> read_design({}).law.name, read_design({"plant": "nominal"}).law.name
     ('lpv-hinf-identified', 'lpv-hinf')
     """
-    for key in table:
-        _checks.known_name(key, KEYS, "key of the configuration")
-    car = build_car(table.get("car", "megane"), table.get("damper"), folder, table.get("stops", {}),
-                    table.get("coil", {}))
-    weights = expect_table(table.get("weights", {}), "weights")
-    law = (_on_identified if _plant(table, car, weights) == "identified" else _on_nominal)(table)
-    units = {p.name: p.unit for p in law.parameters}
-    for key in weights:
-        _checks.known_name(key, list(units), f"weight of {law.name}")
-    law = law.with_values(**{k: to_si(v, units[k], f"weights.{k}") for k, v in weights.items()})
-    return DesignConfig(car, law, _checks.count(table.get("tune", 0), "tune"))
+    found = build(DesignTable, table, noun="the configuration", partial=True)
+    car = build_car(found.car, found.damper, folder, found.stops, found.coil)
+    if (found.plant if "plant" in table else _plant(table, car, found.weights)) == "identified":
+        law: Any = _on_identified(table, found)
+    else:
+        law = LAWS[found.law](measured=found.measured, criterion=found.criterion, lag=found.lag)
+    weights = numbers_of(found.weights, {p.name: p.unit for p in law.parameters}, "weights", f"weight of {law.name}")
+    return DesignConfig(car, law.with_values(**weights), found.tune)
 
 
 def _plant(table: Mapping[str, Any], car: QuarterCar, weights: Mapping[str, Any]) -> str:
-    """The plant that a table says, or that its damper and its other keys allow."""
-    if "plant" in table:
-        return _checks.one_of(str(table["plant"]), PLANTS, "plant")
+    """The plant that a table's damper and its other keys allow."""
     own = {p.name for p in LpvHinf().parameters} - {p.name for p in LpvHinfIdentified().parameters}
     if car.damper is None or any(key in table for key in OF_NOMINAL) or own & set(weights):
         return "nominal"
@@ -111,20 +112,13 @@ def _plant(table: Mapping[str, Any], car: QuarterCar, weights: Mapping[str, Any]
     return "identified"
 
 
-def _on_nominal(table: Mapping[str, Any]) -> LpvHinf | LpvHinfClipped:
-    words = {k: _checks.one_of(str(table.get(k, known[0] if k != "measured" else "observed")), known, k)
-             for k, known in WORDS.items()}
-    return LAWS[words["law"]](measured=words["measured"], criterion=words["criterion"],
-                              lag=to_si(table.get("lag", 0.004), "s", "lag"))
-
-
-def _on_identified(table: Mapping[str, Any]) -> LpvHinfIdentified:
+def _on_identified(table: Mapping[str, Any], found: DesignTable) -> LpvHinfIdentified:
     for key in OF_NOMINAL:
         if key in table:
             raise InputError(f"the key '{key}' belongs to the nominal plant", got=repr(table[key]),
                              why="on the identified plant the law is a state feedback of what the observer estimates",
                              mend='leave it out, or plant = "nominal"')
-    return LpvHinfIdentified(lag=to_si(table.get("lag", 0.004), "s", "lag"))
+    return LpvHinfIdentified(lag=found.lag)
 
 
 def design_schema() -> dict[str, Any]:

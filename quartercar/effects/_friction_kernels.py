@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 
 NODES = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 """speeds, in ε, between which tanh(v/ε) is followed in proportion to the way"""

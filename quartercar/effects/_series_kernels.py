@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 
 GAMMA = 1.0 - math.sqrt(0.5)
 HEAD = 0.03

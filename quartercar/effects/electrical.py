@@ -367,7 +367,7 @@ class Remanence(CurrentEffect):
                                 (0.03, 0.08, 0.2, 0.4)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        from lpvid.diagnosis._play_kernel import play
+        from lpvid.diagnosis.play_kernel import play
 
         width = float(values[0])
 

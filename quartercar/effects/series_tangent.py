@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid._threads import found_once
 from lpvid.diagnosis.signals import Core, Remembered, Signals
+from lpvid.toolkit import found_once
 from quartercar.effects.series_law import SAME, Law, force_at_rest, with_memory
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid._threads import found_once
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Core, Signals
+from lpvid.toolkit import found_once
 
 TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options, within
 from lpvid.export.expression import Expr
 from lpvid.export.step_builder import StepBuilder
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Setting
 from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
@@ -43,7 +43,7 @@ class LoopLaw:
     def __post_init__(self) -> None:
         if self.setting.cars != 1:
             raise InputError("a loop law belongs to one car", got=self.setting.cars)
-        _checks.positive(self.setting.sample_time, "sample_time", "s")
+        checks.positive(self.setting.sample_time, "sample_time", "s")
 
     def chain(self, samples: int) -> ControllerChain:
         """The same as it runs in `quartercar ride`; its `react` takes readings."""

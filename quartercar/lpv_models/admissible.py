@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.contract import Damper
 from quartercar.lpv_models.car_part import passive_sense
 from quartercar.lpv_models.yielding import CURRENTS
@@ -45,7 +45,7 @@ class AdmissibleForce:
 
     def __post_init__(self) -> None:
         for name in ("velocity", "least", "most"):
-            array = _checks.finite(_checks.frozen_array(getattr(self, name), name, ndim=1), name)
+            array = checks.finite(checks.frozen_array(getattr(self, name), name, ndim=1), name)
             object.__setattr__(self, name, array)
         if not len(self.velocity) == len(self.least) == len(self.most) >= 3:
             raise InputError("a table of admissible forces has one least and one largest force for each velocity")
@@ -54,7 +54,7 @@ class AdmissibleForce:
     def of(cls, damper: Damper, currents: tuple[float, float] = CURRENTS, speed: float = 1.5) -> AdmissibleForce:
         """From the forces at rest of a damper model, up to a speed [m/s]."""
         passive_sense(damper)
-        v = np.sinh(np.linspace(-4.0, 4.0, SPEEDS)) / np.sinh(4.0) * _checks.positive(speed, "speed", "m/s")
+        v = np.sinh(np.linspace(-4.0, 4.0, SPEEDS)) / np.sinh(4.0) * checks.positive(speed, "speed", "m/s")
         rest = float(np.atleast_1d(damper.conservative_force(np.zeros(1)))[0])
         rows = np.array([damper.static_force(v, float(i)) for i in np.linspace(*currents, CURRENT_LEVELS)]) - rest
         return cls(v, rows.min(axis=0), rows.max(axis=0))

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.signals import Signal
@@ -16,6 +15,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import Realization, realize
 from lpvid.scheduling import Polynomial
+from lpvid.toolkit import checks
 from quartercar.dampers.blackbox.sampled import SampledDamper
 from quartercar.lpv_models.car_part import SPEED, bare_car, passive_sense
 from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states
@@ -71,7 +71,7 @@ class IdentifiedDamper(Embedding):
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.form, FORMS, "form")
+        checks.one_of(self.form, FORMS, "form")
         passive_sense(self.damper)
         model = self.model
         basis = model.basis

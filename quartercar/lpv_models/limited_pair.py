@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.toolkit import checks
 from quartercar.lpv_models.car_part import with_force
 from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, road_velocity
 from quartercar.lpv_models.region import Region
@@ -59,7 +59,7 @@ class LimitedPair(Embedding):
     limiter: str = "clip"
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.limiter, LIMITERS, "limiter")
+        checks.one_of(self.limiter, LIMITERS, "limiter")
 
     def ratio(self, demand: np.ndarray) -> np.ndarray:
         """(n,) sat(u_c)/u_c, 1 at 0."""

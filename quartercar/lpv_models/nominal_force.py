@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.toolkit import checks
 from quartercar.lpv_models.admissible import AdmissibleForce
 from quartercar.lpv_models.car_part import SPEED, with_force
 from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, road_velocity
@@ -52,7 +52,7 @@ class NominalForce(Embedding):
 
     def __post_init__(self) -> None:
         for name in ("nominal_damping", "sharpness", "height"):
-            _checks.positive(getattr(self, name), name)
+            checks.positive(getattr(self, name), name)
 
     def limit(self, distance: np.ndarray) -> np.ndarray:
         """(n,) ρ(ε) of distances from the admissible forces [N]."""

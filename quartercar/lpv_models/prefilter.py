@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.toolkit import checks
 from quartercar.lpv_models.embedding import Embedding, Trajectory
 from quartercar.lpv_models.region import Region
 from quartercar.lpv_models.yielding import yield_force
@@ -44,9 +44,9 @@ def prefiltered(system: LPVStateSpace, control: str, lag: float) -> LPVStateSpac
     >>> wide.B[:, :, 0].tolist(), wide.A[1].tolist()
     ([[0.0, 10.0], [0.0, 0.0]], [[0.0, 2.0], [0.0, 0.0]])
     """
-    tau = _checks.positive(lag, "lag of the prefilter", "s")
+    tau = checks.positive(lag, "lag of the prefilter", "s")
     names = [s.name for s in system.inputs]
-    j = names.index(_checks.known_name(control, names, "input"))
+    j = names.index(checks.known_name(control, names, "input"))
     m, n, ny = system.A.shape[0], system.order, system.n_outputs
     pole, gain = -1 / tau, 1 / tau
     if system.sample_time is not None:

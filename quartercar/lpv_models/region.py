@@ -7,9 +7,9 @@ from itertools import product
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling import Scheduling
+from lpvid.toolkit import checks
 
 SLACK = 1e-9
 """tolerance, in half widths of the box, within which a point counts as inside."""
@@ -46,8 +46,8 @@ class Region:
     def __post_init__(self) -> None:
         n = len(self.names)
         for name in ("corners", "visited"):
-            array = _checks.shaped(_checks.frozen_array(getattr(self, name), name), (None, n), name)
-            object.__setattr__(self, name, _checks.finite(array, name))
+            array = checks.shaped(checks.frozen_array(getattr(self, name), name), (None, n), name)
+            object.__setattr__(self, name, checks.finite(array, name))
         if not len(self.corners):
             raise InputError("a region of scheduling has corners", got="none")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.lpv_models.region import Region
 from quartercar.lpv_models.yielding import Reach, YieldingLaw, secant
 
@@ -36,7 +36,7 @@ def pair_hull(law: YieldingLaw, reach: Reach, tangents: int = 1, points: int = 2
     [0.86, 0.79]
     """
     far = reach.argument(law)
-    xi = np.linspace(0.0, far, _checks.count(tangents, "tangents") + 2)
+    xi = np.linspace(0.0, far, checks.count(tangents, "tangents") + 2)
     rho1, rho2 = np.tanh(xi), secant(xi)
     square = 1 / np.cosh(xi) ** 2
     along = np.column_stack([square * xi**2, square * xi - rho1])  # the curve's direction (dρ_1, dρ_2)

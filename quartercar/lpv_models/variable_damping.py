@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.toolkit import checks
 from quartercar.lpv_models.car_part import SPEED, with_force
 from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, road_velocity
 from quartercar.lpv_models.region import Region
@@ -50,7 +50,7 @@ class VariableDamping(Embedding):
     rate: float | None = None
 
     def __post_init__(self) -> None:
-        if not 0 <= _checks.real(self.least, "least damping") < _checks.real(self.most, "most damping"):
+        if not 0 <= checks.real(self.least, "least damping") < checks.real(self.most, "most damping"):
             raise InputError("the damping needs room to move and must not be negative",
                              got=f"{self.least:g} to {self.most:g} N*s/m")
 

@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -17,6 +16,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import connect
 from lpvid.synthesis.joining import gain
 from lpvid.synthesis.weights import bandpass, scheduled_gain
+from lpvid.toolkit import checks
 from quartercar.vehicle.linear import OUTPUTS
 
 MEASUREMENTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
@@ -76,7 +76,7 @@ class SuspensionWeights:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            object.__setattr__(self, f.name, _checks.positive(getattr(self, f.name), f"weight '{f.name}'"))
+            object.__setattr__(self, f.name, checks.positive(getattr(self, f.name), f"weight '{f.name}'"))
         if self.relief > 1:
             raise InputError("relief is a share", got=self.relief, mend="1 asks for as much as where the damper gives")
         for low, high in (("comfort_low", "comfort_high"), ("wheel_low", "wheel_high")):
@@ -121,7 +121,7 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            object.__setattr__(self, f.name, _checks.positive(getattr(self, f.name), f"sensor '{f.name}'"))
+            object.__setattr__(self, f.name, checks.positive(getattr(self, f.name), f"sensor '{f.name}'"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +159,9 @@ class WeightedCar:
     def __post_init__(self) -> None:
         if self.system.sample_time is not None:
             raise InputError("a suspension is weighted in continuous time", got="a discrete system")
-        _checks.known_name(self.control, [s.name for s in self.system.inputs], "input")
+        checks.known_name(self.control, [s.name for s in self.system.inputs], "input")
         for name in self.measured:
-            _checks.known_name(name, [s.name for s in self.system.outputs], "output")
+            checks.known_name(name, [s.name for s in self.system.outputs], "output")
             if not hasattr(self.noise, name):
                 raise InputError(f"no sensor for '{name}'", mend=", ".join(f.name for f in fields(self.noise)[:5]))
 

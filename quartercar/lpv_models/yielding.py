@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.laws.coefficients import Controlled
 from quartercar.dampers.laws.tanh_law import TanhLaw
@@ -46,7 +46,7 @@ class YieldingLaw:
     most: float
 
     def __post_init__(self) -> None:
-        _checks.positive(self.speed_slope, "slope of the yield force in the velocity", "s/m")
+        checks.positive(self.speed_slope, "slope of the yield force in the velocity", "s/m")
         if not self.least < self.most:
             raise InputError("the yield force must have room to move", got=f"{self.least:g} to {self.most:g} N",
                              why="nothing is left to control")
@@ -112,8 +112,8 @@ class Reach:
     stroke: float = 0.08
 
     def __post_init__(self) -> None:
-        _checks.positive(self.speed, "largest suspension velocity", "m/s")
-        _checks.positive(self.stroke, "largest stroke", "m")
+        checks.positive(self.speed, "largest suspension velocity", "m/s")
+        checks.positive(self.stroke, "largest stroke", "m")
 
     @classmethod
     def of(cls, run, margin: float = 1.2) -> Reach:

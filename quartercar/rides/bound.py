@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.criteria import RideFigures as Figures
 from quartercar.rides.clairvoyant import (
     BestCurrents,
@@ -57,7 +57,7 @@ class BoundSettings:
     effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
-        _checks.count(self.seeds, "seeds of a bound", at_least=1)
+        checks.count(self.seeds, "seeds of a bound", at_least=1)
 
 
 @dataclass(frozen=True, eq=False)

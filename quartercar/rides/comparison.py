@@ -9,10 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid._shown import Shown
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.report import number
+from lpvid.toolkit import Shown, checks
 from quartercar.controllers.contract import Controller
 from quartercar.dampers import Identified
 from quartercar.rides.simulation import Ride, RideSettings, drive, without_run
@@ -41,7 +41,7 @@ AXES = ("comfort", "tyre_load", "stroke")
 
 
 @dataclass(frozen=True)
-class Interval:
+class Interval(Encoded):
     """A mean over seeds and its 95 % interval by Student's t; the ends are None for a single seed.
 
     Attributes
@@ -73,16 +73,6 @@ class Interval:
         half = float(t.ppf(0.5 + share / 2, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size))
         return cls(mean, mean - half, mean + half)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"mean": self.mean, "low": self.low, "high": self.high}
-
 
 @dataclass(frozen=True, eq=False)
 class LawRow:
@@ -106,7 +96,7 @@ class LawRow:
 
     def values(self, figure: str) -> np.ndarray:
         """(seeds,) of a figure of `FIGURES`."""
-        get = FIGURES[_checks.known_name(figure, list(FIGURES), "figure of a ride")][1]
+        get = FIGURES[checks.known_name(figure, list(FIGURES), "figure of a ride")][1]
         return np.array([get(r) for r in self.rides])
 
     def interval(self, figure: str) -> Interval:
@@ -184,8 +174,8 @@ class RideComparison(Shown):
 
     def row(self, name: str, road: str) -> LawRow:
         """One law on one road."""
-        _checks.known_name(name, self.names, "controller")
-        _checks.known_name(road, self.roads, "road")
+        checks.known_name(name, self.names, "controller")
+        checks.known_name(road, self.roads, "road")
         return next(r for r in self.rows if r.name == name and r.road == road)
 
     @cached_property
@@ -304,7 +294,7 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
         raise InputError("a comparison names a road or a seed twice", got=", ".join(r.name for r in roads))
     names = list(controllers)
     chosen = reference or ("sh-add" if "sh-add" in names else names[0])
-    _checks.known_name(chosen, names, "controller")
+    checks.known_name(chosen, names, "controller")
     rows = []
     for road in roads:
         report_progress(f"riding {road.name}")

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import build, values_of
 from lpvid.errors import InputError
+from lpvid.tables import kind_of, numbers_of, option, read_toml, to_si, within
+from lpvid.toolkit import checks
 from quartercar.controllers import LAWS, law_class, law_names
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.loop.chain import ChainSettings
@@ -21,7 +22,6 @@ from quartercar.parameters import SETS as CARS
 from quartercar.parameters import CarParameters
 from quartercar.rides.preview import preview_from_table
 from quartercar.rides.simulation import RideSettings
-from quartercar.rig._tables import to_si
 from quartercar.roads.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad, SineSweep
 from quartercar.vehicle.adjoint import has_gradient
 from quartercar.vehicle.damper_from_file import car_damper, check_rate, check_stable, current_limits
@@ -37,12 +37,7 @@ PREVIEW_LAWS = ("preview-lqr", "mpc")
 """those that make use of the road ahead; the second needs a damper with a gradient"""
 DEFAULT_LAWS = tuple(name for name in LAW_NAMES if name not in ("lpv-hinf-identified", *PREVIEW_LAWS))
 """those that every damper admits"""
-UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "length": "m", "amplitude": "m",
-                            "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
-                            "rise_time": "s", "fall_time": "s"}
 ROADS: Mapping[str, type] = {"iso": IsoRoad, "bump": Bump, "sweep": SineSweep}
-KEYS = ("car", "damper", "known_damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "bound",
-        "bound_seeds", "preview", "stops", "coil", "roads", "controllers")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,52 +91,50 @@ def load_config(path: str | Path) -> RideConfig:
         A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
     """
     path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name} is not TOML", why=str(error), mend="--template prints one") from None
-    try:
-        return read_config(table, path.parent)
-    except InputError as error:
-        raise InputError(f"{path.name}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+    return within(path.name, lambda: read_config(read_toml(path), path.parent))
+
+
+@dataclass(frozen=True)
+class RideTable:
+    """Keys of a CONFIG file; those that it leaves out are as in `RideConfig`."""
+
+    car: Any = "megane"
+    damper: str | None = None
+    known_damper: str | None = None
+    measurements: str = "stroke-body"
+    seeds: int = option(5, "roads and noises", at_least=1)
+    first_seed: int = option(0, "of them")
+    tune: int = option(0, "evaluations per law")
+    tune_seed: int = option(0, "of the tuning's roads")
+    bound: bool = False
+    bound_seeds: int = option(2, "of the comparison's", at_least=1)
+    preview: Mapping | None = None
+    stops: Mapping = field(default_factory=dict)
+    coil: Mapping = field(default_factory=dict)
+    roads: tuple[Mapping, ...] = ()
+    controllers: tuple[Mapping, ...] = ()
 
 
 def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     """A configuration from a TOML table; files are relative to `folder`."""
-    for key in table:
-        _checks.known_name(key, KEYS, "key of the configuration")
-    given: dict[str, Any] = {"car": build_car(table.get("car", "megane"), table.get("damper"), folder,
-                                              table.get("stops", {}), table.get("coil", {}))}
+    found = build(RideTable, table, noun="the configuration", partial=True)
+    given: dict[str, Any] = {k: getattr(found, k) for k in ("tune", "tune_seed", "bound", "bound_seeds") if k in table}
+    given["car"] = build_car(found.car, found.damper, folder, found.stops, found.coil)
     if "roads" in table:
-        given["roads"] = tuple(_road(t, f"roads[{k}]", folder) for k, t in enumerate(_tables(table, "roads")))
+        given["roads"] = tuple(_road(t, f"roads[{k}]", folder) for k, t in enumerate(_some(found.roads, "roads")))
     if "controllers" in table:
         given["controllers"] = named([_law(t, f"controllers[{k}]", folder)
-                                      for k, t in enumerate(_tables(table, "controllers"))])
-    first = _checks.count(table.get("first_seed", 0), "first_seed")
-    if "seeds" in table or first:
-        given["seeds"] = tuple(range(first, first + _checks.count(table.get("seeds", 5), "seeds", at_least=1)))
+                                      for k, t in enumerate(_some(found.controllers, "controllers"))])
+    if "seeds" in table or found.first_seed:
+        given["seeds"] = tuple(range(found.first_seed, found.first_seed + found.seeds))
     if "measurements" in table or "known_damper" in table:
-        known = read_damper(table["known_damper"], folder) if "known_damper" in table else None
-        given["settings"] = replace(measuring(table.get("measurements", "stroke-body")), model=known)
-    if "preview" in table:
-        if not isinstance(table["preview"], Mapping):
-            raise InputError("preview must be a table", got=repr(table["preview"])[:60], mend="[preview]")
+        known = read_damper(found.known_damper, folder) if "known_damper" in table else None
+        given["settings"] = replace(measuring(found.measurements), model=known)
+    if found.preview is not None:
         given["settings"] = replace(given.get("settings", RideSettings()),
-                                    preview=preview_from_table(table["preview"], "preview"))
+                                    preview=preview_from_table(found.preview, "preview"))
         if "controllers" not in table:
             given["controllers"] = given_laws(laws_with_preview(given["car"]))
-    for key in ("tune", "tune_seed"):
-        if key in table:
-            given[key] = _checks.count(table[key], key)
-    if "bound_seeds" in table:
-        given["bound_seeds"] = _checks.count(table["bound_seeds"], "bound_seeds", at_least=1)
-    if "bound" in table:
-        if not isinstance(table["bound"], bool):
-            raise InputError("bound is true or false", got=repr(table["bound"]))
-        given["bound"] = table["bound"]
     return RideConfig(**given)
 
 
@@ -155,16 +148,18 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
     check_rate(model, parameters, "the embedded damper" if damper is None else f"'{damper}'")
     lag = (0.0, 0.0) if _has_lag(model) else STATIC_COIL
     low, high = current_limits(model, HIGHEST)
+    command = "" if model.current_unit == "1" else model.current_unit
+    units = {"rise_time": "s", "fall_time": "s", "lowest": command, "highest": command}
     numbers = {"rise_time": lag[0], "fall_time": lag[1], "lowest": low, "highest": high,
-               **_numbers(coil, Coil, "coil", model.current_unit)}
+               **numbers_of(coil, units, "coil")}
     if coil and damper is not None and np.isfinite(numbers["highest"]):
         check_stable(model, f"'{damper}'", (numbers["lowest"], numbers["highest"]))
-    return QuarterCar(parameters, model, BumpStops(**_numbers(stops, BumpStops, "stops")), Coil(**numbers))
+    return QuarterCar(parameters, model, build(BumpStops, stops, "stops", partial=True), Coil(**numbers))
 
 
 def measuring(name: Any) -> RideSettings:
     """Settings with a measurement set by name."""
-    return RideSettings(ChainSettings(sensors=SENSORS[_checks.known_name(str(name), list(SENSORS), "measurement set")]))
+    return RideSettings(ChainSettings(sensors=SENSORS[checks.known_name(str(name), list(SENSORS), "measurement set")]))
 
 
 def laws_with_preview(car: QuarterCar) -> tuple[str, ...]:
@@ -219,54 +214,33 @@ def _number(text: str) -> Any:
         return text
 
 
-def _tables(table: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    found = table[key]
-    if not isinstance(found, list) or not found or not all(isinstance(t, Mapping) for t in found):
-        raise InputError(f"{key} is a list of tables", got=repr(found)[:60], mend=f"[[{key}]]")
-    return found
+def _some(tables: tuple[Mapping[str, Any], ...], key: str) -> tuple[Mapping[str, Any], ...]:
+    if not tables:
+        raise InputError(f"{key} is a list of tables", got="[]", mend=f"[[{key}]]")
+    return tables
 
 
 def _parameters(car: Any) -> CarParameters:
     if isinstance(car, str):
-        return CARS[_checks.known_name(car, list(CARS), "car")]
+        return CARS[checks.known_name(car, list(CARS), "car")]
     if not isinstance(car, Mapping):
         raise InputError("car is the name of a set or a table", got=repr(car), mend=f"one of {', '.join(CARS)}")
-    known = [f.name for f in fields(CarParameters)]
-    for key in car:
-        _checks.known_name(key, [*known, "set"], "key of car")
-    base = CARS[_checks.known_name(str(car.get("set", "megane")), list(CARS), "car")]
-    units = {"sprung_mass": "kg", "unsprung_mass": "kg", "damping": "N*s/m", "tyre_damping": "N*s/m"}
-    return base.replace(**{k: to_si(v, units.get(k, "N/m"), f"car.{k}") for k, v in car.items()
-                           if k not in ("set", "source")})
-
-
-def _numbers(table: Any, cls: type, where: str, current: str = "A") -> dict[str, float]:
-    if not isinstance(table, Mapping):
-        raise InputError(f"{where} must be a table", got=repr(table))
-    known = [f.name for f in fields(cls)]
-    for key in table:
-        _checks.known_name(key, known, f"key of {where}")
-    command = "" if current == "1" else current
-    units = {**UNITS, "lowest": command, "highest": command} if cls is Coil else UNITS
-    return {k: to_si(v, units[k], f"{where}.{k}") for k, v in table.items()}
+    rest = {k: v for k, v in car.items() if k != "set"}
+    base = CARS[checks.known_name(str(car.get("set", "megane")), list(CARS), "car")]
+    changes = values_of(CarParameters, rest, "car", partial=True)
+    return base.replace(**{k: v for k, v in changes.items() if k != "source"})
 
 
 def _road(table: Mapping[str, Any], where: str, folder: Path) -> RideRoad:
-    kind = _checks.known_name(str(table.get("kind", "")), [*ROADS, "file"], f"kind of {where}")
-    rest = {k: v for k, v in table.items() if k != "kind"}
-    if kind == "file":
-        for key in rest:
-            _checks.known_name(key, ("path", "speed", "track", "laps"), f"key of {where}")
-        if "path" not in rest:
-            raise InputError(f"{where} needs a path", mend='path = "profiles.csv"')
-        return MeasuredRoad.read(folder / str(rest["path"]), to_si(rest.get("speed", 10.0), "m/s", f"{where}.speed"),
-                                 rest.get("track"), rest.get("laps"))
-    if "class" in rest:
-        rest["road_class"] = str(rest.pop("class"))
-    known = [f.name for f in fields(ROADS[kind])]
+    read, rest = kind_of(table, {**ROADS, "file": None}, where)
+    if read is not None:
+        return build(read, rest, where, partial=True)
     for key in rest:
-        _checks.known_name(key, [*known, "class"], f"key of {where}")
-    return ROADS[kind](**{k: v if k == "road_class" else to_si(v, UNITS[k], f"{where}.{k}") for k, v in rest.items()})
+        checks.known_name(key, ("path", "speed", "track", "laps"), f"key of {where}")
+    if "path" not in rest:
+        raise InputError(f"{where} needs a path", mend='path = "profiles.csv"')
+    return MeasuredRoad.read(folder / str(rest["path"]), to_si(rest.get("speed", 10.0), "m/s", f"{where}.speed"),
+                             rest.get("track"), rest.get("laps"))
 
 
 def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Controller]:
@@ -281,12 +255,10 @@ def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Contr
         label = str(table.get("name", Path(str(table["file"])).stem))
     else:
         known = [n for n in law_names() if n not in ("scheduled", "identified-plant")]
-        name = _checks.known_name(str(table.get("law", "")), known, f"law of {where}")
+        name = checks.known_name(str(table.get("law", "")), known, f"law of {where}")
         law, label = law_class(name)(), str(table.get("name", name))
-    units = {p.name: p.unit for p in law.parameters}
-    for key in rest:
-        _checks.known_name(key, list(units), f"parameter of {law.name}")
-    return label, law.with_values(**{k: to_si(v, units[k], f"{where}.{k}") for k, v in rest.items()}) if rest else law
+    values = numbers_of(rest, {p.name: p.unit for p in law.parameters}, where, f"parameter of {law.name}")
+    return label, law.with_values(**values) if rest else law
 
 
 def named(laws: Sequence[tuple[str, Controller]]) -> dict[str, Controller]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.tables import to_si
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.laws.skyhook_linear import LinearSkyhook
 from quartercar.controllers.loop.sensing import SETS, MeasurementSet
@@ -48,11 +49,11 @@ class Preview:
                              mend="--preview wheelbase=2.7, or --preview time=0.1")
         for name, unit in (("wheelbase", "m"), ("time", "s")):
             if getattr(self, name) is not None:
-                _checks.positive(getattr(self, name), f"{name} of a preview", unit)
+                checks.positive(getattr(self, name), f"{name} of a preview", unit)
         if self.front == "known" and self.sensors is not None:
             raise InputError("a front that is known has no sensors", got=self.sensors.name,
                              mend="front=estimated, or no sensors")
-        _checks.known_name(self.front, FRONTS, "front of a preview")
+        checks.known_name(self.front, FRONTS, "front of a preview")
 
     def delay(self, road: RideRoad) -> float:
         """Between the axles [s].
@@ -115,18 +116,16 @@ def preview_from_text(text: str) -> Preview | None:
 
 def preview_from_table(table: Mapping[str, object], where: str) -> Preview:
     """From keys and values of a text or of a configuration."""
-    from quartercar.rig._tables import to_si
-
     for key in table:
-        _checks.known_name(key, KEYS, f"key of {where}")
+        checks.known_name(key, KEYS, f"key of {where}")
     given: dict = {}
     for key, unit in (("wheelbase", "m"), ("time", "s")):
         if key in table:
             given[key] = to_si(_number(table[key]), unit, f"{where}: {key}")
     if "front" in table:
-        given["front"] = _checks.known_name(str(table["front"]), FRONTS, f"front of {where}")
+        given["front"] = checks.known_name(str(table["front"]), FRONTS, f"front of {where}")
     if "sensors" in table:
-        given["sensors"] = SETS[_checks.known_name(str(table["sensors"]), list(SETS), "measurement set")]
+        given["sensors"] = SETS[checks.known_name(str(table["sensors"]), list(SETS), "measurement set")]
     return Preview(**given)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from quartercar.criteria.gradient import RideGradient
 from quartercar.rides.clairvoyant import BestCurrents, CurrentSequenceProblem
@@ -18,7 +19,7 @@ hardly moves: on 4 s of ISO C 1, 1.25, 2, 4 times certify .645, .641, .640, .639
 
 
 @dataclass(frozen=True)
-class RelaxedBound:
+class RelaxedBound(Encoded):
     """No force within a strip makes the objective of the linear car less than this.
 
     Attributes
@@ -35,16 +36,6 @@ class RelaxedBound:
     attained: float
     slope: float
     reach: float
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"value": self.value, "attained": self.attained, "slope": self.slope, "reach": self.reach}
 
 
 def relaxed_bound(problem: CurrentSequenceProblem, best: BestCurrents, iterations: int = 150,

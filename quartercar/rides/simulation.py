@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError, NumericalError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller, Setting
 from quartercar.controllers.loop.chain import ChainSettings, ControllerChain
 from quartercar.criteria import RideFigures as Figures
@@ -65,7 +65,7 @@ class RideSettings:
             A known damper that runs at another rate only.
         """
         if self.sample_time is not None:
-            found = _checks.positive(self.sample_time, "sample_time", "s")
+            found = checks.positive(self.sample_time, "sample_time", "s")
         else:
             found = (None if car.damper is None else car.damper.clock) or 1 / RATE
         known = self.model

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError, LpvError, NumericalError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller
 from quartercar.criteria import RideFigures as Figures
 from quartercar.rides.simulation import RideSettings, drive
@@ -56,7 +57,7 @@ class Objective:
         if min(weights) < 0 or max(weights[:3]) <= 0:
             raise InputError("weights of an objective are not negative, and not all zero", got=str(weights))
         if self.tyre_cap is not None:
-            _checks.positive(self.tyre_cap, "tyre_cap")
+            checks.positive(self.tyre_cap, "tyre_cap")
 
     @property
     def description(self) -> str:
@@ -77,7 +78,7 @@ class Objective:
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned:
+class Tuned(Encoded):
     """A law after its tuning.
 
     Attributes
@@ -92,23 +93,14 @@ class Tuned:
     costs : (evaluations,) array
     """
 
+    JSON = ("controller", "objective", "before", "evaluations")
+
     controller: Controller
     objective: float
     before: float
     evaluations: int
     tried: np.ndarray
     costs: np.ndarray
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"controller": self.controller.to_dict(), "objective": self.objective, "before": self.before,
-                "evaluations": self.evaluations}
 
     def __repr__(self) -> str:
         return (f"Tuned {self.controller.name}: {self.before:.4f} -> {self.objective:.4f} in {self.evaluations} "
@@ -215,7 +207,7 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
     InputError
         A law that cannot work in this setting with its own values; other values that make no law cost infinitely much.
     """
-    budget = _checks.count(budget, "budget", at_least=4)
+    budget = checks.count(budget, "budget", at_least=4)
     references = references or trial.references()
     rng = np.random.default_rng([seed, 13])
     scale = _ParameterScale(law)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.rig.setup import Setup
 
 CHANNELS = ("displacement", "velocity", "current", "force")
@@ -74,17 +74,17 @@ class Effect:
 
     def __post_init__(self) -> None:
         cause = find_cause(self.name)
-        if not _checks.real(self.strength, f"strength of '{self.name}'") >= 0:
+        if not checks.real(self.strength, f"strength of '{self.name}'") >= 0:
             raise InputError(f"strength of '{self.name}' must not be negative", got=self.strength)
         if self.name == "channel-sign" and self.strength not in (0, 1):
             raise InputError("strength of 'channel-sign' must be 0 or 1", got=self.strength)
         values = {n.name: n.default for n in cause.numbers}
         for key, value in self.parameters.items():
-            _checks.known_name(key, list(values), f"parameter of '{self.name}':")
+            checks.known_name(key, list(values), f"parameter of '{self.name}':")
             if key == "channel":
-                values[key] = _checks.one_of(str(value), CHANNELS, f"channel of '{self.name}'")
+                values[key] = checks.one_of(str(value), CHANNELS, f"channel of '{self.name}'")
                 continue
-            values[key] = number = _checks.real(value, f"{key} of '{self.name}'")
+            values[key] = number = checks.real(value, f"{key} of '{self.name}'")
             if number < 0 and key not in _SIGNED:
                 raise InputError(f"{key} of '{self.name}' must not be negative", got=value)
             if number == 0 and key in _DIVISORS:
@@ -139,7 +139,7 @@ def find_cause(name: str) -> Cause:
         raise InputError(f"'{name}' cannot be switched on here", got="a rig that holds the damper alone",
                          why="this cause belongs to the quarter-car rig, which is not part of this version")
     table = {cause.name: cause for cause in CAUSES}
-    return table[_checks.known_name(name, list(table), "cause")]
+    return table[checks.known_name(name, list(table), "cause")]
 
 
 # -- friction and gas ---------------------------------------------------------------------------------------------

@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.rig._tables import quantity
+from lpvid.tables import quantity
+from lpvid.toolkit import checks
 from quartercar.rig.setup import Physics, Setup
 
 
@@ -69,7 +69,7 @@ class RigDamper:
         for field in fields(self):
             value = getattr(self, field.name)
             endless = field.name in ("yield_current", "series_stiffness") and value == math.inf
-            if not endless and _checks.real(value, f"damper {field.name}") < 0:
+            if not endless and checks.real(value, f"damper {field.name}") < 0:
                 raise InputError(f"damper {field.name} must not be negative", got=value)
         for name in ("yield_current", "yield_speed", "asymmetry", "series_stiffness"):
             if not getattr(self, name) > 0:

@@ -7,10 +7,11 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from lpvid import _checks, excitation
+from lpvid import excitation
 from lpvid.errors import InputError
+from lpvid.tables import option, quantity
+from lpvid.toolkit import checks
 from quartercar import roads
-from quartercar.rig._tables import option, quantity
 
 
 class MotionPattern(Protocol):
@@ -40,7 +41,7 @@ class _Finite:
         for entry in fields(self):  # type: ignore[arg-type]
             if "unit" in entry.metadata:
                 values = np.atleast_1d(np.asarray(getattr(self, entry.name), dtype=float))
-                _checks.finite(values, f"{entry.name} of '{self.kind}'")  # type: ignore[attr-defined]
+                checks.finite(values, f"{entry.name} of '{self.kind}'")  # type: ignore[attr-defined]
 
 
 # -- motions ------------------------------------------------------------------------------------------------------
@@ -241,8 +242,8 @@ class Experiment:
     redraw: bool = True
 
     def __post_init__(self) -> None:
-        _checks.positive(self.duration, f"duration of '{self.name}'", "s")
-        _checks.count(self.replicates, f"replicates of '{self.name}'", at_least=1)
+        checks.positive(self.duration, f"duration of '{self.name}'", "s")
+        checks.count(self.replicates, f"replicates of '{self.name}'", at_least=1)
         if not self.name:
             raise InputError("an experiment needs a name", got="an empty one")
 

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import re
-import tomllib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from lpvid import _checks
+from lpvid.codec import build, expect_table, values_of
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.rig import _tables
+from lpvid.tables import (
+    kind_of,
+    numbers_of,
+    option,
+    parse_toml,
+    quantity,
+    quantity_schema,
+    read_toml,
+    schema,
+    to_si,
+    within,
+)
+from lpvid.toolkit import checks
 from quartercar.rig.causes import CAUSES, CHANNELS, Effect, find_cause
 from quartercar.rig.damper import RigDamper
 from quartercar.rig.patterns import CURRENTS, EXPERIMENTS, MOTIONS, Experiment
 from quartercar.rig.sensors import Sensors
 from quartercar.rig.virtual import Rig
 
-_KEYS = ("seed", "truth", "sample_rate", "oversampling", "damper", "sensors", "effects", "experiments")
-_EXPERIMENT_KEYS = ("preset", "name", "displacement", "current", "duration", "replicates", "redraw")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _MOST_SAMPLES = 200_000_000
 
@@ -76,24 +85,13 @@ def load_plan(path: str | Path) -> Plan:
         wrong type, range or unit.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise InputError(f"cannot read plan '{path}'", why=str(why)) from None
-    return parse_plan(text, path.name)
+    return within(path.name, lambda: _plan(read_toml(path)))
 
 
 def parse_plan(text: str, where: str = "plan") -> Plan:
     """Plan from TOML text; `where` names it in messages. Raises InputError as `load_plan`."""
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where} is not TOML", why=str(error), mend="--template prints one") from None
-    try:
-        return _plan(table)
-    except InputError as error:
-        raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+    table = parse_toml(text, where)
+    return within(where, lambda: _plan(table))
 
 
 def run_plan(plan: Plan) -> list[Record]:
@@ -110,82 +108,84 @@ def iterate_plan(plan: Plan) -> Iterator[Record]:
 
 # -- reading ------------------------------------------------------------------------------------------------------
 def _plan(table: Mapping[str, Any]) -> Plan:
-    for key in table:
-        _checks.known_name(key, _KEYS, "key of the plan")
-    rig = Rig(
-        damper=_tables.build(RigDamper, table.get("damper", {}), "damper"),
-        sensors=_tables.build(Sensors, table.get("sensors", {}), "sensors"),
-        effects=tuple(_effect(t, k) for k, t in enumerate(_list(table, "effects"))),
-        sample_rate=_tables.to_si(table.get("sample_rate", 512.0), "Hz", "sample_rate"),
-        oversampling=_checks.count(table.get("oversampling", 16), "oversampling", at_least=1),
-    )
-    truth = table.get("truth", False)
-    if not isinstance(truth, bool):
-        raise InputError("truth must be true or false", got=repr(truth))
-    experiments = tuple(_experiment(t, k) for k, t in enumerate(_list(table, "experiments")))
-    return Plan(rig, experiments, _checks.count(table.get("seed", 0), "seed"), truth)
+    found = build(PlanTable, table, noun="the plan", partial=True)
+    rig = Rig(damper=found.damper, sensors=found.sensors, effects=found.effects, sample_rate=found.sample_rate,
+              oversampling=found.oversampling)
+    return Plan(rig, found.experiments, found.seed, found.truth)
 
 
-def _list(table: Mapping[str, Any], key: str) -> list[Any]:
-    entries = table.get(key, [])
-    if not isinstance(entries, list):
-        raise InputError(f"{key} must be a list of tables", got=repr(entries), mend=f"write [[{key}]]")
-    return entries
+def _each(read: Callable[[object, str, int], Any]) -> dict[str, Any]:
+    """Metadata of a field that is a list of tables, each of which `read` reads with its place and number."""
+    def listed(value: object, where: str) -> tuple[Any, ...]:
+        if not isinstance(value, list):
+            raise InputError(f"{where} must be a list of tables", got=repr(value), mend=f"write [[{where}]]")
+        return tuple(read(entry, f"{where}[{k}]", k) for k, entry in enumerate(value))
+
+    return {"read": listed}
 
 
-def _effect(table: object, index: int) -> Effect:
-    where = f"effects[{index}]"
-    values = dict(_tables.expect_table(table, where))
+def _effect(table: object, where: str, index: int) -> Effect:
+    values = dict(expect_table(table, where))
     name = values.pop("name", None)
     if not isinstance(name, str):
         raise InputError(f"{where} needs a name", got=repr(name))
-    units = {n.name: n.unit for n in find_cause(name).numbers}
-    strength = _tables.to_si(values.pop("strength", 1.0), "", f"{where}.strength")
-    parameters = {}
-    for key, value in values.items():
-        _checks.known_name(key, [*units, "strength"], f"key of {where} ('{name}'):")
-        parameters[key] = value if key == "channel" else _tables.to_si(value, units[key], f"{where}.{key}")
-    return Effect(name, strength, parameters)
+    cause = find_cause(name)
+    strength = to_si(values.pop("strength", 1.0), "", f"{where}.strength")
+    units = {n.name: n.unit for n in cause.numbers}
+    words = {"channel": values.pop("channel")} if "channel" in values and "channel" in units else {}
+    numbers = numbers_of(values, {**units, "strength": ""}, where, f"key of {where} ('{cause.name}'):")
+    return Effect(cause.name, strength, {**words, **numbers})
 
 
-def _experiment(table: object, index: int) -> Experiment:
-    where = f"experiments[{index}]"
-    values = _tables.expect_table(table, where)
-    for key in values:
-        _checks.known_name(key, _EXPERIMENT_KEYS, f"key of {where}")
-    changes: dict[str, Any] = {}
-    if "displacement" in values:
-        changes["displacement"] = _pattern(values["displacement"], MOTIONS, f"{where}.displacement")
-    if "current" in values:
-        changes["current"] = _pattern(values["current"], CURRENTS, f"{where}.current")
-    if "duration" in values:
-        changes["duration"] = _tables.to_si(values["duration"], "s", f"{where}.duration")
-    if "replicates" in values:
-        changes["replicates"] = _checks.count(values["replicates"], f"{where}.replicates", at_least=1)
-    if "redraw" in values:
-        if not isinstance(values["redraw"], bool):
-            raise InputError(f"{where}.redraw must be true or false", got=repr(values["redraw"]))
-        changes["redraw"] = values["redraw"]
-    name = values.get("name", values.get("preset", f"experiment-{index + 1}"))
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
+def _pattern(classes: tuple[type, ...]) -> dict[str, Any]:
+    """Metadata of a field that is a table of one of some kinds."""
+    def read(value: object, where: str) -> Any:
+        cls, values = kind_of(value, {c.kind: c for c in classes}, where)  # type: ignore[attr-defined]
+        return build(cls, values, where, partial=True)
+
+    return {"read": read}
+
+
+@dataclass(frozen=True)
+class ExperimentTable:
+    """An entry of [[experiments]] in a PLAN file; what it leaves out is as in its preset."""
+
+    preset: str | None = None
+    name: str | None = None
+    displacement: Any = field(default=None, metadata=_pattern(MOTIONS))
+    current: Any = field(default=None, metadata=_pattern(CURRENTS))
+    duration: float | None = quantity(None, "s", "length of a record")
+    replicates: int = option(1, "of the experiment", at_least=1)
+    redraw: bool = False
+
+
+def _experiment(table: object, where: str, index: int) -> Experiment:
+    changes = values_of(ExperimentTable, expect_table(table, where), where, partial=True)
+    preset = changes.pop("preset", None)
+    name = changes.pop("name", preset or f"experiment-{index + 1}")
+    if not _NAME.fullmatch(name):
         raise InputError(f"{where}.name must be made of letters, digits, dots, dashes and underscores",
                          got=repr(name), why="it becomes the name of a file")
-    preset = values.get("preset")
     if preset is not None:
-        return replace(EXPERIMENTS[_checks.known_name(str(preset), list(EXPERIMENTS), "preset")], name=name, **changes)
+        return replace(EXPERIMENTS[checks.known_name(preset, list(EXPERIMENTS), "preset")], name=name, **changes)
     missing = [key for key in ("displacement", "current") if key not in changes]
     if missing:
         raise InputError(f"{where} lacks {' and '.join(missing)}", mend="name both, or a preset such as \"test-1\"")
     return Experiment(name, **changes)
 
 
-def _pattern(table: object, classes: tuple[type, ...], where: str) -> Any:
-    values = dict(_tables.expect_table(table, where))
-    kinds = {c.kind: c for c in classes}  # type: ignore[attr-defined]
-    kind = values.pop("kind", None)
-    if not isinstance(kind, str):
-        raise InputError(f"{where} needs a kind", got=repr(kind), mend=f"choose one of {', '.join(kinds)}")
-    return _tables.build(kinds[_checks.known_name(kind, list(kinds), f"kind of {where}:")], values, where)
+@dataclass(frozen=True)
+class PlanTable:
+    """Keys of a PLAN file."""
+
+    seed: int = option(0, "of everything random")
+    truth: bool = False
+    sample_rate: float = quantity(512.0, "Hz", "rate of the records")
+    oversampling: int = option(16, "integration steps per sample", at_least=1)
+    damper: RigDamper = field(default_factory=RigDamper)
+    sensors: Sensors = field(default_factory=Sensors)
+    effects: tuple[Effect, ...] = field(default=(), metadata=_each(_effect))
+    experiments: tuple[Experiment, ...] = field(default=(), metadata=_each(_experiment))
 
 
 # -- describing ---------------------------------------------------------------------------------------------------
@@ -205,7 +205,7 @@ def plan_schema() -> dict[str, Any]:
             "name": {"type": "string", "pattern": f"^{_NAME.pattern}$", "description": "name of the records"},
             "displacement": {"oneOf": [_pattern_schema(c) for c in MOTIONS]},
             "current": {"oneOf": [_pattern_schema(c) for c in CURRENTS]},
-            "duration": _tables.quantity_schema("length of a record [s]"),
+            "duration": quantity_schema("length of a record [s]"),
             "replicates": {"type": "integer", "minimum": 1},
             "redraw": {"type": "boolean", "description": "a new drawing for every replicate"},
         },
@@ -216,9 +216,9 @@ def plan_schema() -> dict[str, Any]:
         "properties": {
             "seed": {"type": "integer", "minimum": 0, "default": 0},
             "truth": {"type": "boolean", "default": False, "description": "add channels that no sensor sees"},
-            "sample_rate": {**_tables.quantity_schema("rate of the records [Hz]"), "default": 512.0},
+            "sample_rate": {**quantity_schema("rate of the records [Hz]"), "default": 512.0},
             "oversampling": {"type": "integer", "minimum": 1, "default": 16},
-            "damper": _tables.schema(RigDamper), "sensors": _tables.schema(Sensors),
+            "damper": schema(RigDamper), "sensors": schema(Sensors),
             "effects": {"type": "array", "items": {"oneOf": [_effect_schema(c.name) for c in CAUSES]}},
             "experiments": {"type": "array", "minItems": 1, "items": experiment},
         },
@@ -226,7 +226,7 @@ def plan_schema() -> dict[str, Any]:
 
 
 def _pattern_schema(cls: type) -> dict[str, Any]:
-    table = _tables.schema(cls, {"kind": {"const": cls.kind}})  # type: ignore[attr-defined]
+    table = schema(cls, {"kind": {"const": cls.kind}})  # type: ignore[attr-defined]
     return {**table, "required": ["kind"], "description": (cls.__doc__ or "").splitlines()[0]}
 
 
@@ -237,7 +237,7 @@ def _effect_schema(name: str) -> dict[str, Any]:
         if number.name == "channel":
             entry: dict[str, Any] = {"enum": list(CHANNELS), "description": number.description}
         else:
-            entry = _tables.quantity_schema(f"{number.description} [{number.unit or '1'}]")
+            entry = quantity_schema(f"{number.description} [{number.unit or '1'}]")
         properties[number.name] = {**entry, "default": number.default}
     return {"type": "object", "additionalProperties": False, "required": ["name"], "properties": properties,
             "description": cause.equation}

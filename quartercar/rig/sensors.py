@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.rig._tables import option, quantity
+from lpvid.tables import option, quantity
+from lpvid.toolkit import checks
 from quartercar.rig.damper import Motion, Response, delayed, low_passed
 from quartercar.rig.setup import MeasurementChain
 
@@ -40,7 +40,7 @@ class Sensors:
 
     def __post_init__(self) -> None:
         for name in ("force_noise", "displacement_noise", "velocity_noise", "current_noise"):
-            if not _checks.real(getattr(self, name), name) >= 0:
+            if not checks.real(getattr(self, name), name) >= 0:
                 raise InputError(f"{name} must not be negative", got=getattr(self, name))
 
     @classmethod

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
+from lpvid.toolkit import checks
 from quartercar.rig.causes import Effect
 from quartercar.rig.damper import Motion, RigDamper, respond
 from quartercar.rig.patterns import EXPERIMENTS, Experiment
@@ -62,8 +62,8 @@ class Rig:
     oversampling: int = 16
 
     def __post_init__(self) -> None:
-        _checks.positive(self.sample_rate, "sample_rate", "Hz")
-        _checks.count(self.oversampling, "oversampling", at_least=1)
+        checks.positive(self.sample_rate, "sample_rate", "Hz")
+        checks.count(self.oversampling, "oversampling", at_least=1)
         object.__setattr__(self, "effects", tuple(self.effects))
         for item in self.effects:
             if not isinstance(item, Effect):
@@ -106,7 +106,7 @@ class Rig:
         if samples * self.oversampling > _MOST_STEPS:
             raise InputError(f"experiment '{experiment.name}' is too long for one record", got=f"{samples} samples",
                              why=f"{_MOST_STEPS} integration steps are the limit", mend="run it in parts")
-        drawing, noise = self._generators(experiment, seed, _checks.count(replicate, "replicate"))
+        drawing, noise = self._generators(experiment, seed, checks.count(replicate, "replicate"))
         warm = round(_WARM_UP * self.sample_rate)
         motion = self._motion(experiment, samples, warm, drawing, replicate)
         setup = self.setup()
@@ -138,7 +138,7 @@ class Rig:
     @staticmethod
     def _generators(experiment: Experiment, seed: int, replicate: int) -> list[np.random.Generator]:
         key = zlib.crc32(experiment.name.encode())
-        seed = _checks.count(seed, "seed")
+        seed = checks.count(seed, "seed")
         drawn = replicate if experiment.redraw else 0
         return [np.random.default_rng([seed, key, drawn, 0]), np.random.default_rng([seed, key, replicate, 1])]
 
@@ -174,9 +174,9 @@ def default_records(seed: int = 0, part: str = "all", names: Sequence[str] | Non
     InputError
         An unknown part or test.
     """
-    _checks.one_of(part, ("training", "held-out", "all"), "part")
+    checks.one_of(part, ("training", "held-out", "all"), "part")
     wanted = list(EXPERIMENTS) if names is None else [
-        _checks.known_name(n, list(EXPERIMENTS), "experiment") for n in names]
+        checks.known_name(n, list(EXPERIMENTS), "experiment") for n in names]
     rig = Rig()
     return [rig.run(EXPERIMENTS[name], seed, replicate) for name, replicate, training in _default_runs()
             if name in wanted and (part == "all" or training == (part == "training"))]

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.excitation import random_phase
+from lpvid.toolkit import checks
 
 MILES_PER_HOUR = 0.44704
 REFERENCE_WAVENUMBER = 0.1
@@ -65,7 +65,7 @@ def surface(name: str) -> Roughness:
     >>> surface("iso-b").psd(np.array([1.0]), 10.0)
     array([6.4e-06])
     """
-    _checks.known_name(name, SURFACES, "road surface")
+    checks.known_name(name, SURFACES, "road surface")
     return WONG[name] if name in WONG else iso_roughness(name.removeprefix("iso-"))
 
 
@@ -93,7 +93,7 @@ def iso_roughness(road_class: str, waviness: float = 2.0) -> Roughness:
     >>> round(iso_roughness("C").coefficient * 0.1**-2.0 * 1e6, 6)
     256.0
     """
-    letter = _checks.known_name(road_class.upper(), list(ISO_CLASSES), "ISO 8608 class")
+    letter = checks.known_name(road_class.upper(), list(ISO_CLASSES), "ISO 8608 class")
     return Roughness(ISO_CLASSES[letter] * REFERENCE_WAVENUMBER**waviness, waviness)
 
 
@@ -136,7 +136,7 @@ def profile(samples: int, rate: float, roughness: Roughness, *, speed: float, rn
     >>> bool(3.2e-3 < z.std() < 4.2e-3)
     True
     """
-    speed = _checks.positive(speed, "speed", "m/s")
+    speed = checks.positive(speed, "speed", "m/s")
     return random_phase(samples, rate, lambda f: roughness.psd(f, speed), f_min=f_min, f_max=f_max, lines=lines,
                         rng=rng, incommensurate=incommensurate)
 
@@ -177,10 +177,10 @@ def iso8608(samples: int, rate: float, road_class: str, *, speed: float, rng: np
     >>> iso8608(3, 1000.0, "B", speed=20.0, rng=np.random.default_rng(0)).shape
     (3,)
     """
-    samples = _checks.count(samples, "samples", at_least=1)
-    speed, cutoff = _checks.positive(speed, "speed", "m/s"), _checks.positive(cutoff, "cutoff", "cycles/m")
-    level = ISO_CLASSES[_checks.known_name(road_class.upper(), list(ISO_CLASSES), "ISO 8608 class")]
-    a = np.exp(-2 * np.pi * cutoff * speed / _checks.positive(rate, "rate", "Hz"))
+    samples = checks.count(samples, "samples", at_least=1)
+    speed, cutoff = checks.positive(speed, "speed", "m/s"), checks.positive(cutoff, "cutoff", "cycles/m")
+    level = ISO_CLASSES[checks.known_name(road_class.upper(), list(ISO_CLASSES), "ISO 8608 class")]
+    a = np.exp(-2 * np.pi * cutoff * speed / checks.positive(rate, "rate", "Hz"))
     spread = np.sqrt(np.pi * REFERENCE_WAVENUMBER**2 * level / (2 * cutoff))
     drive = spread * np.sqrt(1 - a**2) * rng.standard_normal(samples)
     drive[0] = spread * rng.standard_normal()
@@ -222,8 +222,8 @@ class Track:
 
     def __post_init__(self) -> None:
         for field in ("distance", "elevation"):
-            array = _checks.frozen_array(getattr(self, field), field, ndim=1)
-            object.__setattr__(self, field, _checks.finite(array, field))
+            array = checks.frozen_array(getattr(self, field), field, ndim=1)
+            object.__setattr__(self, field, checks.finite(array, field))
         if self.distance.shape != self.elevation.shape or self.distance.size < 2:
             raise InputError("a measured road needs two or more distances with one elevation each",
                              got=f"{self.distance.size} distances, {self.elevation.size} elevations")
@@ -250,8 +250,8 @@ class Track:
         laps : int
             How often the track is driven; beyond the first each runs backwards or forwards in turn, without a step.
         """
-        step = _checks.positive(speed, "speed", "m/s") * _checks.positive(sample_time, "sample_time", "s")
-        laps = _checks.count(laps, "laps", at_least=1)
+        step = checks.positive(speed, "speed", "m/s") * checks.positive(sample_time, "sample_time", "s")
+        laps = checks.count(laps, "laps", at_least=1)
         along = step * np.arange(int(np.floor(laps * self.length / step + 1e-9)) + 1)
         folded = self.length - np.abs(np.mod(along, 2 * self.length) - self.length)
         return np.interp(folded + self.distance[0], self.distance, self.elevation)
@@ -291,7 +291,7 @@ def measured(path: str | Path, track: int | str | None = None) -> Track:
         if not 0 <= track < len(heights):
             raise InputError(f"{path}: no track {track}", got=", ".join(heights))
         track = heights[track]
-    name = _checks.known_name(track, heights, "track")
+    name = checks.known_name(track, heights, "track")
     for channel in ("distance", name):
         if record.channel(channel).unit != "m":
             raise InputError(f"{path}: '{channel}' is not a length", got=record.channel(channel).unit or "no unit")

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
+from lpvid.tables import quantity
+from lpvid.toolkit import checks
 from quartercar import roads
 
 SHORTEST = 5.0
@@ -18,8 +20,10 @@ LEAD = 1.0
 """time before a bump that is left out of the figures [s]"""
 
 
-class RideRoad(ABC):
+class RideRoad(Encoded, ABC):
     """A road at a speed."""
+
+    JSON = ("kind", ...)
 
     @property
     @abstractmethod
@@ -34,16 +38,6 @@ class RideRoad(ABC):
     @abstractmethod
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         """(n,) elevation over time, from zero [m]."""
-
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
 
 
 @dataclass(frozen=True)
@@ -64,18 +58,22 @@ class IsoRoad(RideRoad):
     1500
     """
 
+    kind = "iso"
+    JSON = ("kind", ("class", "road_class"), "speed", "duration")
+
     road_class: str = "C"
-    speed: float = 20.0
-    duration: float = 20.0
+    speed: float = quantity(20.0, "m/s", "of the car")
+    duration: float = quantity(20.0, "s", "that counts")
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
-        _checks.positive(self.speed, "speed", "m/s")
-        _checks.positive(self.duration, "duration", "s")
+        object.__setattr__(self, "road_class", self.road_class.upper())
+        checks.positive(self.speed, "speed", "m/s")
+        checks.positive(self.duration, "duration", "s")
 
     @property
     def name(self) -> str:
-        return f"ISO {self.road_class.upper()}, {self.speed:g} m/s"
+        return f"ISO {self.road_class}, {self.speed:g} m/s"
 
     @property
     def settle(self) -> float:
@@ -83,12 +81,9 @@ class IsoRoad(RideRoad):
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         samples = round((self.duration + self.settle) / sample_time)
-        rng = np.random.default_rng([_checks.count(seed, "seed"), 8608])
+        rng = np.random.default_rng([checks.count(seed, "seed"), 8608])
         z = roads.iso8608(samples, 1 / sample_time, self.road_class, speed=self.speed, rng=rng)
         return z - z[0]
-
-    def to_dict(self) -> dict:
-        return {"kind": "iso", "class": self.road_class.upper(), "speed": self.speed, "duration": self.duration}
 
 
 @dataclass(frozen=True)
@@ -107,17 +102,21 @@ class Bump(RideRoad):
         Of the road beneath; every seed is another one.
     """
 
-    height: float = 0.05
-    length: float = 2.0
-    speed: float = 8.0
-    duration: float = 4.0
+    kind = "bump"
+    JSON = ("kind", "height", "length", "speed", "duration", ("class", "road_class"))
+
+    height: float = quantity(0.05, "m", "of the bump")
+    length: float = quantity(2.0, "m", "of the bump")
+    speed: float = quantity(8.0, "m/s", "of the car")
+    duration: float = quantity(4.0, "s", "from just before the bump on")
     road_class: str = "A"
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
+        object.__setattr__(self, "road_class", self.road_class.upper())
         for name, unit in (("length", "m"), ("speed", "m/s"), ("duration", "s")):
-            _checks.positive(getattr(self, name), name, unit)
-        _checks.real(self.height, "height")
+            checks.positive(getattr(self, name), name, unit)
+        checks.real(self.height, "height")
 
     @property
     def name(self) -> str:
@@ -132,10 +131,6 @@ class Bump(RideRoad):
         along = self.speed * (sample_time * np.arange(base.size) - self.settle - 0.1)
         inside = (along > 0) & (along < self.length)
         return base + np.where(inside, 0.5 * self.height * (1 - np.cos(2 * np.pi * along / self.length)), 0.0)
-
-    def to_dict(self) -> dict:
-        return {"kind": "bump", "height": self.height, "length": self.length, "speed": self.speed,
-                "duration": self.duration, "class": self.road_class.upper()}
 
 
 @dataclass(frozen=True)
@@ -152,14 +147,16 @@ class SineSweep(RideRoad):
         [s].
     """
 
-    amplitude: float = 0.02
-    lowest: float = 0.5
-    highest: float = 20.0
-    duration: float = 30.0
+    kind = "sweep"
+
+    amplitude: float = quantity(0.02, "m", "of the sine")
+    lowest: float = quantity(0.5, "Hz", "frequency")
+    highest: float = quantity(20.0, "Hz", "frequency")
+    duration: float = quantity(30.0, "s", "of the sweep")
 
     def __post_init__(self) -> None:
         for name, unit in (("amplitude", "m"), ("lowest", "Hz"), ("highest", "Hz"), ("duration", "s")):
-            _checks.positive(getattr(self, name), name, unit)
+            checks.positive(getattr(self, name), name, unit)
         if not self.lowest < self.highest:
             raise InputError("a sweep runs from low to high", got=f"{self.lowest:g} to {self.highest:g} Hz")
 
@@ -176,10 +173,6 @@ class SineSweep(RideRoad):
         growth = np.log(self.highest / self.lowest) / self.duration
         phase = 2 * np.pi * self.lowest * np.expm1(growth * t) / growth
         return self.amplitude * np.exp(-growth * t) * np.sin(phase)
-
-    def to_dict(self) -> dict:
-        return {"kind": "sweep", "amplitude": self.amplitude, "lowest": self.lowest, "highest": self.highest,
-                "duration": self.duration}
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,15 +193,15 @@ class MeasuredRoad(RideRoad):
     laps: int = 1
 
     def __post_init__(self) -> None:
-        _checks.positive(self.speed, "speed", "m/s")
-        _checks.count(self.laps, "laps", at_least=1)
+        checks.positive(self.speed, "speed", "m/s")
+        checks.count(self.laps, "laps", at_least=1)
 
     @classmethod
     def read(cls, path: str | Path, speed: float, track: int | str | None = None,
              laps: int | None = None) -> MeasuredRoad:
         """A profile from a file with distance and height columns (`roads.measured`), by default driven for 5 s."""
         found = roads.measured(path, track)
-        needed = int(np.ceil(SHORTEST * _checks.positive(speed, "speed", "m/s") / found.length))
+        needed = int(np.ceil(SHORTEST * checks.positive(speed, "speed", "m/s") / found.length))
         return cls(found, speed, needed if laps is None else laps)
 
     @property

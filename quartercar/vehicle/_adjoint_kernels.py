@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import copy_values, njit
+from lpvid.toolkit import copy_values, njit
 
 ITERATIONS = 60
 """most Newton steps of one stage; two or three are usual"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 from quartercar.vehicle._nonlinear_kernels import advance
 
 

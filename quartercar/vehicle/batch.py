@@ -6,9 +6,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError, NumericalError
-from quartercar.dampers.laws.linear import Linear
+from lpvid.toolkit import checks
 from quartercar.vehicle.filter_bank import bank, filter_of
 from quartercar.vehicle.integrator import IntegratorStages
 from quartercar.vehicle.nonlinear import Coil, QuarterCar
@@ -88,9 +87,9 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     InputError
         A damper that runs at another rate only.
     """
-    sample_time = _checks.positive(sample_time, "sample_time", "s")
+    sample_time = checks.positive(sample_time, "sample_time", "s")
     damper = car.damper
-    if damper is None or isinstance(damper, Linear) or tanh_form(damper) is not None:
+    if car.damper_is_linear or tanh_form(damper) is not None:
         return _LawFleet(car, sample_time, road, current)
     if filter_of(damper) is not None:
         return _FilterFleet(car, sample_time, road, current)
@@ -110,7 +109,7 @@ class _LawFleet(Fleet):
 
     def __init__(self, car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> None:
         super().__init__(car, sample_time, road, current)
-        self._form = None if car.damper is None or isinstance(car.damper, Linear) else tanh_form(car.damper)
+        self._form = None if car.damper_is_linear else tanh_form(car.damper)
         self._parts = max(1, int(np.ceil(sample_time / car.longest_step - 1e-9)))
         self._step = sample_time / self._parts
         self._stages = IntegratorStages.held(self._part, self._step)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError, NumericalError
+from lpvid.toolkit import checks
 from quartercar.parameters import CarParameters
 from quartercar.roads import iso_roughness
 
@@ -53,8 +53,8 @@ class StateSpace:
     def select(self, inputs: tuple[str, ...] | None = None, outputs: tuple[str, ...] | None = None) -> StateSpace:
         """The same with some of its inputs and outputs, in the order asked for."""
         inputs, outputs = inputs or self.inputs, outputs or self.outputs
-        columns = [self.inputs.index(_checks.known_name(n, self.inputs, "input")) for n in inputs]
-        rows = [self.outputs.index(_checks.known_name(n, self.outputs, "output")) for n in outputs]
+        columns = [self.inputs.index(checks.known_name(n, self.inputs, "input")) for n in inputs]
+        rows = [self.outputs.index(checks.known_name(n, self.outputs, "output")) for n in outputs]
         return StateSpace(self.A, self.B[:, columns], self.C[rows], self.D[np.ix_(rows, columns)], self.states,
                           tuple(inputs), tuple(outputs))
 
@@ -127,7 +127,7 @@ class LinearCar:
         >>> abs(LinearCar(MEGANE).frequency_response(np.array([10.0]), "body_acceleration")).round(2)
         array([518.6])
         """
-        system = self.absolute().select(outputs=(_checks.known_name(output, tuple(OUTPUTS), "output of a car"),))
+        system = self.absolute().select(outputs=(checks.known_name(output, tuple(OUTPUTS), "output of a car"),))
         s = 2j * np.pi * np.atleast_1d(np.asarray(frequency, dtype=float))
         drive = system.B[:, 0][:, None] + s * system.B[:, 1][:, None]
         states = np.linalg.solve(s[:, None, None] * np.eye(4) - system.A, drive.T[:, :, None])[:, :, 0]
@@ -204,7 +204,7 @@ class LinearCar:
 
         The road's velocity is white, of one-sided density 4π²n_0²G_d V, so that rms = H2·√(half of it).
         """
-        density = 4 * np.pi**2 * iso_roughness(road_class).coefficient * _checks.positive(speed, "speed", "m/s")
+        density = 4 * np.pi**2 * iso_roughness(road_class).coefficient * checks.positive(speed, "speed", "m/s")
         return {name: norm * float(np.sqrt(density / 2)) for name, norm in self.lyapunov_norms().items()}
 
     @property

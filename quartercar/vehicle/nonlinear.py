@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.dampers.contract import Damper
-from quartercar.dampers.laws.linear import Linear
+from lpvid.tables import quantity
+from lpvid.toolkit import checks
+from quartercar.dampers.contract import Damper, LinearElements
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.integrator import LinearPart
 from quartercar.vehicle.linear import GRAVITY, LinearCar
@@ -28,13 +28,13 @@ class BumpStops:
         d_c, d_r: room from the static position to either stop [m].
     """
 
-    stiffness: float = 2e5
-    compression: float = 0.06
-    rebound: float = 0.06
+    stiffness: float = quantity(2e5, "N/m", "of a stop")
+    compression: float = quantity(0.06, "m", "room in compression")
+    rebound: float = quantity(0.06, "m", "room in rebound")
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "compression", "rebound"):
-            object.__setattr__(self, name, _checks.positive(getattr(self, name), f"{name} of a bump stop"))
+            object.__setattr__(self, name, checks.positive(getattr(self, name), f"{name} of a bump stop"))
 
     def force(self, deflection: np.ndarray) -> np.ndarray:
         """Force at deflections [N], positive in extension."""
@@ -58,8 +58,8 @@ class Coil:
         Limits of the command, in the damper's `current_unit`.
     """
 
-    rise_time: float = 0.0
-    fall_time: float = 0.0
+    rise_time: float = quantity(0.0, "s", "while the command lies above the current")
+    fall_time: float = quantity(0.0, "s", "while it lies below")
     lowest: float = 0.0
     highest: float = np.inf
 
@@ -131,7 +131,7 @@ class QuarterCar:
     longest_step: float = 5e-4
 
     def __post_init__(self) -> None:
-        _checks.positive(self.longest_step, "longest_step", "s")
+        checks.positive(self.longest_step, "longest_step", "s")
         if self.damper is not None and not isinstance(self.damper, Damper):
             raise InputError("the damper of a car is a model of quartercar.dampers", got=type(self.damper).__name__,
                              mend="None for the viscous one of the parameters")
@@ -144,14 +144,17 @@ class QuarterCar:
     @property
     def linear_part(self) -> LinearPart:
         """Masses and springs; a linear damper is part of them, its mass as an inerter."""
-        p, d = self.parameters, self.damper
-        mass = damping = stiffness = 0.0
-        if d is None:
-            damping = p.damping
-        elif isinstance(d, Linear):
-            damping, mass, stiffness = d.values["damping"], d.values["mass"], d.values.get("stiffness", 0.0)
-        return LinearPart(p.sprung_mass, p.unsprung_mass, mass, p.spring_stiffness + stiffness, damping,
+        p, own = self.parameters, LinearElements()
+        if self.damper_is_linear:
+            known = None if self.damper is None else self.damper.linear_elements
+            own = LinearElements(p.damping) if known is None else known
+        return LinearPart(p.sprung_mass, p.unsprung_mass, own.mass, p.spring_stiffness + own.stiffness, own.damping,
                           p.tyre_stiffness, p.tyre_damping)
+
+    @property
+    def damper_is_linear(self) -> bool:
+        """The damper is part of `linear_part`: the viscous one of the parameters, or one of linear elements."""
+        return self.damper is None or self.damper.linear_elements is not None
 
     @property
     def preload(self) -> float:
@@ -166,7 +169,7 @@ class QuarterCar:
         """At rest on a road of this elevation, ready to be driven on piece by piece; see `car_stepper.CarStepper`."""
         from quartercar.vehicle.stepper import CarStepper
 
-        return CarStepper(self, _checks.positive(sample_time, "sample_time", "s"), road, current)
+        return CarStepper(self, checks.positive(sample_time, "sample_time", "s"), road, current)
 
     def run(self, road: np.ndarray, sample_time: float, current: np.ndarray | float = 0.0) -> CarRun:
         """Drive over a road, from rest at its first elevation.
@@ -194,12 +197,12 @@ class QuarterCar:
         ExtrapolationWarning
             Currents outside the range of the damper's fit.
         """
-        road = _checks.finite(_checks.frozen_array(road, "road", ndim=1), "road")
+        road = checks.finite(checks.frozen_array(road, "road", ndim=1), "road")
         if road.size < 2:
             raise InputError("a road has at least two samples", got=road.size)
-        command = _checks.frozen_array(current, "current")
+        command = checks.frozen_array(current, "current")
         command = np.full(road.size, float(command)) if command.ndim == 0 else command
-        command = _checks.finite(_checks.shaped(command, (road.size,), "current"), "current")
+        command = checks.finite(checks.shaped(command, (road.size,), "current"), "current")
         stepper = self.start(sample_time, float(road[0]), float(command[0]))
         states = stepper.advance(road[1:], command[:-1])
         return CarRun.of(self, stepper.sample_time, np.array(road), np.array(command), states)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from quartercar.dampers.blackbox.sampled import SampledDamper
 from quartercar.dampers.evaluation.sampled_passivity import stored_energy
 from quartercar.dampers.families import StaticDamper
-from quartercar.dampers.laws.linear import Linear
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
@@ -23,7 +23,7 @@ POINTS = 41
 
 
 @dataclass(frozen=True)
-class RidePassivity:
+class RidePassivity(Encoded):
     """Whether a damper gave more than it had.
 
     Attributes
@@ -53,16 +53,6 @@ class RidePassivity:
     negative_share: float
     negative_energy: float
     returned: float
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return asdict(self)
 
     def __str__(self) -> str:
         stated = (f"F*v < 0 in {self.negative_share:.1%} of the samples, {self.negative_energy:.3g} J in all, at most "
@@ -120,8 +110,9 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
 def _stored(damper: Damper | None, free: np.ndarray, v: np.ndarray,
             currents: tuple[float, float]) -> np.ndarray | None:
     """(n,) energy stored beside that of the force of displacement [J]; None where it is not known."""
-    if isinstance(damper, Linear):
-        return 0.5 * damper.values["mass"] * v**2
+    elements = None if damper is None else damper.linear_elements
+    if elements is not None:
+        return 0.5 * elements.mass * v**2
     series = series_spring(damper)
     if series is not None:
         stiffness, parallel = series
@@ -153,7 +144,7 @@ def has_storage(damper: Damper | None, currents: tuple[float, float]) -> bool:
     >>> has_storage(Guo(hysteresis=False), (0.0, 2.0)), has_storage(Guo(degree=1), (0.0, 2.0))
     (True, False)
     """
-    if damper is None or isinstance(damper, Linear):
+    if damper is None or damper.linear_elements is not None:
         return True
     if not isinstance(damper, StaticDamper):
         return False

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid._shown import Shown
 from lpvid.errors import NumericalError
 from lpvid.record import Record
+from lpvid.toolkit import Shown, checks
 
 if TYPE_CHECKING:
     from quartercar.vehicle.nonlinear import QuarterCar
@@ -106,11 +105,11 @@ class CarRun(Shown):
                    "tyre_load": np.maximum(car.static_load - tyre, 0.0) if car.lift_off else car.static_load - tyre,
                    "command": command, "current": states.current}
         unit = "A" if car.damper is None else car.damper.current_unit
-        return cls(sample_time, {n: _checks.frozen_array(a, n) for n, a in signals.items()},
+        return cls(sample_time, {n: checks.frozen_array(a, n) for n, a in signals.items()},
                    {**UNITS, "command": unit, "current": unit}, car.static_load, car)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.signals[_checks.known_name(name, tuple(self.signals), "signal of a car")]
+        return self.signals[checks.known_name(name, tuple(self.signals), "signal of a car")]
 
     @property
     def n_samples(self) -> int:
@@ -124,9 +123,9 @@ class CarRun(Shown):
 
     def after(self, time: float) -> CarRun:
         """The run from a time on [s], its start left out of every figure."""
-        first = int(np.ceil(_checks.real(time, "time") / self.sample_time - 1e-9))
-        _checks.count(self.n_samples - first, "the number of samples after the start of a run", at_least=2)
-        return CarRun(self.sample_time, {n: _checks.frozen_array(a[first:], n) for n, a in self.signals.items()},
+        first = int(np.ceil(checks.real(time, "time") / self.sample_time - 1e-9))
+        checks.count(self.n_samples - first, "the number of samples after the start of a run", at_least=2)
+        return CarRun(self.sample_time, {n: checks.frozen_array(a[first:], n) for n, a in self.signals.items()},
                       self.units, self.static_load, self.car)
 
     def energy(self) -> EnergyBalance:

@@ -11,7 +11,6 @@ import numpy as np
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from quartercar.dampers.contract import ExtrapolationWarning
-from quartercar.dampers.laws.linear import Linear
 from quartercar.vehicle.integrator import IntegratorStages
 from quartercar.vehicle.tanh_coefficients import tanh_form
 
@@ -66,8 +65,8 @@ class CarStepper:
     def __init__(self, car: QuarterCar, sample_time: float, road: float, current: float) -> None:
         self.car, self.sample_time = car, sample_time
         damper = car.damper
-        self._form = None if damper is None or isinstance(damper, Linear) else tanh_form(damper)
-        self._plain = damper is None or isinstance(damper, Linear)
+        self._plain = car.damper_is_linear
+        self._form = None if self._plain else tanh_form(damper)
         self._check_range(np.array([current]))
         clock = None if damper is None else damper.clock
         self._parts = self._divided(clock)

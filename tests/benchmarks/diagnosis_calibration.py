@@ -20,12 +20,12 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from foreign_rig import cases, truth
 from foreign_scoreboard import read
-from hidden_score import imitators
+from helpers.foreign_rig import cases, truth
+from helpers.hidden_score import imitators
 from real_answers import parts_of
 
 LISTED = 0.05
@@ -65,7 +65,7 @@ def foreign_case(seed: int) -> Row:
 
 def own_case(seed: int) -> Row:
     """One case of the own rig as the scoreboard has it."""
-    import hidden_score
+    from helpers import hidden_score
 
     from quartercar.effects import CATALOGUE
 

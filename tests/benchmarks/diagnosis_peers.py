@@ -24,11 +24,11 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import foreign_scoreboard
 import numpy as np
-from foreign_rig import cases
+from helpers.foreign_rig import cases
 from scipy.signal import lfilter
 from scipy.stats import chi2
 

@@ -24,10 +24,9 @@ from concurrent.futures import ProcessPoolExecutor  # noqa: E402
 from multiprocessing import get_context  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import hidden  # noqa: E402
-import hidden_score  # noqa: E402
+from helpers import hidden, hidden_score  # noqa: E402
 
 from quartercar.effects import CATALOGUE  # noqa: E402
 

@@ -19,11 +19,11 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import commanded
 import numpy as np
-from foreign_rig import cases, causes, truth
+from helpers.foreign_rig import cases, causes, truth
 from real_answers import parts_of
 
 Row = dict

@@ -112,7 +112,7 @@ def bouc_wen(n: int) -> tuple[float, float, str]:
 
 def series_elements(n: int) -> tuple[float, float, str]:
     """A law in series with a spring, over the same law without."""
-    from effect_signals import guo, road_like  # type: ignore[import-not-found]
+    from helpers.effect_signals import guo, road_like  # type: ignore[import-not-found]
 
     from quartercar.effects import CATALOGUE
 
@@ -125,7 +125,7 @@ def series_elements(n: int) -> tuple[float, float, str]:
 
 def inequalities(n: int) -> tuple[float, float, str]:
     """Output feedback for Scherer's plant, verification included, over the time inside the solver."""
-    from synthesis_plants import scherer  # type: ignore[import-not-found]
+    from helpers.synthesis_plants import scherer  # type: ignore[import-not-found]
 
     from lpvid.lmi.native import Conic
 
@@ -308,8 +308,7 @@ def main() -> None:
     parser.add_argument("--samples", type=float, default=None)
     parser.add_argument("--no-curves", action="store_true")
     given = parser.parse_args()
-    for folder in ("lpvid", "quartercar"):
-        sys.path.insert(0, os.path.join(os.path.dirname(__file__), os.pardir, folder))  # noqa: PTH118, PTH120
+    sys.path.insert(0, os.path.join(os.path.dirname(__file__), os.pardir))  # noqa: PTH118, PTH120
     ROUNDS[0] = given.rounds
     n = int(given.samples or (1e5 if given.quick else 1e6))
     wanted = [w for w in given.only.split(",") if w]

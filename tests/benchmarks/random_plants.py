@@ -20,10 +20,10 @@ from unittest import mock
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lpvid"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from badly_scaled_plants import random_case
-from promise import frozen_peak, moving_peak
+from helpers.badly_scaled_plants import random_case
+from helpers.promise import frozen_peak, moving_peak
 
 import lpvid as lpv
 from lpvid.synthesis import multiobjective, projected_search

@@ -22,11 +22,10 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "lpvid"))
-from browser import BROWSER, processor_time
-from test_report_page import traces, whole_page
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from helpers.browser import BROWSER, processor_time
 
-from lpvid.report import render
+from lpvid.report import Curve, Page, Panel, Section, Traces, render
 
 STEPS = 40
 """steps of the zoom gesture"""
@@ -49,6 +48,18 @@ addEventListener('load', async () => {
     middle: took[STEPS >> 1], worst: took[STEPS - 1], points})});
 });
 """
+
+
+def report(n: int) -> str:
+    """A page with a force, a model of it and a current, of n samples each."""
+    rng, t = np.random.default_rng(0), np.arange(n) / 500.0
+    y = 900 * np.sin(2 * np.pi * 1.3 * t) + 200 * np.sin(2 * np.pi * 17.0 * t) + 60 * rng.standard_normal(n)
+    model = 0.97 * y + 20 * rng.standard_normal(n)
+    current = np.repeat(np.arange(-(-n // 100)) % 3, 100)[:n].astype(float)
+    force = Panel("force [N]", (Curve("measured", t, y), Curve("free run", t, model, "model")))
+    drive = Panel("current [A]", (Curve("current", t, current, "input", stepped=True),))
+    return render(Page("A long record", "Free run.", "good", (), (),
+                       (Section("Over time", (Traces((force, drive), "A run."),)),)))
 
 
 def clocked(html: str, folder: Path, width: int, limit: float = 180.0) -> dict[str, Any]:
@@ -97,7 +108,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=1200)
     parser.add_argument("--repeat", type=int, default=3)
     asked = parser.parse_args()
-    html = render(whole_page(traces(asked.samples)))
+    html = report(asked.samples)
     print(f"{asked.samples} samples, 3 curves, {len(html.encode()) / 1e6:.2f} MB")
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lpvid"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from random_systems import ROUTES, random_system, shortfall, time_invariant
+from helpers.random_systems import ROUTES, random_system, shortfall, time_invariant
 
 NEAR = 3.0
 

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lpvid"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import synthesis_plants
-from promise import frozen_peak, moving_peak
-from random_plants import RandomPlant, random_plant
+from helpers import synthesis_plants
+from helpers.promise import frozen_peak, moving_peak
+from helpers.random_plants import RandomPlant, random_plant
 
 import lpvid as lpv
 from lpvid.synthesis import projected_search

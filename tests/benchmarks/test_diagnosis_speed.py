@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
-from effect_signals import guo, road_like  # type: ignore[import-not-found]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from helpers.effect_signals import guo, road_like  # type: ignore[import-not-found]
 
 from lpvid.diagnosis.effect import Effect
 from quartercar.effects import CATALOGUE

@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 import pytest
-from random_plants import _dynamics
-from synthesis_plants import missile, plant, scherer, wu
+from helpers.random_plants import _dynamics
+from helpers.synthesis_plants import missile, plant, scherer, wu
 
 import lpvid as lpv
 from lpvid.lmi.native import Conic

@@ -12,8 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from helpers.user_classes import NAMES, install
 from typer.testing import CliRunner
-from user_classes import NAMES, install
 
 import lpvid as lpv
 import quartercar as qc

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid._threads import single_thread
+from lpvid.codec import Encoded
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
@@ -27,7 +28,7 @@ MOST_COLUMNS = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Ceiling:
+class Ceiling(Encoded):
     """The free-run fit of a perfect model, as far as the noise can be told.
 
     Attributes
@@ -46,6 +47,8 @@ class Ceiling:
         Of the output.
     """
 
+    JSON = ("fit_percent", "noise", "output", "unit", "order", "at_limit", "name")
+
     fit_percent: float
     noise: float
     output: float
@@ -58,17 +61,6 @@ class Ceiling:
         """The fit [%] that this noise leaves possible on other records of the same channel."""
         listed = as_records(records)
         return 100 * (1 - self.noise / _spread([r[self.name] for r in listed]))
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"fit_percent": self.fit_percent, "noise": self.noise, "output": self.output, "unit": self.unit,
-                "order": self.order, "at_limit": self.at_limit, "name": self.name}
 
     def __str__(self) -> str:
         end = ", the highest tried: perhaps higher" if self.at_limit else ""

@@ -12,7 +12,7 @@ from lpvid.record import Record
 
 NEAR = 0.5
 """points of fit [%] below the noise ceiling within which a choice counts as having reached it: about what the ceiling
-itself is uncertain by where its truth is known (tests/lpvid/test_selection.py)."""
+itself is uncertain by where its truth is known (tests/lpvid/identification/test_selection.py)."""
 
 
 def compete(search: StructureSearch, rounds: Iterable[Round], records: Sequence[Record]) -> list[str]:

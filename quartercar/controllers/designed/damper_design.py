@@ -7,11 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.synthesizing import synthesize
+from lpvid.toolkit import checks
 from quartercar.dampers.contract import Damper
 from quartercar.lpv_models.identified_continuous import ContinuousDamper
 from quartercar.lpv_models.identified_study import EmbeddedDamper, study
@@ -57,7 +57,7 @@ class DamperTask:
     slow: float = 0.0
 
     def __post_init__(self) -> None:
-        _checks.positive(self.lag, "lag", "s")
+        checks.positive(self.lag, "lag", "s")
 
     @property
     def embedded(self) -> EmbeddedDamper:

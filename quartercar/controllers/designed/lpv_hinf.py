@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
 from quartercar.controllers.designed.schedule_rules import GivenShare, share
 from quartercar.controllers.designed.scheduled import ScheduledController
@@ -61,9 +61,9 @@ class LpvHinf(Controller):
     lag: float = 0.004
 
     def check_settings(self) -> None:
-        _checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
-        _checks.one_of(self.criterion, CRITERIA, "criterion")
-        _checks.positive(self.lag, "lag", "s")
+        checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
+        checks.one_of(self.criterion, CRITERIA, "criterion")
+        checks.positive(self.lag, "lag", "s")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

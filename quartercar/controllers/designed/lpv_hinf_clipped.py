@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller, Law, Setting, Values
 from quartercar.controllers.designed.lpv_hinf import WEIGHTS, BankedLaw, scheduled, task_of
 from quartercar.controllers.designed.scheduled import ScheduledController
@@ -41,9 +41,9 @@ class LpvHinfClipped(Controller):
     lag: float = 0.004
 
     def check_settings(self) -> None:
-        _checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
-        _checks.one_of(self.criterion, CRITERIA, "criterion")
-        _checks.positive(self.lag, "lag", "s")
+        checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
+        checks.one_of(self.criterion, CRITERIA, "criterion")
+        checks.positive(self.lag, "lag", "s")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

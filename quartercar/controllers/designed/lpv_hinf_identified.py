@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller, Law, Setting, Values
 from quartercar.controllers.designed.damper_design import DamperTask, feasible, gain_vector
 from quartercar.controllers.designed.damper_law import READS, DamperGain, DamperLaw
@@ -55,7 +55,7 @@ class LpvHinfIdentified(Controller):
     back_off: float = 3.0
 
     def check_settings(self) -> None:
-        _checks.positive(self.lag, "lag", "s")
+        checks.positive(self.lag, "lag", "s")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -121,8 +121,8 @@ class IdentifiedController(Controller):
     def check_settings(self) -> None:
         n = len(np.atleast_2d(self.filter[0]))
         for name, shape in (("limits", (2,)), ("gain_vector", (n + 9,))):
-            array = _checks.shaped(_checks.frozen_array(getattr(self, name), name), shape, name)
-            object.__setattr__(self, name, _checks.finite(array, name))
+            array = checks.shaped(checks.frozen_array(getattr(self, name), name), shape, name)
+            object.__setattr__(self, name, checks.finite(array, name))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

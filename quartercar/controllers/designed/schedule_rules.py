@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.codec import Coded
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import SIGNALS, Setting, Signals
 
 SMALL = 1.0
 """Demand beside the nominal damping below which it counts as met [N]."""
 
 
-class Rule(ABC):
+class Rule(Coded, ABC):
     """A scheduling variable from what a law sees. A rule with a memory keeps it in what `start` returns."""
+
+    NOUN = "rule of a schedule"
+    JSON = ("kind", ...)
 
     kind: ClassVar[str]
 
@@ -42,16 +45,6 @@ class Rule(ABC):
             Takes the signals of a sample, returns (cars,) values.
         """
 
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON, with ``kind``.
-
-        Returns
-        -------
-        dict
-            Kind and fields of the rule.
-        """
-
 
 @dataclass(frozen=True)
 class Measured(Rule):
@@ -67,7 +60,7 @@ class Measured(Rule):
     kind: ClassVar[str] = "measured"
 
     def __post_init__(self) -> None:
-        _checks.known_name(self.signal, tuple(SIGNALS), "signal of a law")
+        checks.known_name(self.signal, tuple(SIGNALS), "signal of a law")
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -75,9 +68,6 @@ class Measured(Rule):
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         return lambda seen: seen[self.signal]
-
-    def to_dict(self) -> dict:
-        return {"kind": self.kind, **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -109,9 +99,6 @@ class Yield(Rule):
             return np.where(small, 1 - xi**2 / 3, np.tanh(xi) / np.where(small, 1.0, xi))
 
         return value
-
-    def to_dict(self) -> dict:
-        return {"kind": self.kind, **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -145,9 +132,6 @@ class SaturationRatio(Rule):
             return np.where(idle, 1.0, np.clip(had / np.where(idle, 1.0, asked), self.lowest, 1.0))
 
         return value
-
-    def to_dict(self) -> dict:
-        return {"kind": self.kind, **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -186,9 +170,6 @@ class Excess(Rule):
 
         return value
 
-    def to_dict(self) -> dict:
-        return {"kind": self.kind, **asdict(self)}
-
 
 @dataclass(frozen=True)
 class GivenShare(Rule):
@@ -220,9 +201,6 @@ class GivenShare(Rule):
 
         return value
 
-    def to_dict(self) -> dict:
-        return {"kind": self.kind, **asdict(self)}
-
 
 def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
     """(cars,) given/asked within [lowest, 1]; 1 where next to nothing is asked for.
@@ -246,33 +224,3 @@ def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> n
     """
     idle = np.abs(asked) <= SMALL
     return np.where(idle, 1.0, np.clip(given / np.where(idle, 1.0, asked), lowest, 1.0))
-
-
-RULES: tuple[type[Rule], ...] = (Measured, Yield, SaturationRatio, Excess, GivenShare)
-"""Every rule that a file can name; a new one adds itself here."""
-
-
-def rule_from_dict(data: Mapping) -> Rule:
-    """Inverse of `Rule.to_dict`.
-
-    Parameters
-    ----------
-    data : mapping
-        What `Rule.to_dict` returned.
-
-    Returns
-    -------
-    Rule
-        The same rule.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, or fields that it does not have.
-    """
-    table = {r.kind: r for r in RULES}
-    kind = _checks.known_name(data.get("kind", ""), list(table), "rule of a schedule")
-    try:
-        return table[kind](**{n: v for n, v in data.items() if n != "kind"})
-    except TypeError as error:
-        raise InputError(f"rule '{kind}' of a schedule does not fit", why=str(error)) from None

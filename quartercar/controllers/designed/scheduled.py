@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Law, Setting, Signals, Values
-from quartercar.controllers.designed.schedule_rules import Rule, rule_from_dict
+from quartercar.controllers.designed.schedule_rules import Rule
 from quartercar.dampers.parameter import Parameter
 
 SCALE = Parameter("gain", "", "of the controller's output", 1.0, 0.0, 3.0)
@@ -59,7 +59,7 @@ class ScheduledController(Controller):
     def check_settings(self) -> None:
         model = self.model
         object.__setattr__(self, "schedule", tuple(self.schedule))
-        _checks.one_of(self.asks, tuple(DEMANDS), "asks")
+        checks.one_of(self.asks, tuple(DEMANDS), "asks")
         if model.sample_time is None:
             raise InputError("a controller in the loop is discrete", got="a continuous model",
                              mend="lpvid.synthesis discretises it at the loop's rate")
@@ -67,15 +67,15 @@ class ScheduledController(Controller):
             raise InputError("a controller in the loop is a linear state-space model of one output",
                              got=f"{model.n_outputs} outputs" if model.n_outputs != 1 else "a filter stage")
         for signal in model.inputs:
-            _checks.known_name(signal.name, tuple(SIGNALS), "signal of a law")
+            checks.known_name(signal.name, tuple(SIGNALS), "signal of a law")
         if len(self.schedule) != len(model.box.names):
             raise InputError("every scheduling variable needs one rule", got=f"{len(self.schedule)} rules for "
                              f"{', '.join(model.box.names) or 'no variable'}")
         if self.nominal_damping and self.asks != "force":
             raise InputError("a nominal damping belongs to a demand of force", got=f"asks='{self.asks}'")
         if self.anti_windup is not None:
-            gain = _checks.shaped(_checks.frozen_array(self.anti_windup, "anti_windup"), (model.order,), "anti_windup")
-            object.__setattr__(self, "anti_windup", _checks.finite(gain, "anti_windup"))
+            gain = checks.shaped(checks.frozen_array(self.anti_windup, "anti_windup"), (model.order,), "anti_windup")
+            object.__setattr__(self, "anti_windup", checks.finite(gain, "anti_windup"))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -104,7 +104,7 @@ class ScheduledController(Controller):
         given = dict(data)
         gain = given.get("anti_windup")
         return {**given, "model": LPVStateSpace.from_dict(given["model"]),
-                "schedule": tuple(rule_from_dict(r) for r in given["schedule"]),
+                "schedule": tuple(map(Rule.from_dict, given["schedule"])),
                 "anti_windup": None if gain is None else np.asarray(gain, dtype=float)}
 
 

@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -19,6 +18,7 @@ from lpvid.synthesis.output_feedback import OutputFeedback
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.state_feedback import StateFeedback
 from lpvid.synthesis.synthesizing import synthesize
+from lpvid.toolkit import checks
 from quartercar.dampers.contract import Damper
 from quartercar.lpv_models.active import active_region
 from quartercar.lpv_models.admissible import AdmissibleForce
@@ -67,10 +67,10 @@ class Task:
     criterion: str = "hinf"
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.criterion, CRITERIA, "criterion")
-        _checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
-        _checks.positive(self.nominal_damping, "nominal damping", "N*s/m")
-        if self.least_share is not None and not 0 <= _checks.real(self.least_share, "least share") < 1:
+        checks.one_of(self.criterion, CRITERIA, "criterion")
+        checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
+        checks.positive(self.nominal_damping, "nominal damping", "N*s/m")
+        if self.least_share is not None and not 0 <= checks.real(self.least_share, "least share") < 1:
             raise InputError("the least share lies between 0 and 1", got=self.least_share)
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 
 NEWTON = 12
 """most Newton steps of one force; one or two are usual from the force before"""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import copy_values, njit
+from lpvid.toolkit import copy_values, njit
 from quartercar.controllers.laws._horizon_kernels import back, bent, filtered_on, predict, read_table, remembered
 
 FLOOR = 0.02

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
 from quartercar.controllers.laws.horizon import CostWeights, Horizon
 from quartercar.dampers.parameter import Parameter
@@ -55,9 +55,9 @@ class Predictive(Controller):
     given_weight: float = 1.0
 
     def check_settings(self) -> None:
-        _checks.positive(self.horizon, "horizon of mpc", "s")
-        _checks.count(self.rounds, "rounds of mpc", at_least=1)
-        if _checks.real(self.given_weight, "given_weight of mpc") < 0:
+        checks.positive(self.horizon, "horizon of mpc", "s")
+        checks.count(self.rounds, "rounds of mpc", at_least=1)
+        if checks.real(self.given_weight, "given_weight of mpc") < 0:
             raise InputError("given_weight of mpc must not be negative", got=f"{self.given_weight:g}")
 
     @property

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.forces import Forces, along, forces_of
 from quartercar.vehicle.nonlinear import Coil
@@ -39,9 +39,9 @@ class InverseSettings:
     deadband: float = 5e-3
 
     def __post_init__(self) -> None:
-        _checks.count(self.points, "points of an inverse", at_least=2)
-        _checks.count(self.steps, "steps of an inverse")
-        if _checks.real(self.deadband, "deadband of an inverse") < 0:
+        checks.count(self.points, "points of an inverse", at_least=2)
+        checks.count(self.steps, "steps of an inverse")
+        if checks.real(self.deadband, "deadband of an inverse") < 0:
             raise InputError("the deadband of an inverse must not be negative", got=f"{self.deadband:g} m/s")
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.sensing import MeasurementSet, Sensor
 from quartercar.roads import iso_roughness
@@ -41,7 +41,7 @@ class ObserverSettings:
 
     def __post_init__(self) -> None:
         for name in ("speed", "force_error", "force_memory"):
-            _checks.positive(getattr(self, name), f"{name} of an observer")
+            checks.positive(getattr(self, name), f"{name} of an observer")
         iso_roughness(self.road_class)
 
 

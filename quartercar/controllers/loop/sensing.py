@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 
 TRUE = ("suspension_deflection", "suspension_velocity", "body_acceleration", "body_velocity", "wheel_acceleration",
         "wheel_velocity", "tyre_deflection")
@@ -44,9 +44,9 @@ class Sensor:
     bandwidth: float = np.inf
 
     def __post_init__(self) -> None:
-        _checks.known_name(self.signal, TRUE, "signal of a car that is measured")
+        checks.known_name(self.signal, TRUE, "signal of a car that is measured")
         for name in ("noise", "resolution"):
-            if _checks.real(getattr(self, name), f"{name} of a sensor") < 0:
+            if checks.real(getattr(self, name), f"{name} of a sensor") < 0:
                 raise InputError(f"a sensor's {name} must not be negative", got=f"{getattr(self, name):g}")
         if not self.bandwidth > 0:
             raise InputError("a sensor's bandwidth must be positive", got=f"{self.bandwidth:g}")

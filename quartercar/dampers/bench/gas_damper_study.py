@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.condition import with_velocity
 from lpvid.record import Channel, Record
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.sine_work import SWIFT_2012, sine_work
 from quartercar.dampers.laws.power_law import PowerLawDamper, PowerLawFrictionGas
 
@@ -232,8 +232,8 @@ def behind_spring(law: PowerLawFrictionGas, record: Record, stiffness: float, st
     steps : int
         Steps per sample, the displacement linear in between.
     """
-    _checks.positive(stiffness, "stiffness", "N/m")
-    x, h = record["displacement"], float(record.sample_time or 0.0) / _checks.count(steps, "steps", at_least=1)
+    checks.positive(stiffness, "stiffness", "N/m")
+    x, h = record["displacement"], float(record.sample_time or 0.0) / checks.count(steps, "steps", at_least=1)
     gas, preload = law.values.get("gas_stiffness", 0.0), law.values["gas_preload"]
     half = np.geomspace(1e-8, 10 * RIG_SPEED, 6000)
     speeds = np.concatenate([-half[::-1], [0.0], half])

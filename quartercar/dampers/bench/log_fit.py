@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
 from quartercar.dampers.fitting.solver import Trial, levenberg_marquardt
@@ -179,7 +179,7 @@ def fit_log_force(points: Points, network: str, start: np.ndarray | None = None,
     >>> {k: float(f"{x:.6g}") for k, x in f.values.items()}
     {'laminar_damping': 100000.0, 'quadratic_damping': 100000000.0, 'friction': 20.0}
     """
-    _checks.one_of(network, tuple(NETWORKS), "network")
+    checks.one_of(network, tuple(NETWORKS), "network")
     problem = _LogForceProblem(network, points, friction)
     starts = _starts(problem, points, network) if start is None else [np.asarray(start, dtype=float)[problem.free]]
     found = [f for s in starts if (f := levenberg_marquardt(problem, s, EVALUATIONS, TOLERANCE)) is not None]

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.laws.extended_bouc_wen import DIRECTIONS, ExtendedBoucWen
 from quartercar.dampers.laws.semi_active import SemiActiveDamper
@@ -56,7 +56,7 @@ def measured(device: SemiActiveDamper, name: str, current: float | np.ndarray, w
     noise : float
         Standard deviation on the force [N].
     """
-    _checks.one_of(wave, ("sine", "saw"), "wave")
+    checks.one_of(wave, ("sine", "saw"), "wave")
     sine = wave == "sine"
     angle = np.arange(round(1000 * seconds)) * 1e-3 * speed / amplitude * (1.0 if sine else np.pi / 2)
     x = np.sin(angle) if sine else 2 / np.pi * np.arcsin(np.sin(angle))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.laws.power_law import DIRECTIONS, PowerLawDamper, PowerLawFrictionGas
 
 
@@ -39,8 +39,8 @@ def sine_work(law: PowerLawDamper, amplitude: float, frequency: float) -> float:
     >>> round(sine_work(SWIFT_2012, 0.063, 1.5), 2)
     250.42
     """
-    _checks.positive(amplitude, "amplitude", "m")
-    peak = 2 * math.pi * _checks.positive(frequency, "frequency", "Hz") * amplitude
+    checks.positive(amplitude, "amplitude", "m")
+    peak = 2 * math.pi * checks.positive(frequency, "frequency", "Hz") * amplitude
     values: Mapping[str, float] = law.values
     work = 4 * values.get("friction", 0.0) * amplitude
     for side in DIRECTIONS:

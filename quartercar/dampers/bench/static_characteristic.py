@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.steady_windows import SteadyWindow, WindowSettings, steady_windows
 
 SAME_SPEED = 0.05
@@ -19,7 +20,7 @@ SHOWN = 8
 
 
 @dataclass(frozen=True, eq=False)
-class StaticCharacteristic:
+class StaticCharacteristic(Encoded):
     """Steady force over steady velocity, sorted by velocity.
 
     Nothing is subtracted: the source's F_offset = min F forces one residual to zero and is correlated with the laminar
@@ -51,6 +52,9 @@ class StaticCharacteristic:
     (array([160., 320.]), -10.0)
     """
 
+    JSON = (("velocity_m_per_s", "velocity"), ("force_N", "force"), ("std_N", "std"), "count",
+            "repeatability", "refused")
+
     velocity: np.ndarray
     force: np.ndarray
     std: np.ndarray
@@ -62,10 +66,10 @@ class StaticCharacteristic:
         order = np.argsort(np.asarray(self.velocity, dtype=float), kind="stable")
         count = np.asarray(self.count) if len(self.count) else np.ones(order.size, dtype=int)
         for name in ("velocity", "force", "std"):
-            values = _checks.frozen_array(getattr(self, name), f"a characteristic's {name}", ndim=1)
-            _checks.finite(_checks.shaped(values, (order.size,), f"a characteristic's {name}"), name)
-            object.__setattr__(self, name, _checks.frozen_array(values[order], name))
-        object.__setattr__(self, "count", _checks.frozen_array(count[order], "count", ndim=1, dtype=int))
+            values = checks.frozen_array(getattr(self, name), f"a characteristic's {name}", ndim=1)
+            checks.finite(checks.shaped(values, (order.size,), f"a characteristic's {name}"), name)
+            object.__setattr__(self, name, checks.frozen_array(values[order], name))
+        object.__setattr__(self, "count", checks.frozen_array(count[order], "count", ndim=1, dtype=int))
         if np.any(self.velocity == 0.0):
             raise InputError("a static characteristic has no point at zero velocity", why="friction has no value there")
 
@@ -130,19 +134,6 @@ class StaticCharacteristic:
         """Some of the points, by a boolean or index array."""
         return StaticCharacteristic(self.velocity[keep], self.force[keep], self.std[keep], self.count[keep],
                                     self.repeatability, self.windows)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name; arrays as lists.
-        """
-        scatter = None if np.isnan(self.repeatability) else self.repeatability
-        return {"velocity_m_per_s": self.velocity.tolist(), "force_N": self.force.tolist(), "std_N": self.std.tolist(),
-                "count": self.count.tolist(), "repeatability": scatter,
-                "refused": [{"record": w.record, "start_s": w.start, "fault": w.fault} for w in self.refused]}
 
     def __repr__(self) -> str:
         used = len(self.windows) - len(self.refused)

@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.settling import settling, straight_line
 from quartercar.dampers.bench.strokes import plateau, speed_varies, travel, turning_points
 
@@ -56,15 +57,15 @@ class WindowSettings:
 
     def __post_init__(self) -> None:
         for name in ("centre", "straight", "unsettled", "drift"):
-            if not 0 < _checks.real(getattr(self, name), name) < 1:
+            if not 0 < checks.real(getattr(self, name), name) < 1:
                 raise InputError(f"{name} is a share between 0 and 1", got=getattr(self, name))
-        if _checks.real(self.reaction_time, "reaction_time") < 0:
+        if checks.real(self.reaction_time, "reaction_time") < 0:
             raise InputError("reaction_time cannot be negative", got=f"{self.reaction_time} s")
-        _checks.count(self.least, "least", at_least=6)
+        checks.count(self.least, "least", at_least=6)
 
 
 @dataclass(frozen=True)
-class SteadyWindow:
+class SteadyWindow(Encoded):
     """One slope of one record and the point that it gives.
 
     Attributes
@@ -84,6 +85,8 @@ class SteadyWindow:
     fault : str
         Why it gives no point; empty where it does.
     """
+
+    JSON = ("record", ("start_s", "start"), "fault")
 
     record: str
     start: float
@@ -121,7 +124,7 @@ def steady_windows(record: Record, settings: WindowSettings | None = None, polar
     if not record.has("force"):
         raise InputError(f"record '{record.name}' has no force", got=", ".join(record.channels),
                          mend="--role force=CHANNEL")
-    force = polarity * _checks.finite(record["force"], f"record '{record.name}': force")
+    force = polarity * checks.finite(record["force"], f"record '{record.name}': force")
     x, measured = travel(record)
     turns = turning_points(x, TURN * float(np.ptp(x)))
     slopes = [(int(a), int(b)) for a, b in pairwise(turns) if abs(x[b] - x[a]) > TURN * float(np.ptp(x))]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.settling import effective_samples
 
 SMOOTH = 0.1
@@ -19,7 +19,7 @@ def travel(record: Record) -> tuple[np.ndarray, bool]:
     """Displacement, or the integral of the velocity; and whether it is the measured one."""
     for role in ("displacement", "velocity"):
         if record.has(role):
-            values = _checks.finite(record[role], f"record '{record.name}': {role}")
+            values = checks.finite(record[role], f"record '{record.name}': {role}")
             if role == "displacement":
                 return values, True
             steps = 0.5 * float(record.sample_time or 0.0) * (values[1:] + values[:-1])

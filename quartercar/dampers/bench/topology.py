@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.friction_profile import FrictionProfile, friction_profile
 from quartercar.dampers.bench.log_fit import NETWORKS, LogFit, Points, fit_log_force, held_out_error, upper_bound
 from quartercar.dampers.bench.slopes import SlopeDiagnosis, log_slopes
@@ -93,7 +93,7 @@ class NetworkChoice:
 
         A purely laminar or turbulent fit is a series network with one loss.
         """
-        fit = self.fits[_checks.known_name(network, list(self.fits), "network")] if network else self.best
+        fit = self.fits[checks.known_name(network, list(self.fits), "network")] if network else self.best
         kind = KINDS.get(fit.network, SeriesNetwork)
         bare = kind(smoothing=0.2 * float(self.points.speed.min()))
         hydraulic = bare.network_vector(*map(float, fit.theta[:3]))

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.condition import folds
 from lpvid.errors import InputError, NumericalError
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Spline
 from lpvid.simulation import simulate
+from lpvid.toolkit import checks
 from quartercar.dampers.blackbox.lpv import current_moves
 from quartercar.dampers.blackbox.sampled import SampledDamper, boolean
 from quartercar.dampers.facts import Facts
@@ -73,7 +73,7 @@ class Compliance(SampledDamper):
     def check_orders(self) -> None:
         for name in ("lags", "levels"):
             if getattr(self, name) is not None:
-                _checks.count(getattr(self, name), name, at_least=1)
+                checks.count(getattr(self, name), name, at_least=1)
         for name in ("current", "displacement"):
             boolean(getattr(self, name), name)
 
@@ -153,11 +153,11 @@ class QuasiLpv(SampledDamper):
     def check_orders(self) -> None:
         for name in ("lags", "trial"):
             if getattr(self, name) is not None:
-                _checks.count(getattr(self, name), name, at_least=1)
-        _checks.count(self.segments, "segments", at_least=2)
-        if self.oddness is not None and not _checks.real(self.oddness, "oddness") >= 0:
+                checks.count(getattr(self, name), name, at_least=1)
+        checks.count(self.segments, "segments", at_least=2)
+        if self.oddness is not None and not checks.real(self.oddness, "oddness") >= 0:
             raise InputError("oddness must not be negative", got=self.oddness)
-        _checks.count(self.degree, "degree")
+        checks.count(self.degree, "degree")
 
     @property
     def wanted(self) -> tuple[str, ...]:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
+from lpvid.toolkit import checks
 from quartercar.dampers.blackbox.sampled import SampledDamper, boolean
 from quartercar.dampers.facts import Facts
 
@@ -53,9 +53,9 @@ class LpvArx(SampledDamper):
     passive: bool = False
 
     def check_orders(self) -> None:
-        _checks.one_of(self.shape, SHAPES, "shape")
-        _checks.count(self.order, "order", at_least=1)
-        _checks.count(self.degree, "degree")
+        checks.one_of(self.shape, SHAPES, "shape")
+        checks.count(self.order, "order", at_least=1)
+        checks.count(self.degree, "degree")
         if boolean(self.passive, "passive") and self.shape != "tanh":
             raise InputError("a passive lpv-arx has the tanh shape", got=self.shape, mend="set shape to tanh")
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
+from lpvid.toolkit import checks
 from quartercar.dampers.blackbox.sampled import SampledDamper, boolean
 from quartercar.dampers.facts import Facts
 
@@ -58,12 +58,12 @@ class Narx(SampledDamper):
     forgetting: float = 0.995
 
     def check_orders(self) -> None:
-        _checks.one_of(self.method, METHODS, "method")
-        _checks.count(self.degree, "degree")
-        _checks.count(self.first_lag, "first_lag")
+        checks.one_of(self.method, METHODS, "method")
+        checks.count(self.degree, "degree")
+        checks.count(self.first_lag, "first_lag")
         for name in ("displacement", "constant"):
             boolean(getattr(self, name), name)
-        if not 0 < _checks.real(self.forgetting, "forgetting") <= 1:
+        if not 0 < checks.real(self.forgetting, "forgetting") <= 1:
             raise InputError("forgetting lies in (0, 1]", got=self.forgetting)
 
     @property

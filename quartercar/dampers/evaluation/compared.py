@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from lpvid.codec import encode
 from lpvid.errors import InputError
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import Passivity
@@ -85,7 +86,7 @@ class Compared:
                 "energy_error": self.held_out.energy_error, "extrapolation_share": self.held_out.extrapolation_share,
                 "n_parameters": len(self.damper.parameters),
                 "time_per_simulated_second": self.time_per_simulated_second, "parameters": self.parameters,
-                "settings": _plain(self.damper.settings), "flags": list(self.flags),
+                "settings": encode(self.damper.settings), "flags": list(self.flags),
                 "passivity": self.passivity.to_dict(), "at_bounds": [] if found is None else list(found.at_bounds),
                 "undetermined": [] if found is None else list(found.undetermined),
                 "notes": [] if found is None else list(found.notes),
@@ -217,9 +218,3 @@ def _row(row: Compared) -> str:
             f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>9}"
             f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
             f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != SAID)}".rstrip())
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, (list, tuple)) else value

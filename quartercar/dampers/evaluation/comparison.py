@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid._processes import in_processes
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
+from lpvid.toolkit import checks, in_processes
 from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.contract import Damper
@@ -69,13 +68,13 @@ class CompareSettings:
     budget: float | None = None
 
     def __post_init__(self) -> None:
-        _checks.count(self.seed, "seed")
+        checks.count(self.seed, "seed")
         for name in ("quick_work", "slow_work", "sampled_samples"):
-            _checks.count(getattr(self, name), name, at_least=1)
+            checks.count(getattr(self, name), name, at_least=1)
         if self.workers is not None:
-            _checks.count(self.workers, "workers", at_least=1)
+            checks.count(self.workers, "workers", at_least=1)
         if self.budget is not None:
-            _checks.positive(self.budget, "budget", "s")
+            checks.positive(self.budget, "budget", "s")
 
 
 def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "all",
@@ -148,7 +147,7 @@ def _wanted(models: str | Sequence[str | Damper]) -> list[str | Damper]:
         names = [*known, *(n for n in names if isinstance(n, Damper))]
     for name in names:
         if isinstance(name, str):
-            _checks.known_name(name, known, "damper model")
+            checks.known_name(name, known, "damper model")
     if not names:
         raise InputError("no damper model to compare", mend='"all", or names such as "guo,bouc-wen"')
     return list(dict.fromkeys(names))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def steady_cycle(damper: Damper, amplitude: float, frequency: float, current: fl
     >>> round(steady_cycle(viscous, 0.01, 2.0).work / (np.pi * 1000 * 2 * np.pi * 2 * 0.01**2), 9)
     1.0
     """
-    _checks.positive(amplitude, "amplitude", "m")
-    omega = 2 * np.pi * _checks.positive(frequency, "frequency", "Hz")
+    checks.positive(amplitude, "amplitude", "m")
+    omega = 2 * np.pi * checks.positive(frequency, "frequency", "Hz")
     period, cycles, last = 1.0 / frequency, FEWEST, np.nan
     while True:
         t = period / POINTS * np.arange(cycles * POINTS + 1)

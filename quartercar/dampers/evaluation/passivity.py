@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.codec import Encoded
+from lpvid.toolkit import checks
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
@@ -27,7 +28,7 @@ NEAR_ZERO = 0.01
 
 
 @dataclass(frozen=True)
-class Passivity:
+class Passivity(Encoded):
     """Whether a damper takes energy: at every constant velocity, and over every steady cycle.
 
     Attributes
@@ -52,6 +53,9 @@ class Passivity:
         Of the current.
     """
 
+    JSON = ("passive", ("says", "description"), ("least_power", "power"), ("least_power_at", "power_at"), "stored",
+            "speed", ("least_work_share", "work_share"), ("least_work_at", "work_at"))
+
     passive: bool
     power: float
     power_at: tuple[float, float]
@@ -74,19 +78,6 @@ class Passivity:
             velocity, current = self.power_at
             return f"it gives {-self.power:.3g} W at {velocity:.3g} m/s and {current:.3g} {self.unit}"
         return ""
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"passive": self.passive, "says": self.description, "least_power": self.power,
-                "least_power_at": list(self.power_at), "stored": self.stored, "speed": self.speed,
-                "least_work_share": self.work_share if np.isfinite(self.work_share) else None,
-                "least_work_at": list(self.work_at)}
 
     def __str__(self) -> str:
         if not self.passive:
@@ -121,7 +112,7 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
     >>> print(check_passivity(Linear()))
     passive up to 2 m/s
     """
-    _checks.positive(speed, "speed", "m/s")
+    checks.positive(speed, "speed", "m/s")
     currents = current_grid(damper)
     with np.errstate(all="ignore"):
         power, power_at, reach = _static(damper, speed, currents)

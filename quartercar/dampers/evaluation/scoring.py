@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from lpvid.record import Record
 from lpvid.validation.figures import Figures
 from quartercar.dampers.contract import Damper, ExtrapolationWarning
@@ -85,22 +86,12 @@ class FreeRunScore:
 
 
 @dataclass(frozen=True)
-class Quadrant:
+class Quadrant(Encoded):
     """rmse of the samples of one quadrant of velocity and displacement."""
 
     where: str
     rmse: float | None
     n_samples: int
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"where": self.where, "rmse": self.rmse, "n_samples": self.n_samples}
 
 
 @dataclass(frozen=True)

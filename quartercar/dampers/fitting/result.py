@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from lpvid.codec import encode
 from lpvid.validation.figures import Figures
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import Passivity
@@ -93,15 +93,12 @@ class DamperFit:
         dict
             Plain values by name.
         """
-        covariance = self.covariance
-        clean = None if covariance is None else [[float(c) if np.isfinite(c) else None for c in row]
-                                                 for row in covariance]
         starts = self.estimate.starts
-        return {"schema": "quartercar/fit/1", "damper": _plain(self.damper.to_dict()),
+        return {"schema": "quartercar/fit/1", "damper": encode(self.damper.to_dict()),
                 "training": self.training_score.to_dict(),
                 "held_out": None if self.held_out_score is None else self.held_out_score.to_dict(),
-                "standard_errors": self.std, "covariance": clean, "at_bounds": list(self.at_bounds),
-                "undetermined": list(self.undetermined), "condition": _finite(self.estimate.condition),
+                "standard_errors": self.std, "covariance": encode(self.covariance), "at_bounds": list(self.at_bounds),
+                "undetermined": list(self.undetermined), "condition": encode(self.estimate.condition),
                 "starts": None if starts is None else {"tasted": starts.tasted, "polished": starts.polished,
                                                        "agreed": starts.agreed},
                 "passivity": self.passivity.to_dict(), "flags": list(self.flags), "notes": list(self.notes),
@@ -138,18 +135,3 @@ def _caveats(found: DamperFit) -> list[str]:
     starts = [] if found.estimate.starts is None else [f"  {found.estimate.starts}"]
     return [*starts, f"  {found.passivity}", *(f"  FLAG: {f}" for f in found.flags[:2]),
             *(f"  undetermined: {u}" for u in found.undetermined[:2]), *(f"  note: {n}" for n in found.notes[:1])]
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None
-
-
-def _plain(value: Any) -> Any:
-    """The same with arrays, tuples and numpy numbers turned into JSON's own."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    return value.item() if isinstance(value, np.generic) else value

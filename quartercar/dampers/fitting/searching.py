@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
+from lpvid.toolkit import single_thread
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper

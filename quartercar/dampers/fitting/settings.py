@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         for name in ("starts", "polished", "evaluations", "tasting_evaluations", "tasting_samples"):
-            _checks.count(getattr(self, name), name, at_least=1)
-        _checks.count(self.seed, "seed")
-        _checks.positive(self.tolerance, "tolerance")
+            checks.count(getattr(self, name), name, at_least=1)
+        checks.count(self.seed, "seed")
+        checks.positive(self.tolerance, "tolerance")
         if self.polarity not in (1, -1, None):
             raise InputError("polarity is 1, -1 or None", got=self.polarity)

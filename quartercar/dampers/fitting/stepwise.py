@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import single_thread
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.front import prepared
 from quartercar.dampers.fitting.partial_search import best_of, unseen

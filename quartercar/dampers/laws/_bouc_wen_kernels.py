@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """diagonal of the two-stage SDIRK method of order 2, L-stable and stiffly accurate"""

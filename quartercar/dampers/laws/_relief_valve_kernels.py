@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 
 
 @njit(error_model="numpy")

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import copy_values, njit
+from lpvid.toolkit import copy_values, njit
 from quartercar.dampers.laws._relief_valve_kernels import passage, root_of, settled_lift
 
 HELD, FREE, STOPPED = 0, 1, 2

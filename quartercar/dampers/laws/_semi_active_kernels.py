@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid._compiling import copy_values, njit
+from lpvid.toolkit import copy_values, njit
 from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
 from quartercar.dampers.laws._semi_active_kernels import lag, mixed, place, sense
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
@@ -63,7 +63,7 @@ class BoucWen(DynamicDamper):
 
     def check_settings(self) -> None:
         """The exponent is at least one."""
-        if _checks.real(self.exponent, "exponent") < 1.0:
+        if checks.real(self.exponent, "exponent") < 1.0:
             raise InputError("the exponent of a Bouc-Wen model is at least 1", got=self.exponent)
 
     @property

@@ -9,8 +9,8 @@ from math import comb
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.parameter import Parameter
 
 PLACES = {0: ("",), 1: ("_at_low", "_at_high"), 2: ("_at_low", "_between", "_at_high")}
@@ -186,7 +186,7 @@ def settled_span(span: tuple[float, float] | None, fitted: tuple[float, float] |
     """
     if span is None:
         span = fitted if fitted is not None and fitted[1] > fitted[0] else (0.0, 1.0)
-    low, high = (_checks.real(x, "an end of the current span") for x in span)
+    low, high = (checks.real(x, "an end of the current span") for x in span)
     if not high > low:
         raise InputError("the span of currents is empty", got=span, mend="(lowest, highest) current of the data")
     return low, high

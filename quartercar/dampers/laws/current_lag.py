@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.parameter import Parameter
 
 PLACES = ("compression", "compression", "rebound", "rebound")
@@ -67,8 +67,8 @@ class CurrentLag:
     """sub-steps of a sample interval, in which the direction is held"""
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.sharing, tuple(SHARING), "lag")
-        _checks.positive(self.width, "switch_speed", "m/s")
+        checks.one_of(self.sharing, tuple(SHARING), "lag")
+        checks.positive(self.width, "switch_speed", "m/s")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes
@@ -73,7 +73,7 @@ class ExtendedBoucWen(SemiActiveDamper):
     exponent: float = 2.0
 
     def check_settings(self) -> None:
-        _checks.positive(self.exponent - 0.999, "exponent of the Bouc-Wen law, from 1")
+        checks.positive(self.exponent - 0.999, "exponent of the Bouc-Wen law, from 1")
         self.check_rows()
 
     @property

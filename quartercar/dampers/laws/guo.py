@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from lpvid import _checks
+from lpvid.toolkit import checks
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.coefficients import Controlled, Proportional, Quotient
 from quartercar.dampers.laws.tanh_law import POST_YIELD, RATIO, SHARPNESS, YIELD, TanhLaw, Terms
@@ -47,7 +47,7 @@ class Guo(TanhLaw):
 
     @property
     def terms(self) -> Terms:
-        degree = int(_checks.one_of(str(self.degree), ("0", "1", "2"), "degree"))
+        degree = int(checks.one_of(str(self.degree), ("0", "1", "2"), "degree"))
         span = self.currents
         return Terms(Controlled(YIELD, YIELD_BY_DEGREE[degree], span), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, DAMPING_BY_DEGREE[degree], span),
@@ -184,7 +184,7 @@ def jenkins_ratio(yield_force: float, stiffness: float, amplitude: float, freque
     >>> [round(jenkins_ratio(1e3, 1e6, x, 5.0), 1) for x in (0.002, 0.005, 0.02)]
     [54.4, 23.6, 10.3]
     """
-    reach = yield_force / (_checks.positive(stiffness, "stiffness", "N/m") * _checks.positive(amplitude, "amplitude"))
+    reach = yield_force / (checks.positive(stiffness, "stiffness", "N/m") * checks.positive(amplitude, "amplitude"))
     if reach >= 1:
         return math.inf
     return 2 * math.pi * frequency * math.sqrt(1 - (1 - reach) ** 2) / (1 - reach)

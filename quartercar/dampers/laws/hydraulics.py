@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 
 SWEEPS = 36
 """steps of the inversion, each of which divides the error of ln Q by three at least: 3⁻³⁶ = 7e-18."""
@@ -109,7 +109,7 @@ class Laminar(Path):
     resistance: float
 
     def __post_init__(self) -> None:
-        _checks.positive(self.resistance, "laminar resistance", "Pa*s/m^3")
+        checks.positive(self.resistance, "laminar resistance", "Pa*s/m^3")
 
     def pressure(self, flow: np.ndarray | float) -> np.ndarray:
         return self.resistance * np.asarray(flow, dtype=float)
@@ -125,7 +125,7 @@ class Turbulent(Path):
     coefficient: float
 
     def __post_init__(self) -> None:
-        _checks.positive(self.coefficient, "turbulent coefficient", "Pa*s^2/m^6")
+        checks.positive(self.coefficient, "turbulent coefficient", "Pa*s^2/m^6")
 
     def pressure(self, flow: np.ndarray | float) -> np.ndarray:
         return series_pressure(flow, 0.0, self.coefficient)

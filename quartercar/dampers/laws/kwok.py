@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
@@ -67,8 +67,8 @@ class Kwok(StaticDamper):
 
     def check_settings(self) -> None:
         settled_span(self.span, self.current_range)
-        _checks.one_of(str(self.degree), ("0", "1"), "degree")
-        _checks.positive(self.turning_stroke, "turning_stroke", "m")
+        checks.one_of(str(self.degree), ("0", "1"), "degree")
+        checks.positive(self.turning_stroke, "turning_stroke", "m")
 
     @property
     def functions(self) -> dict[str, Controlled]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from lpvid.errors import InputError
+from quartercar.dampers.contract import LinearElements
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import LawDamper
@@ -57,6 +58,10 @@ class Linear(LawDamper):
     @property
     def start(self) -> int:
         return 0
+
+    @property
+    def linear_elements(self) -> LinearElements:
+        return LinearElements(self.values["damping"], self.values["mass"], self.values.get("stiffness", 0.0))
 
     @classmethod
     def suited(cls, facts: Facts) -> Linear:

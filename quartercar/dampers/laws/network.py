@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
@@ -117,7 +117,7 @@ class NetworkDamper(StaticDamper):
         """(k,) parameters of the network with these c_L, c_Q, 1/c_leak, those dropped that it has not."""
 
     def check_settings(self) -> None:
-        _checks.positive(self.smoothing, "smoothing", "m/s")
+        checks.positive(self.smoothing, "smoothing", "m/s")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
@@ -138,7 +138,7 @@ class PowerLawDamper(StaticDamper):
         >>> round(SWIFT_2012.printed("mm")["extension"].power, 6)
         0.0002
         """
-        scale = PER_METRE[_checks.one_of(unit, tuple(PER_METRE), "unit")]
+        scale = PER_METRE[checks.one_of(unit, tuple(PER_METRE), "unit")]
         out = {}
         for side in DIRECTIONS:
             n = self.values[f"exponent_{side}"]
@@ -162,7 +162,7 @@ class PowerLawDamper(StaticDamper):
         **values : float
             The other parameters, SI.
         """
-        scale = PER_METRE[_checks.one_of(unit, tuple(PER_METRE), "unit")]
+        scale = PER_METRE[checks.one_of(unit, tuple(PER_METRE), "unit")]
         terms: dict[str, float] = dict(values)
         for side, (linear, power, n) in zip(DIRECTIONS, (extension, compression), strict=True):
             terms |= {f"damping_{side}": linear * scale, f"exponent_{side}": n,
@@ -198,7 +198,7 @@ class PowerLaw(PowerLawDamper):
     source: ClassVar[str] = "seed 000, (4)"
 
     def check_settings(self) -> None:
-        _checks.positive(self.reference_speed, "reference_speed", "m/s")
+        checks.positive(self.reference_speed, "reference_speed", "m/s")
 
     @property
     def statics(self) -> tuple[Parameter, ...]:
@@ -246,8 +246,8 @@ class PowerLawFrictionGas(PowerLawDamper):
     spring: bool = True
 
     def check_settings(self) -> None:
-        _checks.positive(self.reference_speed, "reference_speed", "m/s")
-        _checks.positive(self.friction_speed, "friction_speed", "m/s")
+        checks.positive(self.reference_speed, "reference_speed", "m/s")
+        checks.positive(self.friction_speed, "friction_speed", "m/s")
 
     @property
     def statics(self) -> tuple[Parameter, ...]:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
@@ -93,16 +93,16 @@ class LagDamper(DynamicDamper):
 
     def check_settings(self) -> None:
         for name in POSITIVE:
-            _checks.positive(getattr(self, name), name)
+            checks.positive(getattr(self, name), name)
         if not 0 < self.cone_half_angle < math.pi / 2:
             raise InputError("cone_half_angle lies between 0 and π/2", got=f"{self.cone_half_angle:g} rad")
         if self.lift_stop is not None:
-            _checks.positive(self.lift_stop, "lift_stop", "m")
+            checks.positive(self.lift_stop, "lift_stop", "m")
         if self.chamber_lengths is not None:
             if len(self.chamber_lengths) != 2:
                 raise InputError("chamber_lengths are two lengths", got=self.chamber_lengths)
             for length in self.chamber_lengths:
-                _checks.positive(length, "chamber length", "m")
+                checks.positive(length, "chamber length", "m")
 
     # -- what a kind adds --------------------------------------------------------------------------------------------
     @property

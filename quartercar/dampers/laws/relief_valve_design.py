@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 
 MAY_BE_ZERO = ("poppet_damping", "holes", "hole_area")
 
@@ -28,7 +28,7 @@ def effective_compressibility(fluid: float, container: float = math.inf, gas: fl
     >>> round(1 / effective_compressibility(1.5e9, gas=1e6, gas_share=0.01) / 1e8, 4)  # 1 % of gas: 100 B_G and softer
     0.9375
     """
-    return 1 / _checks.positive(fluid, "fluid", "Pa") + 1 / container + gas_share / gas
+    return 1 / checks.positive(fluid, "fluid", "Pa") + 1 / container + gas_share / gas
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +79,9 @@ class ReliefValveDesign:
     hole_area: float = 3e-6
 
     def __post_init__(self) -> None:
-        _checks.count(self.holes, "holes")
+        checks.count(self.holes, "holes")
         for f in fields(self):
-            value = _checks.real(getattr(self, f.name), f.name)
+            value = checks.real(getattr(self, f.name), f.name)
             if value < 0 or (value == 0 and f.name not in MAY_BE_ZERO):
                 raise InputError(f"{f.name} must be positive", got=value)
 

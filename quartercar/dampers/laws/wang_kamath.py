@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
@@ -73,13 +73,13 @@ class WangKamath(DynamicDamper):
 
     def check_settings(self) -> None:
         """Degree 0 to 2, none beside `growing`, scales above zero."""
-        if _checks.count(self.degree, "degree") > 2:
+        if checks.count(self.degree, "degree") > 2:
             raise InputError("degree of the Wang-Kamath coefficients is 0, 1 or 2", got=self.degree)
         if self.growing and self.degree:
             raise InputError("a Wang-Kamath model depends on the current by growth or by polynomials, not by both",
                              got=f"growing with degree {self.degree}", why="two currents cannot tell them apart")
-        _checks.positive(self.force_scale, "force_scale", "N")
-        _checks.positive(self.current_scale, "current_scale")
+        checks.positive(self.force_scale, "force_scale", "N")
+        checks.positive(self.current_scale, "current_scale")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

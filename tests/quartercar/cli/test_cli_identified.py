@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dampers.test_identified_damper import CAR_REFUSES, NO_DAMPERS, linear
-from identified_cases import RATE, model, run
+from helpers.identified_cases import RATE, model, run
+from helpers.no_dampers import CAR_REFUSES, NO_DAMPERS, linear
 from typer.testing import CliRunner
 
 import lpvid as lpv

@@ -84,7 +84,7 @@ def test_the_report_opens_in_a_browser(written):
                            "--dump-dom", page.as_uri()],
                           capture_output=True, text=True, timeout=120, check=False)
     assert "Ride comparison" in done.stdout and done.stdout.count("<figure>") == 1
-    assert done.stdout.count('<figure class="traces"') == 1  # drawn when near the view: tests/lpvid/test_report_page.py
+    assert done.stdout.count('<figure class="traces"') == 1  # drawn when near the view: test_report_page.py
 
 
 def test_laws_come_back_as_they_rode(written):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from damper_cases import truth
+from helpers.damper_cases import truth
 
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Setting

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lpv_models.test_plant_identified import STEP, damper
+from helpers.known_dampers import STEP, damper
 from typer.testing import CliRunner
 
 import lpvid as lpv

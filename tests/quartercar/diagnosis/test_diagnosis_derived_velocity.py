@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, motion
+from helpers.effect_signals import PERIOD, motion
 from scipy.signal import bilinear, lfilter
 
 import lpvid as lpv

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from effect_signals import PERIOD, guo, motion
+from helpers.effect_signals import PERIOD, guo, motion
 from scipy.signal import bilinear, lfilter
 
 from lpvid.diagnosis.blocks import Blocks

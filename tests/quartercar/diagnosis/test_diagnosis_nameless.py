@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, guo, motion, road_like
+from helpers.effect_signals import PERIOD, guo, motion, road_like
 from scipy.signal import lfilter
 
 from lpvid.diagnosis.blocks import Blocks

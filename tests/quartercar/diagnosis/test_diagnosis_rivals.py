@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, guo, motion, power_law, road_like
+from helpers.effect_signals import PERIOD, guo, motion, power_law, road_like
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD
+from helpers.effect_signals import PERIOD
 
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import weighed_alike, without_noise

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_rig import cases, causes, laws, motion, truth
+from helpers.foreign_rig import cases, causes, laws, motion, truth
 
 SHORT = {"duration": 2.0, "current": "steps", "motion": "road", "causes": (), "kind": "nothing"}
 

@@ -6,12 +6,10 @@ import dataclasses
 import os
 from typing import ClassVar
 
-import hidden
-import hidden_score
-import hidden_truth
 import numpy as np
 import pytest
-from hidden_causes import HIDEABLE, OUTSIDE, Scene
+from helpers import hidden, hidden_score, hidden_truth
+from helpers.hidden_causes import HIDEABLE, OUTSIDE, Scene
 
 from quartercar.effects import CATALOGUE
 from quartercar.rig import CAUSES

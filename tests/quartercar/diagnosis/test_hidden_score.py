@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import hidden_score
-import hidden_truth
 import pytest
+from helpers import hidden_score, hidden_truth
 
 from quartercar.effects import CATALOGUE
 

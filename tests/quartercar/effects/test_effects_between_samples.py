@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, guo, motion
+from helpers.effect_signals import PERIOD, guo, motion
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals

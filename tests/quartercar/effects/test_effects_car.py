@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from lpvid._compiling import njit
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.problem import projector, without
 from lpvid.record import Channel, Record
+from lpvid.toolkit import njit
 from quartercar.baselines.quarter_car import FREE, QuarterCarBaseline
 from quartercar.effects.car import ActuatorDelay, Payload, StrutFriction, TyreDamping, TyreStiffness
 from quartercar.effects.sensors import SENSORS, ChannelSign, SensorScale

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_signals import road_like
+from helpers.effect_signals import road_like
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.engine import diagnose

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_signals import road_like
+from helpers.effect_signals import road_like
 
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects import series

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import composed, guo, nothing, road_like
+from helpers.effect_signals import composed, guo, nothing, road_like
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.composition import Composition

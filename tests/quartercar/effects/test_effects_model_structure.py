@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, composed, current_itself, guo, nothing, road_like, speed_itself
+from helpers.effect_signals import PERIOD, composed, current_itself, guo, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
 from lpvid.diagnosis.composition import Composition

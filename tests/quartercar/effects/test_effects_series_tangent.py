@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import road_like
+from helpers.effect_signals import road_like
 
 from lpvid.diagnosis.composition import STEP, Composition
 from lpvid.diagnosis.effect import by_name

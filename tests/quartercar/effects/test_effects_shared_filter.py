@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, composed, guo, motion
+from helpers.effect_signals import PERIOD, composed, guo, motion
 from scipy.signal import bilinear, lfilter, lti
 
 from lpvid.diagnosis.composition import Composition

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, composed, road_like, speed_itself
+from helpers.effect_signals import PERIOD, composed, road_like, speed_itself
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.signals import Signals

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lpv_models.test_plant_identified import ONE, STEP, damper, held_force_run, road_and_current
+from helpers.known_dampers import ONE, STEP, damper, held_force_run, road_and_current
 
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from damper_cases import LAWS, NAMES, truth
+from helpers.damper_cases import LAWS, NAMES, truth
+from helpers.toy_dampers import Toy
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import lsim
-from toy_dampers import Toy
 
 import quartercar
 from lpvid.errors import InputError, NumericalError

@@ -1,0 +1,35 @@
+"""Reading: one scheduling variable as a basis reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One scheduling variable as it is read: at p(k − lag), with what degree, and where its pieces meet.
+
+    A trigonometric dependence has a highest angular frequency [rad per unit] instead of a degree.
+    """
+
+    name: str
+    lag: int
+    degree: int
+    breaks: tuple[float, ...] = ()
+    frequency: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Name, with the delay if there is one."""
+        return f"{self.name}(k{-self.lag:+d})" if self.lag else self.name
+
+
+def merged(parts: Iterable[tuple[Reading, ...]], combine: Callable[[Iterable], Any]) -> tuple[Reading, ...]:
+    """One reading for each variable and delay; degrees and frequencies are combined by `sum` or `max`."""
+    together: dict[tuple[str, int], list[Reading]] = {}
+    for reading in (r for part in parts for r in part):
+        together.setdefault((reading.name, reading.lag), []).append(reading)
+    return tuple(Reading(name, lag, combine(r.degree for r in same), tuple(sorted({b for r in same for b in r.breaks})),
+                         combine(r.frequency for r in same)) for (name, lag), same in together.items())

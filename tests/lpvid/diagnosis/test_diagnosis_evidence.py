@@ -1,0 +1,241 @@
+"""The evidence engine's parts against oracles: a dense normal density, quadrature, known memories; and on a toy."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from helpers.toy_diagnosis import CAUSES, NOISES, Bent, Cubic, Dry, DryTwin, problem_of, record
+from scipy.integrate import quad
+from scipy.signal import lfilter
+from scipy.stats import multivariate_normal
+
+from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import EffectParameter
+from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
+from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
+from lpvid.diagnosis.evidence.independence import WORTH, independent
+from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, Member
+from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
+from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.evidence.thinning import for_search
+from lpvid.diagnosis.evidence.weighing import Data, Weighed
+from lpvid.diagnosis.refitting import refit
+from lpvid.diagnosis.signals import Signals
+
+
+def test_the_marginal_is_that_of_a_dense_normal_density():
+    rng = np.random.default_rng(0)
+    columns = np.linalg.qr(rng.standard_normal((60, 5)))[0] * np.array([6.0, 4.0, 3.0, 2.0, 1.0])
+    d = Discrepancy(columns, (columns**2).sum(axis=0), force=10.0)
+    error = rng.standard_normal(60) + columns @ rng.standard_normal(5) * 0.3
+    found = marginal(float(error @ error), columns.T @ error, d, 60, 1.0)
+
+    def dense(noise: float, size: float) -> float:
+        covariance = noise * np.eye(60) + (size * 10.0) ** 2 * columns @ columns.T
+        return float(multivariate_normal(np.zeros(60), covariance).logpdf(error)) - (size / USUAL) ** 2 / 2
+
+    assert np.isclose(found.likelihood, dense(found.noise, found.size), atol=1e-9)
+    around = [dense(found.noise * f, s) for f in (0.9, 1.0, 1.1) for s in SIZES]
+    assert found.likelihood >= max(around) - 1e-3
+    inverse = (np.eye(60) - columns @ (found.taken[:, None] * columns.T)) / found.noise
+    covariance = found.noise * np.eye(60) + (found.size * 10.0) ** 2 * columns @ columns.T
+    assert np.allclose(inverse, np.linalg.inv(covariance))
+
+
+def test_the_evidence_of_one_linear_cause_is_its_integral():
+    problem, composition = problem_of(record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u)))
+    columns = np.zeros((problem.n_samples, 1))
+    force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
+    data = Data(problem, Discrepancy(columns, np.zeros(1), force), {"dry": np.array([[0.1]])})
+    root = Weighed(data, refit(problem, composition, composition.neutral))
+    larger = Composition(composition.baseline, (Dry(),))
+    with_it = Weighed(data, refit(problem, larger, np.append(root.fit.vector, 0.5)))
+    won = with_it.evidence(1.0) - root.evidence(1.0) - inclusion(Dry())
+    noise, basis = with_it.marginal(1.0).noise, with_it.fit.jacobian
+    own = np.linalg.qr(basis[:, :3])[0]
+    left = basis[:, 3] - own @ (own.T @ basis[:, 3])
+    size, best = float(left @ left) / noise, float(with_it.fit.vector[3])
+    slope = float(np.sqrt(np.mean(basis[:, 3] ** 2))) / force
+
+    def density(a: float) -> float:
+        return float(np.exp(of_strength(abs(a) * slope, slope)[0] - size * (a - best) ** 2 / 2))
+
+    integral = np.log(quad(density, best - 8 / np.sqrt(size), best + 8 / np.sqrt(size))[0])
+    likelihood = with_it.marginal(1.0).likelihood - root.marginal(1.0).likelihood
+    assert np.isclose(won, likelihood + integral, atol=0.02)
+
+
+def test_the_prior_of_a_strength_is_a_density_whatever_its_unit():
+    for slope in (1e-4, 1.0, 1e6):
+        whole = quad(lambda a, k=slope: np.exp(of_strength(a * k, k)[0]), 0, 1e3 * STRENGTH / slope, limit=500,
+                     points=[STRENGTH / slope, 10 * STRENGTH / slope])[0]
+        assert np.isclose(whole, 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("wave, wanted", [(0.0, 0.0), (0.5, 0.125 / 1.125), (2.0, 2.0 / 3.0)])
+def test_white_noise_is_the_floor_and_the_rest_is_structure(wave, wanted):
+    noise = np.random.default_rng(1).standard_normal(12000) + wave * np.sin(0.05 * np.arange(12000))
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    found = independent(problem, [noise])
+    assert np.isclose(found.structured, wanted, atol=0.07)
+    assert np.isclose(found.floor, 1.0, rtol=0.1)
+
+
+def test_the_floor_is_not_free_to_take_up_slow_noise():
+    noise = lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).standard_normal(12000))
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    floor = 1 / 1.9**2  # the spectrum of the filter at half the rate
+    assert floor < independent(problem, [noise]).floor < 1.5 * floor
+
+
+def test_an_error_that_is_all_structure_is_worth_few_samples():
+    problem, _ = problem_of(record(np.random.default_rng(2)))
+    found = independent(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals])
+    assert found.structured > 0.9
+    assert found.kept * problem.n_samples < 1.2 * WORTH
+
+
+def test_a_number_that_the_data_do_not_reach_goes_back_to_its_prior_for_nothing():
+    a, h, scale = np.array([3.0]), np.array([2.0]), np.array([0.5])
+    product = quad(lambda t: np.exp(-0.5 * h[0] * t**2 - 0.5 * scale[0] * (t + a[0] / np.sqrt(scale[0])) ** 2), -50, 50)
+    expected = np.log(product[0]) - 0.5 * np.log(2 * np.pi / (h[0] + scale[0]))
+    assert np.isclose(off_prior(a, scale, h), expected, rtol=1e-9)
+    assert off_prior(a, scale, np.zeros(1)) == 0.0
+
+
+def test_scales_follow_the_size_of_the_rig():
+    t = np.arange(2000) / 500
+    x, v = 0.02 * np.sin(6 * t), 0.12 * np.cos(6 * t)
+
+    def scales(length: float, force: float) -> Scales:
+        return Scales.of([Signals(0.002, {"displacement": length * x, "velocity": length * v}, force * 1e3 * v)])
+
+    small, large = scales(1.0, 1.0), scales(3.0, 100.0)
+    for unit, factor in (("N", 100.0), ("m/N", 0.03), ("N*s/m", 100 / 3), ("kg", 100 / 3), ("s", 1.0), ("m/s", 3.0)):
+        assert np.isclose(large.size(unit) / small.size(unit), factor)
+
+
+def test_a_way_that_was_not_measured_is_that_of_the_velocity():
+    t = np.arange(3000) / 500
+    both = {"displacement": 0.02 * np.sin(6 * t), "velocity": 0.12 * np.cos(6 * t)}
+    measured = Scales.of([Signals(0.002, both, both["velocity"])])
+    derived = Scales.of([Signals(0.002, {"velocity": both["velocity"]}, both["velocity"])])
+    assert np.isclose(derived.way, measured.way, rtol=0.1)
+
+
+@pytest.mark.parametrize("noise", list(NOISES))
+def test_nothing_hidden_nothing_named(noise):
+    runs = [record(np.random.default_rng(s), noise) for s in range(3)]
+    found = [diagnose([r], Bent(), CAUSES) for r in runs]
+    assert all(not d.causes and d.verdict == "nothing-to-explain" for d in found)
+    assert all(d.weights is not None and d.weights.nothing > 0.5 for d in found)
+
+
+def test_a_cause_is_named_with_its_probability():
+    d = diagnose([record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))], Bent(), CAUSES)
+    cause, = d.causes
+    assert cause.name == "dry"
+    assert d.verdict == "explained"
+    assert cause.probability is not None and cause.probability > 0.95
+    assert np.isclose(cause.parameters[0].value, 0.8, rtol=0.1)
+    data = json.loads(json.dumps(d.to_dict()))
+    assert data["schema"] == "lpvid/diagnosis/2"
+    assert data["sets"][0]["names"] == ["dry"]
+    assert {f["name"] for f in data["families"]} == {"toy"}
+    assert data["discrepancy"]["share"] < 0.03
+
+
+def test_twins_share_the_probability():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    d = diagnose([run], Bent(), (*CAUSES, DryTwin()))
+    assert d.verdict == "cannot-tell"
+    rivals, = d.rivals
+    assert set(rivals.names) == {"dry", "dry-twin"}
+
+
+class DryForm(DryTwin):
+    name, title, form_of = "dry-form", "another form of the same component", "dry"
+
+
+def test_forms_of_one_component_add_up_and_the_component_is_named():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    d = diagnose([run], Bent(), (*CAUSES, DryForm()))
+    assert [c.name for c in d.causes] == ["dry"] and not d.rivals
+    assert d.weights is not None and d.weights.causes["dry"] > 0.99 and "dry-form" not in d.weights.causes
+
+
+class Blurred(DryTwin):
+    """The same with shapes that do nothing."""
+
+    name = "blurred"
+
+    @property
+    def parameters(self):
+        idle = (EffectParameter(n, "", n, 1.0, (0.1, 10.0), (1e-3, 1e3), (0.5, 2.0)) for n in "ab")
+        return (super().parameters[0], *idle)
+
+
+def test_how_many_shapes_a_cause_has_does_not_decide_between_rivals():
+    """Only by what their freedom is worth, one unit each; whatever range they were given, wherever a fit left them."""
+    problem, composition = problem_of(record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u)))
+    force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
+    points = {"dry-twin": np.array([[0.1]]), "blurred": np.array([[0.1, 0.5, 2.0], [0.1, 2.0, 0.5]])}
+    data = Data(problem, Discrepancy(np.zeros((problem.n_samples, 1)), np.zeros(1), force), points)
+    own = refit(problem, composition, composition.neutral).vector
+    plain = Weighed(data, refit(problem, Composition(composition.baseline, (DryTwin(),)), np.append(own, 0.5)))
+    for shapes in ((1.0, 1.0), (1e-3, 1e3)):
+        start = np.concatenate([own, [0.5], shapes])
+        shaped = Weighed(data, refit(problem, Composition(composition.baseline, (Blurred(),)), start))
+        assert np.isclose(plain.evidence(1.0) - shaped.evidence(1.0), 2 * SHAPE, atol=1e-3)
+
+
+def test_stretches_of_a_short_record_hold_enough_blocks():
+    """Blocks and start-up are rounded to whole samples; a stretch has room for both its blocks at any rate."""
+    for period in (1 / 813.8, 1 / 512, 1 / 600.7):
+        n = round(6.6 / period)
+        t = period * np.arange(n)
+        s = Signals(period, {"velocity": np.sin(30 * t), "displacement": -np.cos(30 * t) / 30}, np.sin(30 * t), "run")
+        cut = for_search((s,), True)
+        assert Blocks.of(cut, 0).count >= 8
+
+
+def test_a_small_misfit_of_the_law_is_no_cause():
+    """A smooth 1.5 % error of the law is what every law has: neither named nor held against a cause."""
+    def misfit(u):
+        return 0.08 * np.sin(1.7 * u) * np.cos(u)
+
+    alone = diagnose([record(np.random.default_rng(7), level=0.02, hidden=misfit)], Bent(), (Dry(), *CAUSES[3:]))
+    assert "dry" not in [c.name for c in alone.causes]
+    run = record(np.random.default_rng(7), level=0.02, hidden=lambda u: misfit(u) + 0.5 * np.sign(u))
+    both = diagnose([run], Bent(), (Dry(), *CAUSES[3:]))
+    assert "dry" in [c.name for c in both.causes]
+
+
+class Linked(Dry):
+    """Dry friction that is sought together with another cause."""
+
+    name = "linked"
+    partners = ("cubic",)
+
+
+def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    lines: list[str] = []
+    search, _ = prepared([run], Bent(), (Linked(), Cubic()), lines.append)
+    search.run(root_of(search.problem, Bent()))
+    assert {frozenset(), frozenset({"linked"}), frozenset({"linked", "cubic"})} <= set(search.visited)
+    assert search.best.members == {"linked"}
+    assert any("best so far: linked" in line and "sets" in line for line in lines)
+
+
+@pytest.mark.parametrize("change, left, of_law, small", [
+    (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
+    (0.03, 0.1, 0.05, True)])
+def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
+    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    stated = member.objection(left, of_law)
+    assert (stated is not None) is small and (stated is None or "small print" in stated)
+    assert LEAST < NOTABLE

@@ -1,0 +1,78 @@
+"""Refits where the cost is a valley: one that is bent, and one along whose floor a damped step promises nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.toy_diagnosis import TRUE, Added, Bent, problem_of, record
+
+from lpvid.diagnosis import refitting
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import EffectParameter
+from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.refitting import descend
+from lpvid.diagnosis.signals import Core
+
+
+class Valley(Added):
+    """y += a sin 9u + 20 (b − a²) sin 5u: Rosenbrock's valley b = a²."""
+
+    name, title = "valley", "two parameters on a parabola"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(n, "", n, 0.0, (-10.0, 10.0), (-100.0, 100.0), (0.1,)) for n in "ab")
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        a, b = (float(v) for v in values)
+        return lambda s: core(s) + a * np.sin(9 * s["u"]) + 20 * (b - a**2) * np.sin(5 * s["u"])
+
+
+class Alike(Added):
+    """y += a sin 9u + b (sin 9u + sin 5u/2000): nearly the same twice."""
+
+    name, title = "alike", "two columns that hardly differ"
+    parameters = Valley.parameters
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        a, b = (float(v) for v in values)
+        return lambda s: core(s) + (a + b) * np.sin(9 * s["u"]) + b / 2000 * np.sin(5 * s["u"])
+
+
+@pytest.fixture
+def hidden_wave() -> tuple[DiagnosisProblem, Composition, np.ndarray]:
+    """At a = b = 1 of the valley, from its floor at a = 0.1."""
+    problem, _ = problem_of(record(np.random.default_rng(70), hidden=lambda u: np.sin(9 * u)))
+    return problem, Composition(Bent(), (Valley(),)), np.array([*TRUE, 0.1, 0.01])
+
+
+class TestBentValley:
+    def test_it_is_followed(self, hidden_wave: tuple) -> None:
+        problem, composition, start = hidden_wave
+        assert descend(problem, composition, start, iterations=10).vector[3:] == pytest.approx([1.0, 1.0], abs=0.05)
+
+    def test_by_straight_steps_it_is_not_in_as_many(self, hidden_wave: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
+        problem, composition, start = hidden_wave
+        monkeypatch.setattr(refitting, "_bend", lambda *_: None)
+        assert descend(problem, composition, start, iterations=10).vector[3] < 0.5
+
+    def test_what_cannot_be_evaluated_bends_nothing(self, hidden_wave: tuple) -> None:
+        problem, composition, start = hidden_wave
+        fit = descend(problem, composition, start, iterations=0)
+        low, high = composition.bounds
+        missed, weights = np.full(problem.n_samples, np.inf), np.ones(problem.n_samples)
+        step = np.array([0.0, 0.0, 0.0, 0.1, 0.1])
+        assert refitting._bend(fit.jacobian, missed, step, weights, start, 1e-3, low, high) is None
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_damped_step_that_promises_nothing_is_not_the_end(rough: bool) -> None:
+    """The truth lies 60 of either parameter away; of such a step the first damping leaves a ten-thousandth."""
+    problem, _ = problem_of(record(np.random.default_rng(71), hidden=lambda u: 0.03 * np.sin(5 * u)))
+    composition = Composition(Bent(), (Alike(),))
+    start = np.array([*TRUE, 0.0, 0.0])
+    found = descend(problem, composition, start, rough=rough)
+    best = descend(problem, composition, np.array([*TRUE, -60.0, 60.0]))
+    assert descend(problem, composition, start, iterations=0).cost - best.cost > 5 * best.variance
+    assert found.cost == pytest.approx(best.cost, abs=0.1 * best.variance)
