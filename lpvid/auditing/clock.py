@@ -56,7 +56,16 @@ def disorder(view: View) -> Iterator[Finding]:
 
 
 def unitless(view: View) -> Iterator[Finding]:
-    """A time column that states no unit."""
+    """A time column that states no unit.
+
+    Parameters
+    ----------
+    view : View
+
+    Yields
+    ------
+    Finding
+    """
     if any(note.endswith(NO_TIME_UNIT) for note in view.record.notes):
         period = view.record.time_base.period
         yield Finding("missing-unit", view.name, "time", "note",

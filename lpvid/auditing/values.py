@@ -68,6 +68,14 @@ def spiked(view: View) -> Iterator[Finding]:
 
     Least squares then fit that sample before anything else. Of a signal that moves twice to the same height, no sample
     holds more than half.
+
+    Parameters
+    ----------
+    view : View
+
+    Yields
+    ------
+    Finding
     """
     for name in view.usable:
         values, finite = view.record[name], view.finite(name)

@@ -15,7 +15,16 @@ if TYPE_CHECKING:
 
 
 def labels(files: Sequence[str]) -> list[str]:
-    """Names of model files, short where that tells them apart: stems, else with their folders."""
+    """Names of model files, short where that tells them apart: stems, else with their folders.
+
+    Parameters
+    ----------
+    files : sequence of str
+
+    Returns
+    -------
+    list of str
+    """
     stems = [Path(f).stem for f in files]
     folders = [f"{Path(f).parent.name}/{Path(f).stem}" for f in files]
     for names in (stems, folders):
@@ -33,6 +42,10 @@ def load_beside(files: Sequence[str] | None, own: str) -> tuple[str, dict[str, M
         Of the others.
     own : str
         File of the report's own model.
+
+    Returns
+    -------
+    str, dict of str to model
     """
     from lpvid.export.serialise import load
 
@@ -42,7 +55,18 @@ def load_beside(files: Sequence[str] | None, own: str) -> tuple[str, dict[str, M
 
 
 def with_roles_of(named: Mapping[str, Sequence[str]]) -> Callable[[Model, list[Record]], list[Record]]:
-    """What gives records the roles that one model reads."""
+    """What gives records the roles that one model reads.
+
+    Parameters
+    ----------
+    named : mapping of str to sequence of str
+        Channels that play the parts of the inputs, outputs and scheduling variables.
+
+    Returns
+    -------
+    callable
+        Of a model and records, to records.
+    """
     from lpvid.cli.parts import parts
 
     return lambda model, records: [r.with_roles(parts(model, named)) for r in records]
@@ -65,6 +89,10 @@ def compared(own: tuple[str, Model], others: Mapping[str, Model | Adaptable], re
         For models without a rate of their own [Hz].
     named : mapping of str to sequence of str
         Channels that play the parts of the inputs, outputs and scheduling variables.
+
+    Returns
+    -------
+    ModelComparison or None
     """
     from lpvid.validation.comparing import compare_models
 
@@ -76,7 +104,20 @@ def compared(own: tuple[str, Model], others: Mapping[str, Model | Adaptable], re
 
 def beside_sections(found: ModelComparison | None, records: Sequence[Record],
                     named: Mapping[str, Sequence[str]]) -> tuple[Section, ...]:
-    """The section of a report about that comparison, or none."""
+    """The section of a report about that comparison, or none.
+
+    Parameters
+    ----------
+    found : ModelComparison or None
+    records : sequence of Record
+        As measured.
+    named : mapping of str to sequence of str
+        As for `compared`.
+
+    Returns
+    -------
+    tuple of Section
+    """
     from lpvid.report.comparing import beside_section
 
     return () if found is None else (beside_section(found, records, with_roles_of(named)),)

@@ -217,6 +217,14 @@ class StepBuilder:
 def checked_name(name: str) -> str:
     """A prefix that a user gave, as it is.
 
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
     Raises
     ------
     InputError

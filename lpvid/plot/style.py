@@ -121,7 +121,21 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
 
 
 def legend_outside(figure: Figure, axes: Axes, foreign: bool, columns: int, side: str = "lower", **more: Any) -> None:
-    """One legend for all panels below or above them; on the caller's axes, whose layout is theirs, on the first."""
+    """One legend for all panels below or above them; on the caller's axes, whose layout is theirs, on the first.
+
+    Parameters
+    ----------
+    figure : Figure
+    axes : Axes
+        Whose curves are named.
+    foreign : bool
+        Whether the axes are the caller's.
+    columns : int
+        At most.
+    side : {"lower", "upper"}
+    **more
+        As for `Figure.legend`.
+    """
     handles, names = axes.get_legend_handles_labels()
     if foreign:
         axes.legend(handles, names, **more)

@@ -41,6 +41,15 @@ def close_to_least(trials: Sequence[Trial]) -> list[int]:
 
     The standard error is that of the difference from the least, fold by fold, and at most `TOLERATED` of the least:
     blocks of unequal difficulty would otherwise excuse anything.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Least error first.
+
+    Returns
+    -------
+    list of int
     """
     least = trials[0]
     return [i for i, t in enumerate(trials)
@@ -115,6 +124,15 @@ def independent_samples(model: Model, records: Sequence[Record]) -> float:
     """n / Σ_j ρ_j² of the free run's residual, all outputs and records together.
 
     The sum ends where the autocorrelation is within its own noise (`residual_memory`).
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+
+    Returns
+    -------
+    float
     """
     total = 0.0
     for k in range(model.n_outputs):
