@@ -69,7 +69,8 @@ def with_roles_of(named: Mapping[str, Sequence[str]]) -> Callable[[Model, list[R
     """
     from lpvid.cli.parts import parts
 
-    return lambda model, records: [r.with_roles(parts(model, named)) for r in records]
+    given = {part: tuple(names) for part, names in named.items()}
+    return lambda model, records: [r.with_roles(parts(model, given)) for r in records]
 
 
 def compared(own: tuple[str, Model], others: Mapping[str, Model | Adaptable], records: Sequence[Record], label: str,

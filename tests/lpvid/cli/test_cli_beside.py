@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from lpvid.cli.app import app
 
 IO = ["--input", "velocity", "--output", "force", "--nk", "0"]
 
 
-def run(*words: object) -> object:
+def run(*words: object) -> Result:
     return CliRunner().invoke(app, [str(w) for w in words])
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -18,10 +20,11 @@ def gain(*taps: float) -> lpv.LPVTransferFunction:
     return lpv.LPVTransferFunction.siso([], [[b] for b in taps], lpv.Polynomial(), 0.01, inputs="u", outputs="y")
 
 
-def measured(n: int, noise: np.ndarray, second: float = 0.05) -> Record:
+def measured(n: int, noise: Any, second: float = 0.05) -> Record:
     u = np.random.default_rng(1).standard_normal(n)
     y = u + second * np.concatenate([[0.0], u[:-1]]) + noise
-    return Record({"u": u, "y": y}, sample_time=0.01)
+    channels: Any = {"u": u, "y": y}
+    return Record(channels, sample_time=0.01)
 
 
 def tie(n_parameters: int, model: lpv.LPVTransferFunction, above: float = 0.0) -> Tried:
@@ -71,7 +74,8 @@ def test_poles_of_a_fold_refuse_nothing_but_those_of_all_data_do(monkeypatch):
 
     rng = np.random.default_rng(0)
     u = rng.standard_normal(600)
-    record = Record({"u": u, "y": lfilter([0, 0.1], [1.0, -0.9], u) + 0.02 * rng.standard_normal(600)}, 0.01)
+    channels: Any = {"u": u, "y": lfilter([0, 0.1], [1.0, -0.9], u) + 0.02 * rng.standard_normal(600)}
+    record = Record(channels, 0.01)
     structure, asked = lpv.OutputError(na=1, nb=1, nk=1, input="u", output="y"), []
     for share in (0.0, 0.004):
         asked.clear()

@@ -37,8 +37,8 @@ def record(level: float, seed: int) -> Any:
     x = 0.008 * np.sin(2 * np.pi * 1.3 * t) + 0.003 * np.sin(2 * np.pi * 4.1 * t + seed)
     v = np.gradient(x, t)
     force = (300 + 500 * level) * np.tanh(18 * v) + 800 * v + np.random.default_rng(seed).standard_normal(t.size)
-    return lpv.Record({"displacement": x, "velocity": v, "current": np.full(t.size, level), "force": force},
-                      sample_time=1 / RATE, name=f"test-{seed}",
+    channels: Any = {"displacement": x, "velocity": v, "current": np.full(t.size, level), "force": force}
+    return lpv.Record(channels, sample_time=1 / RATE, name=f"test-{seed}",
                       units={"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"})
 
 
