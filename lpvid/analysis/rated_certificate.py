@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import readings_of
+from lpvid.lmi.readings import readings_of
 from lpvid.lmi.certificate import GRID, Recheck, grid
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import certify_gain

@@ -16,7 +16,8 @@ __all__ = ["Audit", "Finding", "audit"]
 
 RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
-    values.missing, values.unusable, values.units, values.constant, values.clipped, values.quantised,
+    clock.unitless,
+    values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
     values.duplicates,
     motion.velocity_against_displacement, resting.rests, resting.flat_peaks,
     force.polarity, force.offset, force.drift,

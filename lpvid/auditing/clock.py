@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.condition.tables import NO_TIME_UNIT
 from lpvid.timebase import JITTER_LIMIT
 
 
@@ -52,6 +53,24 @@ def disorder(view: View) -> Iterator[Finding]:
         if rows:
             yield Finding(name, view.name, "", "fault", f"{what} in {len(rows)} row(s), the first row {rows[0] + 1}",
                           mend, float(len(rows)))
+
+
+def unitless(view: View) -> Iterator[Finding]:
+    """A time column that states no unit.
+
+    Parameters
+    ----------
+    view : View
+
+    Yields
+    ------
+    Finding
+    """
+    if any(note.endswith(NO_TIME_UNIT) for note in view.record.notes):
+        period = view.record.time_base.period
+        yield Finding("missing-unit", view.name, "time", "note",
+                      f"the header gives no unit; taken as s, which makes {1 / period:.6g} Hz" if period > 0 else
+                      "the header gives no unit; taken as s", "write the header as 'time [s]' or 'time [ms]'")
 
 
 def short(view: View) -> Iterator[Finding]:

@@ -63,6 +63,34 @@ def constant(view: View) -> Iterator[Finding]:
                           float(values[0]))
 
 
+def spiked(view: View) -> Iterator[Finding]:
+    """A single sample that outweighs all others: more than half of the channel's power about its median.
+
+    Least squares then fit that sample before anything else. Of a signal that moves twice to the same height, no sample
+    holds more than half.
+
+    Parameters
+    ----------
+    view : View
+
+    Yields
+    ------
+    Finding
+    """
+    for name in view.usable:
+        values, finite = view.record[name], view.finite(name)
+        if finite.size < 64:
+            continue
+        squares = np.where(np.isfinite(values), values - np.median(finite), 0.0) ** 2
+        total, row = float(squares.sum()), int(np.argmax(squares))
+        if squares[row] > 0.5 * total:
+            yield Finding("spike", view.name, name, "warning",
+                          f"row {row + 1} holds {100 * squares[row] / total:.4g} % of the power: {values[row]:.4g} "
+                          f"{view.record.unit(name)}".rstrip(),
+                          "write nan there where it is no measurement: the record is cut at it",
+                          float(squares[row] / total))
+
+
 def clipped(view: View) -> Iterator[Finding]:
     """Flat tops: far more samples on the extreme value than just inside it, several in a row."""
     for name in view.usable:

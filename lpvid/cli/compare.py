@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from lpvid.cli import options
+from lpvid.cli.beside import labels, with_roles_of
 from lpvid.cli.running import Results, command, conclude, working
-
-if TYPE_CHECKING:
-    from lpvid.record import Record
-    from lpvid.simulation import Model
 
 
 @command
@@ -30,7 +26,6 @@ def compare(
     Any kinds together: transfer functions, state spaces, damper models, extended models. Each runs at its own rate.
     """
     from lpvid.cli.data import read_clocked, split_names
-    from lpvid.cli.parts import parts
     from lpvid.errors import InputError
     from lpvid.export.serialise import load
     from lpvid.validation.comparing import compare_models
@@ -42,11 +37,9 @@ def compare(
                          mend="lpvid compare a.json b.json run*.csv")
     named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
 
-    def with_roles(model: Model, records: list[Record]) -> list[Record]:
-        return [r.with_roles(parts(model, named)) for r in records]
-
+    with_roles = with_roles_of(named)
     with working("reading") as report_progress:
-        loaded = {name: load(file) for name, file in zip(_labels(models), models, strict=True)}
+        loaded = {name: load(file) for name, file in zip(labels(models), models, strict=True)}
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
         report_progress("simulating")
         found = compare_models(loaded, records, sample_rate=None if clockless else sample_rate,
@@ -58,13 +51,3 @@ def compare(
             results.json("compare.json", found.to_dict())
             results.report(compare_page(found, records, with_roles))
     conclude(results, found.to_dict(), repr(found), json)
-
-
-def _labels(files: list[str]) -> list[str]:
-    """Names of model files, short where that separates them: stems, else with their folders."""
-    stems = [Path(f).stem for f in files]
-    folders = [f"{Path(f).parent.name}/{Path(f).stem}" for f in files]
-    for names in (stems, folders):
-        if len(set(names)) == len(files):
-            return names
-    return files

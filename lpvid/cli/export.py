@@ -48,11 +48,13 @@ def export(model: options.ModelFile, to: To = "c", out: options.Out = None, name
     from lpvid.export.exportable import Options
     from lpvid.export.exporting import content
     from lpvid.export.serialise import load
+    from lpvid.export.step_builder import checked_name
 
     if sample_rate is not None and not sample_rate > 0:
         raise InputError("--sample-rate must be positive", got=f"{sample_rate:g} Hz")
     results = Results(out)
     with working(f"exporting to {to}"):
+        checked_name(name)
         noun = _limited(load(model), limit or [], anti_windup)
         chosen = Options(name, clamp, None if sample_rate is None else 1 / sample_rate, _held(at or []))
         found = content(noun, to, chosen, precision)

@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 
 PANELS: dict[str, tuple[str, ...]] = {
     "Data": ("data", "files", "plan", "input", "output", "schedule", "role", "flip",
-             "sample_rate", "chunk", "held_out", "hold_out", "training"),
+             "sample_rate", "chunk", "held_out", "hold_out", "training", "beside"),
     "Model": ("structure", "na", "nb", "nk", "order", "past", "innovation", "on", "trial", "odd", "states", "side",
               "forgetting", "degree", "basis", "segments", "shape", "schedule_filter", "schedule_lag", "no_constant",
               "affine", "affine_terms", "lagged", "passive", "balanced", "form", "refit_form", "model", "models",

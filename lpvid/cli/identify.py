@@ -130,6 +130,7 @@ def identify(
     form: Annotated[Form | None, typer.Option("--form", help="Also write state_space.json in this form.")] = None,
     refit_form: Annotated[bool, typer.Option("--refit-form", help="Re-estimate that form in its own entries, by "
                                              "simulation error: controllable, observable.")] = False,
+    beside: options.Beside = None,
     role: options.Role = None,
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
@@ -150,6 +151,7 @@ def identify(
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
     """
+    from lpvid.cli.beside import compared, load_beside
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.modelling import fit
@@ -172,7 +174,11 @@ def identify(
                       None if form is None else form.value, refit, refit_form, budget)
     with working("reading") as report_progress:
         request.check()
+        name, others = load_beside(beside, f"{out or 'this'}/model.json")
         whole = {"--auto": auto, "--hold-out": hold_out, "--refit": refit, "--refit-form": refit_form}
+        if others and (fleet or chunk is not None):
+            raise InputError("--beside needs whole records", got="--fleet" if fleet else "--chunk",
+                             mend="lpvid compare afterwards")
         if scheduler is not None and not fleet:
             raise InputError("--scheduler names the cluster of --fleet", mend="add --fleet, or leave it out")
         if fleet:
@@ -198,10 +204,12 @@ def identify(
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
         working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)
-        found = fit(
-            replace(request, sample_rate=working_at), training, [*tail, *kept], [*records, *kept], report_progress
-        )
+        apart = [*tail, *kept]
+        found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
         found = found.with_notes(notes)
+        label = "held-out" if apart else "training"
+        beside_it = compared((name, found.found.model), others, apart or training, label, working_at, {})
+        found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
     if passive and not found.certified:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.report.forms import FormGap
     from lpvid.simulation import Model
+    from lpvid.validation.comparing import ModelComparison
 
 LEAK_SAMPLES = 200_000
 """Training samples up to which held-out stretches are sought among them."""
@@ -47,6 +48,8 @@ class ReportedIdentification:
         The same structure on all data, with --refit: what model.json holds.
     form_refit : FormRefit or None
         The form re-estimated, with --refit-form: what state_space.json holds.
+    beside : ModelComparison or None
+        With other models on the held-out records, or the training records where none were held out.
     """
 
     found: Identification
@@ -58,6 +61,7 @@ class ReportedIdentification:
     choice: Choice | None = None
     refitted: Identification | None = None
     form_refit: FormRefit | None = None
+    beside: ModelComparison | None = None
 
     def with_notes(self, notes: tuple[str, ...]) -> ReportedIdentification:
         """The same with further remarks first."""
@@ -82,6 +86,7 @@ class ReportedIdentification:
         return {**self.found.to_dict(), "model": "model.json", "realizations": [g.to_dict() for g in self.gaps],
                 "passivity": None if energy is None else energy.to_dict(),
                 "form_refit": None if own is None else {"form": own.form, "free_run": own.summary()},
+                "beside": None if self.beside is None else self.beside.to_dict(),
                 "audit": {"verdict": self.audit.verdict, "findings": findings},
                 "selection": None if self.choice is None else
                 {k: v for k, v in self.choice.to_dict().items() if k != "identification"},
@@ -99,6 +104,8 @@ class ReportedIdentification:
             lines.append(f"  state space: {'; '.join(str(g) for g in self.gaps)}")
         if self.form_refit is not None:
             lines += [f"  {line}" for line in str(self.form_refit).splitlines()]
+        if self.beside is not None:
+            lines += [f"  {line}" for line in repr(self.beside).splitlines()]
         lines += [f"  {line}" for line in passivity_lines(self.refitted or self.found)]
         lines.append(f"  audit: {self.audit.verdict}")
         lines += [f"    {f}" for f in grave[:3]]
@@ -115,6 +122,7 @@ class ReportedIdentification:
             realized = realize(_transfer_function(self.model), form=self.form)
         if not results.kept:
             return
+        from lpvid.cli.beside import beside_sections
         from lpvid.export.serialise import save
         from lpvid.report.bands import response_section, sureness
         from lpvid.report.figures import comparisons
@@ -143,7 +151,8 @@ class ReportedIdentification:
         sure = (*response_section(self.found, shown, others={n: m for n, m in others.items() if m is not None}),
                 *sureness(self.found, shown))
         report_progress("drawing")
-        more = (*sure, *passivity_section(self.refitted or self.found), *chosen)
+        more = (*sure, *beside_sections(self.beside, self.held_out or self.training, {}),
+                *passivity_section(self.refitted or self.found), *chosen)
         results.report(identification_page(self.found, shown, self.gaps, self.audit, more))
 
 

@@ -25,6 +25,8 @@ SampleRateOrRaw = Annotated[str | None, typer.Option("--sample-rate", metavar="H
                                                      "out: data above 1024 Hz are decimated to about 500 Hz or four "
                                                      "times their bandwidth; raw "
                                                      "keeps them.")]
+Beside = Annotated[list[str] | None, typer.Option("--beside", metavar="MODEL", help="Another model on the same "
+                                                  "records, in the report's tables and figures; repeat for several.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results and report.html.",
                                           show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output, and nothing else.")]

@@ -9,6 +9,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import Results, command, conclude, working
+from lpvid.errors import InputError
 
 
 @command
@@ -20,12 +21,14 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
                                 "many samples ahead; repeat for several.")] = None,
              training: Annotated[bool, typer.Option("--training", help="These data are those the model was fitted to: "
                                                     "label the figures so.")] = False,
+             beside: options.Beside = None,
              chunk: options.Chunk = None, out: options.Out = None, json: options.Json = False) -> None:
     """Compare a model with measurements, free run first; writes validation.json and report.html.
 
     --input, --output and --schedule state which channels play the parts of the model's, in the model's order. Data of
     another rate are resampled to the model's, and a note states so.
     """
+    from lpvid.cli.beside import beside_sections, compared, load_beside
     from lpvid.cli.data import read_clocked, split_names
     from lpvid.cli.parts import parts
     from lpvid.export.serialise import load
@@ -34,28 +37,34 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     results = Results(out)
     with working("reading") as report_progress:
         loaded = load(model)
+        name, others = load_beside(beside, str(model))
         if chunk is not None:
+            if others:
+                raise InputError("--beside needs whole records", got="--chunk", mend="lpvid compare on a part of them")
             _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": sample_rate}, chunk,
                       "training" if training else "held-out", json, report_progress)
             return
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
         loaded = acting_model(loaded, records, sample_rate)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
-        records = [r.with_roles(parts(loaded, named)) for r in records]
+        measured, records = records, [r.with_roles(parts(loaded, named)) for r in records]
         from lpvid import validation
 
         report_progress("simulating")
         label = "training" if training else "held-out"
         rate = None if clockless else sample_rate  # of files without a clock it is the rate they were measured at
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
+        beside_it = compared((name, loaded), others, measured, label, rate, named)
+        stated = found.to_dict() if beside_it is None else {**found.to_dict(), "beside": beside_it.to_dict()}
         if results.kept:
             from lpvid.report.figures import comparisons
             from lpvid.report.validation import validation_page
 
             report_progress("drawing")
-            results.json("validation.json", found.to_dict())
-            results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), model.name))
-    conclude(results, found.to_dict(), repr(found), json)
+            results.json("validation.json", stated)
+            results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), model.name,
+                                           beside_sections(beside_it, measured, named)))
+    conclude(results, stated, repr(found) if beside_it is None else f"{found!r}\n{beside_it!r}", json)
 
 
 def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, Any], rows: int, label: str,

@@ -13,6 +13,8 @@ from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
 _MEND_TIME = "add a column 'time [s]', or state the rate: --sample-rate HZ, in Python read(..., sample_rate=HZ)"
+NO_TIME_UNIT = "gives no unit: taken as s"
+"""How the note of a record ends whose clock has no stated unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     time, period = None, table.sample_time
     if clock is not None:
         time, period = _seconds(clock, where), None
+        if clock.unit is None:
+            notes.append(f"the time column '{clock.name}' {NO_TIME_UNIT}")
         if sample_rate is not None:
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:
@@ -136,14 +140,15 @@ def _seconds(column: Column, where: str) -> np.ndarray:
 
 
 def as_records(data: Any, name: str = "data") -> list[Record]:
-    """Records from whatever holds columns: records, dicts of arrays, pandas or polars data frames, or lists of these.
+    """Records from whatever holds columns: records, dicts of arrays, data frames, datasets, or lists of these.
 
     A column is named ``name [unit]`` as in a file's header, and one is called ``time`` or ``t``; a list is several
-    records.
+    records. Data frames are those of pandas or polars; of numpy, structured arrays have columns; of xarray, a Dataset
+    of one dimension, whose attribute ``units`` counts where a name states no unit.
 
     Parameters
     ----------
-    data : Record, mapping, data frame, or sequence of these
+    data : Record, mapping, data frame, structured array, xarray Dataset, or sequence of these
     name : str
         What to call records that have no name of their own; several are numbered.
 
@@ -165,7 +170,7 @@ def as_records(data: Any, name: str = "data") -> list[Record]:
     """
     if isinstance(data, Record):
         return [data]
-    if _has_columns(data):
+    if _columns_of(data) is not None:
         return [_from_columns(data, name)]
     if isinstance(data, Iterable) and not isinstance(data, (str, bytes, np.ndarray)):
         data = list(data)
@@ -175,9 +180,19 @@ def as_records(data: Any, name: str = "data") -> list[Record]:
     raise _no_record(data)
 
 
-def _has_columns(data: Any) -> bool:
-    """Whether columns can be had by name: a mapping, or a data frame of pandas or polars."""
-    return isinstance(data, Mapping) or (hasattr(data, "columns") and hasattr(data, "__getitem__"))
+def _columns_of(data: Any) -> list[str] | None:
+    """Names by which columns can be had; None for what has none.
+
+    Mappings, structured arrays, data frames (of pandas or polars), and datasets of xarray: their variables, and their
+    coordinates that are indices.
+    """
+    if isinstance(data, np.ndarray):
+        return None if data.dtype.names is None else list(data.dtype.names)
+    if hasattr(data, "data_vars") and hasattr(data, "indexes"):
+        return [*map(str, data.indexes), *map(str, data.data_vars)]
+    if isinstance(data, Mapping):
+        return list(data)
+    return list(data.columns) if hasattr(data, "columns") and hasattr(data, "__getitem__") else None
 
 
 def _no_record(data: Any) -> InputError:
@@ -188,11 +203,13 @@ def _no_record(data: Any) -> InputError:
 
 
 def _from_columns(data: Any, name: str) -> Record:
-    if not _has_columns(data):
+    headers = _columns_of(data)
+    if headers is None:
         raise _no_record(data)
     columns = []
-    for header in data if isinstance(data, Mapping) else data.columns:
+    for header in headers:
         title, unit = units.parse_header(str(header))
+        unit = unit if unit is not None else getattr(data[header], "attrs", {}).get("units")
         try:
             values = np.asarray(data[header], dtype=float)
         except (TypeError, ValueError) as error:

@@ -13,6 +13,7 @@ from lpvid.export.control_io_system import distinct
 from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.exporting import Content, Export, written
 from lpvid.export.python_printer import python_source
+from lpvid.export.step_builder import checked_name
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
@@ -146,7 +147,8 @@ def export_control(model: Any, folder: str | os.PathLike, *, name: str = "", cla
     -------
     Export
     """
-    return written(control_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
+    chosen = Options(checked_name(name), clamp, sample_time, at or {})
+    return written(control_content(exportable(model, chosen)), folder)
 
 
 def control_content(found: Exportable, precision: str = "double") -> Content:

@@ -13,6 +13,7 @@ import numpy as np
 from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.exporting import Content, Export, written
 from lpvid.export.frozen_grid import frozen_grid, linear_model
+from lpvid.export.step_builder import checked_name
 
 
 def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,
@@ -32,7 +33,7 @@ def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: 
     -------
     Export
     """
-    return written(csv_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
+    return written(csv_content(exportable(model, Options(checked_name(name), clamp, sample_time, at or {}))), folder)
 
 
 def csv_content(found: Exportable, precision: str = "double") -> Content:

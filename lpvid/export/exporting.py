@@ -13,6 +13,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options, exportable, flow_of
 from lpvid.export.json_files import write_bytes
+from lpvid.export.step_builder import checked_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,8 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
     ...     [path.name for path in export_c(model, folder, name="filter").files]
     ['filter.h', 'filter.c', 'filter_test.c']
     """
-    return written(c_content(exportable(model, Options(name, clamp, sample_time, at or {})), precision), folder)
+    chosen = Options(checked_name(name), clamp, sample_time, at or {})
+    return written(c_content(exportable(model, chosen), precision), folder)
 
 
 def c_content(found: Exportable, precision: str = "double") -> Content:

@@ -26,6 +26,7 @@ from lpvid.export.exportable import Exportable, Options
 from lpvid.export.exporting import Content, Export, content, written
 from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import Variable, build_description, model_description, variables
+from lpvid.export.step_builder import checked_name
 from lpvid.export.step_program import StepProgram
 
 HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -78,7 +79,7 @@ def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name:
     """
     if version not in HEADERS:
         raise InputError("an FMU is of FMI 2 or 3", got=version)
-    return written(content(model, f"fmu{version}", Options(name, clamp, sample_time, at or {})), folder)
+    return written(content(model, f"fmu{version}", Options(checked_name(name), clamp, sample_time, at or {})), folder)
 
 
 def fmi2_content(found: Exportable, precision: str = "double") -> Content:

@@ -21,7 +21,7 @@ from lpvid.export.exportable import SAMPLES, Exportable, Options, exportable, wi
 from lpvid.export.exporting import Content, Export, written
 from lpvid.export.frozen_grid import FrozenGrid, frozen_grid, linear_model, varying_state_space
 from lpvid.export.matlab_printer import CHOOSE, MatlabPrinter, matlab_step
-from lpvid.export.step_builder import StepBuilder
+from lpvid.export.step_builder import StepBuilder, checked_name
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -52,7 +52,7 @@ def export_matlab(model: Any, folder: str | os.PathLike, *, name: str = "", clam
     -------
     Export
     """
-    return written(matlab_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
+    return written(matlab_content(exportable(model, Options(checked_name(name), clamp, sample_time, at or {}))), folder)
 
 
 def matlab_content(found: Exportable, precision: str = "double") -> Content:

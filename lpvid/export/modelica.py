@@ -17,6 +17,7 @@ from lpvid.export.exporting import Content, Export, content, written
 from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import BASE
 from lpvid.export.modelica_printer import description, literal, spelled, step_function
+from lpvid.export.step_builder import checked_name
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.units import base_exponents
 
@@ -56,7 +57,7 @@ def export_modelica(model: Any, folder: str | os.PathLike, *, name: str = "", cl
     ...     [path.name for path in export_modelica(model, folder, name="lag").files]
     ['lag.mo']
     """
-    return written(content(model, "modelica", Options(name, clamp, sample_time, at or {})), folder)
+    return written(content(model, "modelica", Options(checked_name(name), clamp, sample_time, at or {})), folder)
 
 
 def modelica_content(found: Exportable, precision: str = "double") -> Content:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.export.expression import Array, ArrayElement, Counter, Expr, Index, Place, Symbol, as_expr, as_index
 from lpvid.export.step_program import (
     Assign,
@@ -211,6 +212,33 @@ class StepBuilder:
 
     def _add(self, statement: Statement) -> None:
         self._blocks[-1].append(statement)
+
+
+def checked_name(name: str) -> str:
+    """A prefix that a user gave, as it is.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        One that C, Python and MATLAB would not all take; empty is allowed, and leaves it to the exporter.
+
+    Examples
+    --------
+    >>> checked_name("my_damper"), checked_name("")
+    ('my_damper', '')
+    """
+    if name and identifier(name) != name:
+        raise InputError("a name for exported files and functions has letters, digits and single underscores, a "
+                         "letter first, and at most 40 characters", got=f"'{name}'", mend=f"--name {identifier(name)}")
+    return name
 
 
 def identifier(name: str) -> str:

@@ -106,7 +106,8 @@ def _layout(path: Path, where: str) -> _Layout:
         raise InputError(f"{where}: line {header_line} holds numbers only", why="the columns have no names",
                          mend=_MEND_HEADER)
     if not data:
-        raise InputError(f"{where}: there is a header but no data", got=", ".join(names), mend="export the data again")
+        raise InputError(f"{where}: there is a header but no data", got=", ".join(names),
+                         mend="export the data again; in a folder, name the files: FOLDER/*.csv")
     return _Layout(encoding, delimiter, tuple(names), header_line, data[0][0])
 
 
@@ -225,7 +226,7 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
         if len(cells) != wanted:
             raise InputError(f"{where}: line {number} has {len(cells)} cells", got=_shown(text),
                              why=f"the header names {wanted} columns",
-                             mend="export the data again, or repair that line")
+                             mend="repair that line, or remove what stands above the header")
         yield number, cells
 
 

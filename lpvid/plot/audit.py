@@ -14,7 +14,7 @@ from lpvid.plot.style import (
     Drawn,
     drawn,
     label,
-    legend_below,
+    legend_outside,
     look,
     panels,
     robust_limits,
@@ -92,7 +92,7 @@ def spectra(records: Sequence[Record], channels: Sequence[str], ax: Ax = None) -
         for ax in axes.ravel()[len(found):]:
             ax.set_visible(False)
         if max(map(len, found.values())) > 1:
-            legend_below(figure, axes[0, 0], foreign, 6)
+            legend_outside(figure, axes[0, 0], foreign, 6)
     return drawn(axes, len(found))
 
 
@@ -124,7 +124,7 @@ def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]], ax:
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
         if len(shown) > 1:
-            legend_below(figure, axes[0, 0], foreign, 6, markerscale=4)
+            legend_outside(figure, axes[0, 0], foreign, 6, markerscale=4)
     return drawn(axes)
 
 

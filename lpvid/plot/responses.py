@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, MUTED, WIDTH, Ax, Drawn, drawn, label, legend_below, look, panels
+from lpvid.plot.style import CYCLE, MUTED, WIDTH, Ax, Drawn, drawn, label, legend_outside, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,7 +81,7 @@ def bode(hertz: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[st
             for row in axes[:, j]:  # the rows of a new figure share it
                 row.set_xscale("log")
                 row.set_xlim(float(hertz[0]), float(hertz[-1]))
-        legend_below(figure, axes[0, 0], foreign, 3)
+        legend_outside(figure, axes[0, 0], foreign, 3)
     return drawn(axes)
 
 
@@ -121,7 +121,7 @@ def steps(time: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[st
             ax.set_ylabel(label("response", unit))
             ax.set_xlabel(label("time", "s"))
             ax.set_xlim(float(time[0]), float(time[-1]))
-        legend_below(figure, axes[0, 0], foreign, 3)
+        legend_outside(figure, axes[0, 0], foreign, 3)
     return drawn(axes)
 
 

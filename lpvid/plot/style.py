@@ -120,13 +120,27 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
                 columnspacing=1.4)
 
 
-def legend_below(figure: Figure, axes: Axes, foreign: bool, columns: int, **more: Any) -> None:
-    """One legend for all panels below them; on the caller's axes, which have a layout of their own, on the first."""
+def legend_outside(figure: Figure, axes: Axes, foreign: bool, columns: int, side: str = "lower", **more: Any) -> None:
+    """One legend for all panels below or above them; on the caller's axes, whose layout is theirs, on the first.
+
+    Parameters
+    ----------
+    figure : Figure
+    axes : Axes
+        Whose curves are named.
+    foreign : bool
+        Whether the axes are the caller's.
+    columns : int
+        At most.
+    side : {"lower", "upper"}
+    **more
+        As for `Figure.legend`.
+    """
     handles, names = axes.get_legend_handles_labels()
     if foreign:
         axes.legend(handles, names, **more)
     else:
-        figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), columns), **more)
+        figure.legend(handles, names, loc=f"outside {side} center", ncols=min(len(names), columns), **more)
 
 
 def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import overlay_traces
-from lpvid.report.figures import comparisons, grade
+from lpvid.report.figures import comparisons, grade, verdict_grade
 from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section, number
 from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
@@ -43,10 +43,32 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
         sections.append(Section("Left out", (Notes(tuple(f"{n}: {why}" for n, why in found.refused.items())),)))
     facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
              (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
-    return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections),
+    return Page("Models compared", found.verdict, verdict_grade(best.found), facts, (), tuple(sections),
                 (NextStep("Look at the best one alone: where it is wrong, and what is left in its residuals.",
                       f"lpvid validate {best.name}.json DATA --out checked"),
                  NextStep("See how far it is stable.", f"lpvid stability {best.name}.json --out stability")))
+
+
+def beside_section(found: ModelComparison, records: Sequence[Record],
+                   fitted: Callable[[Model, list[Record]], list[Record]]) -> Section:
+    """What the report of one model says of others on the same records.
+
+    Parameters
+    ----------
+    found : ModelComparison
+        The model of the report among them.
+    records : sequence of Record
+        As measured.
+    fitted : callable
+        Records with the roles that one model reads.
+
+    Returns
+    -------
+    Section
+    """
+    refused: list[Item] = [Notes(tuple(f"{n}: {why}" for n, why in found.refused.items()))] if found.refused else []
+    return Section("Beside other models", (_overall(found), _by_record(found), *refused,
+                                           *_overlays(found, records, fitted)))
 
 
 def _overall(found: ModelComparison) -> PageTable:

@@ -17,6 +17,7 @@ from lpvid.report.figures import (
     regimes_table,
     residual_items,
     run_figures,
+    verdict_grade,
 )
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
@@ -66,7 +67,7 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
                 Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(found.notes),)),
                 Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
     return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}", validation.verdict(best),
-                grade(best.overall.free_run.esr), _facts(found, best), _caveats(found),
+                verdict_grade(best), _facts(found, best), _caveats(found),
                 tuple(s for s in sections if s.items and s.items != (Notes(()),)), _steps(found, best))
 
 

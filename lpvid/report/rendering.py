@@ -71,11 +71,17 @@ class _Glossed:
         self.focusable: set[str] = set()
 
     def explain(self, text: str) -> Markup:
-        """A text with its terms explained on hover; a term's first place on the page can be reached by keyboard."""
+        """A text with its terms explained on hover; a term's first place on the page can be reached by keyboard.
+
+        What stands between backquotes is code.
+        """
         from markupsafe import Markup, escape
 
-        return Markup("").join(self._marked(words, term) if term else escape(words) for words, term
-                               in split_terms(str(text)))
+        parts = re.split(r"`([^`]+)`", str(text))
+        return Markup("").join(
+            Markup("<code>{}</code>").format(part) if k % 2 else
+            Markup("").join(self._marked(words, term) if term else escape(words) for words, term in split_terms(part))
+            for k, part in enumerate(parts))
 
     def cell(self, text: str) -> Markup:
         """A cell, explained where it is one term and nothing else."""

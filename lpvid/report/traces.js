@@ -2,7 +2,7 @@
    pixels: of every bin of samples on view the lowest and the highest, in their order. */
 (() => {
   "use strict";
-  const MISSING = -32768, LEVELS = 65534, AXIS = 64, PER_PIXEL = 1;
+  const MISSING = -32768, LEVELS = 65534, AXIS = 72, PER_PIXEL = 1;
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
   async function inflated(text) {

@@ -23,7 +23,8 @@ from lpvid.simulation import Model
 from lpvid.validation import Validation
 
 
-def validation_page(found: Validation, model: Model, shown: Sequence[Comparison], name: str) -> Page:
+def validation_page(found: Validation, model: Model, shown: Sequence[Comparison], name: str,
+                    more: Sequence[Section] = ()) -> Page:
     """A page about a model on data.
 
     Parameters
@@ -33,6 +34,8 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
     shown : sequence of Comparison
     name : str
         What to call the model.
+    more : sequence of Section
+        What else there is to say, e.g. of other models on the same records.
 
     Returns
     -------
@@ -44,6 +47,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
     if regimes is not None:
         sections.append(Section("Where the error lies", (regimes,)))
     sections.append(Section("Measured and simulated", tuple(run_figures(shown, driving(model)))))
+    sections += more
     left = residual_items(shown, [found], [s.name for s in model.inputs])
     if left:
         sections.append(Section("What is left in the residuals", tuple(left)))
@@ -115,7 +119,8 @@ def worst_record(found: Validation) -> str:
     run = worst.free_run
     what = f"diverges at sample {run.diverged_at}" if run.esr is None else (
         f"fit {run.fit_percent:.1f}\u00a0%, rmse {number(run.rmse, 3, run.rmse_unit)}")
-    return f" Worst record: '{worst.name}', {what}."
+    apart = grade(run.esr) == "bad" and grade(found.overall.free_run.esr) != "bad"
+    return f" {'But not record' if apart else 'Worst record:'} '{worst.name}': {what}."
 
 
 def facts(found: Validation) -> tuple[tuple[str, str], ...]:

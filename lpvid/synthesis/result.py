@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks
 from lpvid._shown import Shown
@@ -14,6 +14,10 @@ from lpvid.errors import InputError, NumericalError
 from lpvid.model.designed import designed
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
+
+if TYPE_CHECKING:
+    import control
+    import numpy as np
 
 VERDICTS = ("solved", "backed-off", "infeasible", "unstabilisable", "undetectable", "numerical")
 """Outcomes: "backed-off" is a controller whose promise had to be relaxed by more than the design allowed at first;
@@ -128,6 +132,25 @@ class Synthesis(Coded, Shown):
         if self.controller is None:
             raise NumericalError(f"{self.verdict}: {self.why}. Mend: {self.mend}.")
         return self.controller
+
+    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
+        """The controller with its scheduling frozen, as a python-control `StateSpace`.
+
+        Parameters
+        ----------
+        at : (n_scheduling,) array
+            Scheduling, SI. The varying controller: `lpvid.to_control`.
+
+        Returns
+        -------
+        control.StateSpace
+
+        Raises
+        ------
+        InputError
+            There is no controller.
+        """
+        return self.required().to_control(at)
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.why or self.method}"]

@@ -43,9 +43,11 @@ def export(
     """
     from lpvid.export.exportable import Options
     from lpvid.export.exporting import content
+    from lpvid.export.step_builder import checked_name
 
     results = Results(out)
     with working(f"exporting to {to}"), solver_output_suppressed():
+        checked_name(name)
         loop = _loop(config, controller, car, damper, measurements)
         found = content(loop, to, Options(name), precision)
     deliver(results, found, str(config or "the default car"), json)

@@ -22,6 +22,8 @@ from quartercar.parameters import CarParameters
 from quartercar.vehicle.nonlinear import Coil
 
 if TYPE_CHECKING:
+    import control
+
     from lpvid.export.expression import Expr
     from lpvid.export.step_builder import StepBuilder
     from quartercar.dampers.contract import Damper
@@ -335,6 +337,27 @@ class Controller(ABC):
             Fields of the constructor.
         """
         return dict(data)
+
+    def to_control(self, sample_time: float | None = None) -> control.NonlinearIOSystem:
+        """This law as a discrete python-control system, from the signals that it reads to its demand.
+
+        Parameters
+        ----------
+        sample_time : float, optional
+            Period [s]; left out, 1 ms, or that which a designed controller was designed for.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+
+        Raises
+        ------
+        InputError
+            A law that must know its car, or is to be designed first; another period than a designed one has.
+        """
+        from lpvid.export.control_file import to_control
+
+        return to_control(self, sample_time=sample_time)
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"

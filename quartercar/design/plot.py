@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, INK, SCALE, label, look, panels
+from lpvid.plot.style import CYCLE, INK, SCALE, Ax, Drawn, drawn, label, legend_outside, look, panels
 from quartercar.design.figures import FREQUENCIES, SHOWN
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from quartercar.design.identified import IdentifiedDesign
     from quartercar.design.nominal import Design
     from quartercar.rides.simulation import Ride
@@ -20,10 +18,21 @@ TITLES = {"body_acceleration": ("body acceleration", "1/s²"), "tyre_force": ("t
           "suspension_deflection": ("stroke", "1")}
 
 
-def weights(found: Design | IdentifiedDesign) -> Figure:
-    """Modulus of the weights on acceleration and tyre force over frequency."""
+def weights(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
+    """Modulus of the weights on acceleration and tyre force over frequency.
+
+    Parameters
+    ----------
+    found : Design or IdentifiedDesign
+    ax : two matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     with look():
-        figure, axes = panels(1, 2, height=2.4)
+        axes = panels(1, 2, height=2.4, ax=ax)[1]
         chosen = found.task.weights
         for ax, gain, name, unit in ((axes[0, 0], chosen.comfort_gain, "body acceleration", "s²/m"),
                                      (axes[0, 1], chosen.wheel_gain, "tyre force", "1/N")):
@@ -31,15 +40,27 @@ def weights(found: Design | IdentifiedDesign) -> Figure:
             ax.set_title(f"weight on {name}")
             ax.set_ylabel(label("gain", unit))
             ax.set_xlabel(label("frequency", "Hz"))
-    return figure
+    return drawn(axes)
 
 
-def gains(found: Design | IdentifiedDesign) -> Figure:
-    """Gains from the road with the scheduling frozen at values over its range, against the car without control."""
+def gains(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
+    """Gains from the road with the scheduling frozen at values over its range, against the car without control.
+
+    Parameters
+    ----------
+    found : Design or IdentifiedDesign
+    ax : three matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     from matplotlib import colormaps
 
     with look():
-        figure, axes = panels(1, 3, height=3.0)
+        foreign = ax is not None
+        figure, axes = panels(1, 3, height=3.0, ax=ax)
         colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label=found.baseline)
@@ -49,21 +70,31 @@ def gains(found: Design | IdentifiedDesign) -> Figure:
             ax.set_title(f"road to {name}")
             ax.set_ylabel(label("gain", unit))
             ax.set_xlabel(label("frequency", "Hz"))
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 7))
-    return figure
+        legend_outside(figure, axes[0, 0], foreign, 7, "upper")
+    return drawn(axes)
 
 
-def sensitivity(found: Design | IdentifiedDesign) -> Figure:
+def sensitivity(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     """Gain from the road with control over that without, signal by signal, the scheduling frozen over its range.
 
     S(jω) = |G_controlled|/|G_passive|: below one control helps, above one it costs. Where the plant has invariant
     points (the wheel's own resonance) every curve passes through one (Hrovat 1997).
+
+    Parameters
+    ----------
+    found : Design or IdentifiedDesign
+    ax : three matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
     """
     from matplotlib import colormaps
 
     with look():
-        figure, axes = panels(1, 3, height=2.8)
+        foreign = ax is not None
+        figure, axes = panels(1, 3, height=2.8, ax=ax)
         colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             passive = np.maximum(found.passive_gains[signal], 1e-300)
@@ -73,19 +104,30 @@ def sensitivity(found: Design | IdentifiedDesign) -> Figure:
             ax.set_title(TITLES[signal][0])
             ax.set_ylabel(label("with control / without", "1"))
             ax.set_xlabel(label("frequency", "Hz"))
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 7))
-    return figure
+        legend_outside(figure, axes[0, 0], foreign, 7, "upper")
+    return drawn(axes)
 
 
-def actuator_use(found: Design | IdentifiedDesign, controlled: Ride) -> Figure:
-    """Damper force over velocity within what the lowest and the highest command give, and the share of each command."""
+def actuator_use(found: Design | IdentifiedDesign, controlled: Ride, ax: Ax = None) -> Drawn:
+    """Damper force over velocity within what the lowest and the highest command give, and the share of each command.
+
+    Parameters
+    ----------
+    found : Design or IdentifiedDesign
+    controlled : Ride
+    ax : two matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     run, car = controlled.run, found.car
     velocity, current = run["suspension_velocity"], run["current"]
     unit = run.units["current"]
     low, high = car.coil.lowest, car.coil.highest
     with look():
-        figure, axes = panels(1, 2, height=3.2)
+        axes = panels(1, 2, height=3.2, ax=ax)[1]
         left, right = axes[0]
         left.plot(velocity, run["damper_force"], ".", color=CYCLE[1], markersize=2.0, alpha=0.6, rasterized=True,
                   label="over the bump")
@@ -106,16 +148,28 @@ def actuator_use(found: Design | IdentifiedDesign, controlled: Ride) -> Figure:
         for level in (low, high):
             if np.isfinite(level):
                 right.axvline(level, color=INK, linestyle="--", linewidth=0.9)
-    return figure
+    return drawn(axes)
 
 
-def bump(rides: tuple[Ride, Ride]) -> Figure:
-    """Acceleration, tyre load, stroke and current over a bump, controlled and passive."""
+def bump(rides: tuple[Ride, Ride], ax: Ax = None) -> Drawn:
+    """Acceleration, tyre load, stroke and current over a bump, controlled and passive.
+
+    Parameters
+    ----------
+    rides : (Ride, Ride)
+        Controlled, passive.
+    ax : four matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     unit = rides[0].run.units["current"]
     signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
                ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
-        figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
+        axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
         for found, name, colour in zip(rides, ("controlled", "passive, lowest current"), (CYCLE[1], INK), strict=True):
             inside = found.run.time >= 0.9
             for ax, (signal, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
@@ -123,4 +177,4 @@ def bump(rides: tuple[Ride, Ride]) -> Figure:
                 ax.set_ylabel(label(title, unit))
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, borderaxespad=0.0)
         axes[-1, 0].set_xlabel(label("time", "s"))
-    return figure
+    return drawn(axes)

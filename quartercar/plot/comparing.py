@@ -16,8 +16,12 @@ from lpvid.plot.style import (
     MODEL,
     MUTED,
     VERMILION,
+    Ax,
+    Drawn,
+    drawn,
     label,
     legend_above,
+    legend_outside,
     look,
     panels,
     robust_limits,
@@ -25,8 +29,6 @@ from lpvid.plot.style import (
 from quartercar.dampers.contract import ExtrapolationWarning
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from lpvid.record import Record
     from quartercar.dampers.evaluation.compared import Compared, Comparison
 
@@ -47,17 +49,27 @@ CLOUD = 2500
 """points of one panel"""
 
 
-def ranking(found: Comparison) -> Figure:
+def ranking(found: Comparison, ax: Ax = None) -> Drawn:
     """Free-run ESR of every model on a logarithmic axis: held-out as a dot, training as a hollow mark.
 
     A logarithmic axis has no zero, so that the length of a bar would give no information: the place of a dot does.
+
+    Parameters
+    ----------
+    found : Comparison
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
     """
     rows = [r for r in found.rows if r.held_out.total.esr is not None]
     lost = [r for r in found.rows if r.held_out.total.esr is None]
     names = [*(r.name for r in rows), *(f"{r.name} (diverged)" for r in lost)]
     held, trained = ([getattr(r, part).total.esr for r in rows] for part in ("held_out", "training"))
     with look():
-        figure, axes = panels(1, height=1.0 + 0.27 * len(names))
+        axes = panels(1, height=1.0 + 0.27 * len(names), ax=ax)[1]
         ax = axes[0, 0]
         for i, (late, early) in enumerate(zip(held, trained, strict=True)):
             if early is not None:
@@ -75,11 +87,23 @@ def ranking(found: Comparison) -> Figure:
         ax.set_yticks(np.arange(len(names)), names)
         ax.set_xlabel("free-run ESR [1]")
         legend_above(ax, 2)
-    return figure
+    return drawn(axes)
 
 
-def experiments_by_model(found: Comparison) -> Figure | None:
-    """Held-out free-run ESR by experiment, a dot for each of the best models; None where there is one experiment."""
+def experiments_by_model(found: Comparison, ax: Ax = None) -> Drawn | None:
+    """Held-out free-run ESR by experiment, a dot for each of the best models.
+
+    Parameters
+    ----------
+    found : Comparison
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or None
+        None where there is one experiment.
+    """
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:SIDE_BY_SIDE]
     names = [name for name, _ in rows[0].held_out.experiments] if rows else []
     if len(names) < 2:
@@ -87,7 +111,7 @@ def experiments_by_model(found: Comparison) -> Figure | None:
     values = np.array([[np.nan if run.esr is None else run.esr for _, run in r.held_out.experiments] for r in rows])
     tall = max(map(len, names)) > 12
     with look():
-        figure, axes = panels(1, height=3.4)
+        axes = panels(1, height=3.4, ax=ax)[1]
         ax = axes[0, 0]
         for k, (row, colour) in enumerate(zip(rows, CYCLE, strict=False)):
             at = np.arange(len(names)) + (k - 0.5 * (len(rows) - 1)) * 0.6 / len(rows)
@@ -102,11 +126,22 @@ def experiments_by_model(found: Comparison) -> Figure | None:
         ax.grid(visible=False, axis="x")
         ax.set_ylabel("free-run ESR [1]")
         legend_above(ax, 3)
-    return figure
+    return drawn(axes)
 
 
-def force_over_time(found: Comparison) -> Figure:
-    """Measured force and the best models' free runs over an excerpt of a held-out record, with the current below."""
+def force_over_time(found: Comparison, ax: Ax = None) -> Drawn:
+    """Measured force and the best models' free runs over an excerpt of a held-out record, with the current below.
+
+    Parameters
+    ----------
+    found : Comparison
+    ax : sequence of matplotlib.axes.Axes, optional
+        Where to draw: force, error, and the current where it moves; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     record = livelier(found.data.held_out)
     window = _excerpt(record)
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
@@ -114,7 +149,8 @@ def force_over_time(found: Comparison) -> Figure:
     t = record.times[window]
     force = record["force"]
     with look():
-        figure, axes = panels(3 if moving else 2, heights=[2.6, 1.3, *([0.9] if moving else [])], sharex=True)
+        figure, axes = panels(3 if moving else 2, heights=[2.6, 1.3, *([0.9] if moving else [])], sharex=True,
+                              ax=ax)
         over, under = axes[0, 0], axes[1, 0]
         over.plot(t, force[window], color=MEASURED, linewidth=1.8, label="measured")
         for row, colour in zip(rows, (VERMILION, BLUE, CYCLE[2]), strict=False):
@@ -133,8 +169,8 @@ def force_over_time(found: Comparison) -> Figure:
             axes[2, 0].set_ylim(*robust_limits(record["current"], 0.1))
         axes[-1, 0].set_xlabel(label("time", "s"))
         axes[-1, 0].set_xlim(float(t[0]), float(t[-1]))
-        figure.align_ylabels()
-    return figure
+        figure.align_ylabels(axes[:, 0])
+    return drawn(axes)
 
 
 def livelier(records: Sequence[Record]) -> Record:
@@ -171,8 +207,19 @@ def _excerpt(record: Record) -> slice:
     return slice(first, first + size)
 
 
-def force_over_velocity(found: Comparison) -> Figure:
-    """Force-velocity loops of the best model over the measured ones, a panel for each of at most four currents."""
+def force_over_velocity(found: Comparison, ax: Ax = None) -> Drawn:
+    """Force-velocity loops of the best model over the measured ones, a panel for each of at most four currents.
+
+    Parameters
+    ----------
+    found : Comparison
+    ax : sequence of matplotlib.axes.Axes, optional
+        Where to draw, one for each current on which the records rest; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     row = found.best
     span = current_span(found.data.held_out)
     still = [r for r in found.data.held_out if is_still(r, span)]
@@ -182,7 +229,8 @@ def force_over_velocity(found: Comparison) -> Figure:
     unit = records[0].unit("current") if levels is not None else ""
     with look():
         figure, axes = panels(1, 1 if levels is None else len(levels), height=3.3,
-                              width=5.6 if levels is None else max(5.6, min(9.9, 3.3 * len(levels))))
+                              width=5.6 if levels is None else max(5.6, min(9.9, 3.3 * len(levels))), ax=ax)
+        foreign = ax is not None
         forces = np.concatenate([r["force"] for r, _ in runs])
         speed = max(float(np.abs(r["velocity"]).max()) for r, _ in runs)
         for ax, level in zip(axes[0], levels or [None], strict=True):
@@ -202,9 +250,8 @@ def force_over_velocity(found: Comparison) -> Figure:
         axes[0, 0].set_ylabel(label("force", "N"))
         for ax in axes[0, 1:]:
             ax.tick_params(labelleft=False)
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=2, markerscale=4)
-    return figure
+        legend_outside(figure, axes[0, 0], foreign, 2, markerscale=4)
+    return drawn(axes)
 
 
 def current_levels(records: Sequence[Record]) -> list[float] | None:

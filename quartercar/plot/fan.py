@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import INK, MUTED, SCALE, label, look, panels, robust_limits
+from lpvid.plot.style import INK, MUTED, SCALE, Ax, Drawn, drawn, label, look, panels, robust_limits
 from quartercar.plot.comparing import current_levels, current_span
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from lpvid.record import Record
     from quartercar.dampers.evaluation.compared import Compared
 
@@ -24,7 +22,8 @@ GRID = 201
 """Velocities of a curve."""
 
 
-def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], polarity: int = 1) -> Figure:
+def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], polarity: int = 1,
+                       ax: Ax = None) -> Drawn:
     """Static force of models over velocity, a panel for each model and a curve for each current.
 
     F(v, i) once everything has settled, at the displacement that the model calls zero; the points are measured, with
@@ -38,10 +37,12 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
         Measured: velocity [m/s], force [N], and a current where the law has one.
     polarity : {1, -1}
         -1 where these records measure the force against the velocity: the curves are turned as the points are.
+    ax : sequence of matplotlib.axes.Axes, optional
+        Where to draw, one for each model; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    array of matplotlib.axes.Axes
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -56,7 +57,7 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
         import matplotlib as mpl
 
         colours = mpl.colormaps[SCALE]
-        figure, axes = panels(1, len(rows), height=3.9, width=max(6.4, min(9.9, 3.9 * len(rows))))
+        figure, axes = panels(1, len(rows), height=3.9, width=max(6.4, min(9.9, 3.9 * len(rows))), ax=ax)
         for ax, row in zip(axes[0], rows, strict=True):
             shade = MUTED if current is None else colours(scale(current))
             ax.scatter(velocity, force, c=shade, s=2.0, alpha=0.35, linewidths=0, rasterized=True, zorder=1)
@@ -75,7 +76,7 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
         if len(levels) > 1:
             figure.colorbar(ScalarMappable(scale, SCALE), ax=axes[0].tolist(), label=label("current", unit),
                             fraction=0.04, pad=0.02, ticks=levels)
-    return figure
+    return drawn(axes)
 
 
 def _measured(records: Sequence[Record]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,21 +15,23 @@ from lpvid.plot.style import (
     MUTED,
     SCALE,
     VERMILION,
+    Ax,
+    Drawn,
+    drawn,
     label,
     legend_above,
+    legend_outside,
     look,
     panels,
     robust_limits,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 PANELS = 4
 """Currents shown side by side."""
 
 
-def experiments(esr: Sequence[tuple[str, float | None, float | None]], target: float) -> Figure:
+def experiments(esr: Sequence[tuple[str, float | None, float | None]], target: float,
+                ax: Ax = None) -> Drawn:
     """Free-run ESR of every experiment beside that of a plain model, on a logarithmic axis, with the target.
 
     Parameters
@@ -38,13 +39,15 @@ def experiments(esr: Sequence[tuple[str, float | None, float | None]], target: f
     esr : sequence of (name, ESR, plain ESR)
         None for a run that diverged.
     target : float
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes
     """
     with look():
-        figure, axes = panels(1, height=3.0)
+        axes = panels(1, height=3.0, ax=ax)[1]
         ax = axes[0, 0]
         place = np.arange(len(esr))
         for column, stated, colour, marker in ((1, "LPV-ARX with saturating input", BLUE, "o"),
@@ -60,11 +63,11 @@ def experiments(esr: Sequence[tuple[str, float | None, float | None]], target: f
         ax.grid(visible=False, axis="x")
         ax.set_ylabel("free-run ESR [1]")
         legend_above(ax, 3)
-    return figure
+    return drawn(axes)
 
 
 def loops_by_current(shown: Sequence[Comparison], current: str = "current",
-                     velocity: str = "velocity") -> Figure | None:
+                     velocity: str = "velocity", ax: Ax = None) -> Drawn | None:
     """Force-velocity loops of records at constant current, one panel each for at most four currents.
 
     Parameters
@@ -72,10 +75,12 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
     shown : sequence of Comparison
         Runs at one current each.
     current, velocity : str
+    ax : sequence of matplotlib.axes.Axes, optional
+        Where to draw, one for each current, at most four; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure or None
+    array of matplotlib.axes.Axes, or None
         None without such records.
     """
     levels = sorted(((float(np.mean(c.record[current])), c) for c in shown), key=lambda pair: pair[0])
@@ -84,7 +89,8 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
     picks = np.unique(np.linspace(0, len(levels) - 1, min(PANELS, len(levels))).round().astype(int))
     chosen = [levels[i] for i in picks]
     with look():
-        figure, axes = panels(1, len(chosen), height=2.9)
+        foreign = ax is not None
+        figure, axes = panels(1, len(chosen), height=2.9, ax=ax)
         limits = robust_limits(np.concatenate([c.measured for _, c in chosen]), 0.08)
         for ax, (level, c) in zip(axes[0], chosen, strict=True):
             keep = slice(c.start, None, max(1, c.record.n_samples // 2500))
@@ -101,12 +107,12 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
         axes[0, 0].set_ylabel(label(chosen[0][1].output, chosen[0][1].unit))
         for ax in axes[0, 1:]:
             ax.tick_params(labelleft=False)
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=2, markerscale=4)
-    return figure
+        legend_outside(figure, axes[0, 0], foreign, 2, markerscale=4)
+    return drawn(axes)
 
 
-def overview(driven: Comparison, constant: Sequence[Comparison], current: str = "current") -> Figure:
+def overview(driven: Comparison, constant: Sequence[Comparison], current: str = "current",
+             ax: Ax = None) -> Drawn:
     """One picture of a damper model: measured and simulated force over two seconds, and the loops by current.
 
     Parameters
@@ -116,10 +122,12 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
     constant : sequence of Comparison
         Runs at one current each.
     current : str
+    ax : two matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    (2,) array of matplotlib.axes.Axes
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -128,7 +136,7 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
     middle = t.size // 2
     window = slice(middle, min(t.size, middle + round(1.5 / float(t[1] - t[0]))))
     with look():
-        figure, axes = panels(1, 2, height=3.4)
+        figure, axes = panels(1, 2, height=3.4, ax=ax)
         left, right = axes[0]
         left.plot(t[window], driven.measured[window], color=MEASURED, linewidth=1.5, label=driven.origin)
         left.plot(t[window], driven.free_run.output[window, 0], color=MODEL, linewidth=1.2, label="free run")
@@ -151,4 +159,4 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
         right.set_xlabel(label("velocity", "m/s"))
         right.set_title(f"Constant currents (grey: {driven.origin})")
         figure.colorbar(ScalarMappable(scale, SCALE), ax=right, label=label(current, "A"))
-    return figure
+    return drawn(axes)

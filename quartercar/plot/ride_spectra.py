@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import BLUE, CYCLE, INK, label, look, panels
+from lpvid.plot.style import BLUE, CYCLE, INK, Ax, Drawn, drawn, label, legend_outside, look, panels
 from quartercar.criteria import comfort_weighting
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from quartercar.vehicle.result import CarRun
 
 SIGNALS: Mapping[str, tuple[str, str]] = {
@@ -29,9 +27,11 @@ SENSITIVE = 0.9
 FEWEST_POWER = 1e-6
 """Share of the road's largest density below which a gain is not drawn: rounding over rounding."""
 LAWS = 6
+PANELS = 8
+"""Three densities, three gains, bands of comfort and their weighting."""
 
 
-def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0) -> Figure | None:
+def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0, ax: Ax = None) -> Drawn | None:
     """Densities and gains of body acceleration, tyre force and stroke, and third-octave bands of comfort.
 
     Densities S_yy by Welch's method (Hann, half overlapping); gains |S_ry|/S_rr from the elevation r of the road, the
@@ -46,10 +46,12 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0) -> Figure |
         Laws on the same road with the same seed.
     settle : float
         Start that is left out [s].
+    ax : eight matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure or None
+    (8,) array of matplotlib.axes.Axes, or None
         None where the ride is too short for an average.
     """
     found = [(name, estimates(run, settle)) for name, run in list(runs)[:LAWS]]
@@ -57,37 +59,40 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0) -> Figure |
     if not known:
         return None
     with look():
-        figure, axes = panels(3, 3, height=2.5)
+        foreign = ax is not None
+        figure, cells = panels(3, 3, height=2.5, ax=ax, count=PANELS)
+        last = cells.ravel()[:PANELS]
+        densities_of, gains_of, (by_band, weighting) = last[:3], last[3:6], last[6:]
         for k, (name, (f, densities, gains)) in enumerate(known):
             colour = (INK, *CYCLE)[k % 7]
             shown = (f >= BAND[0]) & (f <= BAND[1])
             for j, signal in enumerate(SIGNALS):
-                axes[0, j].loglog(f[shown], densities[signal][shown], color=colour, linewidth=1.1, label=name)
-                axes[1, j].loglog(f[shown], gains[signal][shown], color=colour, linewidth=1.1)
+                densities_of[j].loglog(f[shown], densities[signal][shown], color=colour, linewidth=1.1, label=name)
+                gains_of[j].loglog(f[shown], gains[signal][shown], color=colour, linewidth=1.1)
             centres, bands = third_octaves(f, densities["body_acceleration"])
-            axes[2, 0].loglog(centres, bands, "o-", color=colour, markersize=3, linewidth=0.8)
+            by_band.loglog(centres, bands, "o-", color=colour, markersize=3, linewidth=0.8)
         low, high = sensitive_band()
         for j, (stated, unit) in enumerate(SIGNALS.values()):
-            axes[0, j].set_title(stated)
-            axes[0, j].set_ylabel(f"PSD [({unit})²/Hz]")
-            axes[1, j].set_title(f"road to {stated}")
-            axes[1, j].set_ylabel(label("gain", f"({unit})/m"))
-            for ax in axes[:2, j]:
-                ax.set_xlabel(label("frequency", "Hz"))
-        for ax in (axes[0, 0], axes[1, 0], axes[2, 0], axes[2, 1]):
-            ax.axvspan(low, high, color=BLUE, alpha=0.10, linewidth=0)
-        axes[2, 0].set_title("weighted acceleration by third octave")
-        axes[2, 0].set_ylabel(label("rms in the band", "m/s²"))
-        axes[2, 0].set_xlabel(label("frequency", "Hz"))
+            densities_of[j].set_title(stated)
+            densities_of[j].set_ylabel(f"PSD [({unit})²/Hz]")
+            gains_of[j].set_title(f"road to {stated}")
+            gains_of[j].set_ylabel(label("gain", f"({unit})/m"))
+            for panel in (densities_of[j], gains_of[j]):
+                panel.set_xlabel(label("frequency", "Hz"))
+        for panel in (densities_of[0], gains_of[0], by_band, weighting):
+            panel.axvspan(low, high, color=BLUE, alpha=0.10, linewidth=0)
+        by_band.set_title("weighted acceleration by third octave")
+        by_band.set_ylabel(label("rms in the band", "m/s²"))
+        by_band.set_xlabel(label("frequency", "Hz"))
         weight = np.geomspace(*BAND, 200)
-        axes[2, 1].loglog(weight, np.abs(comfort_weighting(weight)), color=INK)
-        axes[2, 1].set_title("W_k of ISO 2631-1")
-        axes[2, 1].set_ylabel(label("weight", "1"))
-        axes[2, 1].set_xlabel(label("frequency", "Hz"))
-        axes[2, 2].set_visible(False)
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6))
-    return figure
+        weighting.loglog(weight, np.abs(comfort_weighting(weight)), color=INK)
+        weighting.set_title("W_k of ISO 2631-1")
+        weighting.set_ylabel(label("weight", "1"))
+        weighting.set_xlabel(label("frequency", "Hz"))
+        for spare in cells.ravel()[PANELS:]:
+            spare.set_visible(False)
+        legend_outside(figure, densities_of[0], foreign, 6, "upper")
+    return drawn(cells, PANELS)
 
 
 def estimates(run: CarRun, settle: float = 0.0

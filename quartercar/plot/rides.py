@@ -7,11 +7,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, INK, MUTED, label, look, panels, robust_limits, thinned
+from lpvid.plot.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    Ax,
+    Drawn,
+    drawn,
+    label,
+    legend_outside,
+    look,
+    panels,
+    robust_limits,
+    thinned,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from quartercar.rides.bound import Bound
     from quartercar.rides.comparison import Interval, LawRow, RideComparison
@@ -27,10 +39,24 @@ LABELS = {"comfort": ("weighted acceleration", "m/s²", 1.0), "tyre_load": ("tyr
           "stroke": ("stroke, rms", "mm", 1e3)}
 
 
-def trade_offs(found: RideComparison, bounds: Sequence[Bound] = ()) -> Figure:
-    """Comfort against tyre load and against stroke, road by road, relative to the reference; the front is joined."""
+def trade_offs(found: RideComparison, bounds: Sequence[Bound] = (), ax: Ax = None) -> Drawn:
+    """Comfort against tyre load and against stroke, road by road, relative to the reference; the front is joined.
+
+    Parameters
+    ----------
+    found : RideComparison
+    bounds : sequence of Bound
+        Drawn as stars.
+    ax : sequence of matplotlib.axes.Axes, optional
+        Where to draw, two for each road; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+    """
     with look():
-        figure, axes = panels(len(found.roads), 2, height=3.4)
+        foreign = ax is not None
+        figure, axes = panels(len(found.roads), 2, height=3.4, ax=ax)
         for row, road in zip(axes, found.roads, strict=True):
             reference = found.row(found.reference, road)
             for ax, other in zip(row, ("tyre_load", "stroke"), strict=True):
@@ -39,10 +65,8 @@ def trade_offs(found: RideComparison, bounds: Sequence[Bound] = ()) -> Figure:
                                  for n in ("comfort", other))
                 ax.set_title(f"{road}\n(0, 0): {found.reference}, {stated}", fontsize=8.5)
             _front(row[0], found, road)
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), handlelength=1.2,
-                      columnspacing=1.4)
-    return figure
+        legend_outside(figure, axes[0, 0], foreign, 6, "upper", handlelength=1.2, columnspacing=1.4)
+    return drawn(axes)
 
 
 def _points(ax: Axes, found: RideComparison, road: str, other: str, bounds: Sequence[Bound]) -> None:
@@ -116,15 +140,27 @@ def _front(ax: Axes, found: RideComparison, road: str) -> None:
         ax.step(x, y, where="post", color=INK, linewidth=0.9, linestyle="--", zorder=0)
 
 
-def over_time(found: RideComparison, road: str) -> Figure:
-    """Body acceleration, tyre load, stroke and current of a few laws around the liveliest moment of the first seed."""
+def over_time(found: RideComparison, road: str, ax: Ax = None) -> Drawn:
+    """Body acceleration, tyre load, stroke and current of a few laws around the liveliest moment of the first seed.
+
+    Parameters
+    ----------
+    found : RideComparison
+    road : str
+    ax : four matplotlib.axes.Axes, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    (4,) array of matplotlib.axes.Axes
+    """
     rows = shown_laws(found, road)
     start = _liveliest(rows[0])
     unit = rows[0].rides[0].run.units["current"]
     signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
                ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
-        figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
+        axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
         for k, row in enumerate(rows):
             run = row.rides[0].run
             inside = (run.time >= start) & (run.time <= start + EXCERPT)
@@ -135,7 +171,7 @@ def over_time(found: RideComparison, road: str) -> Figure:
         axes[0, 0].set_title(f"{road}, seed {rows[0].rides[0].seed}")
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderaxespad=0.0)
         axes[-1, 0].set_xlabel(label("time", "s"))
-    return figure
+    return drawn(axes)
 
 
 def shown_laws(found: RideComparison, road: str) -> list[LawRow]:

@@ -35,7 +35,7 @@ from quartercar.dampers.evaluation.sampled_passivity import margin_of
 from quartercar.plot.comparing import DRAWN, free_run_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
+    from lpvid.plot.style import Drawn as Drawing
 
 GRAVE = ("reversed polarity", "the polarity", "no channel 'current'")
 """Beginnings of notes that stand at the head of the page."""

@@ -27,7 +27,8 @@ from lpvid.cli.automatic import choose
 from lpvid.cli.structures import Request
 from lpvid.condition.preparing import decimation
 from lpvid.errors import LpvError
-from lpvid.identification.selection.result import describe
+from lpvid.identification.selection.result import CandidateRow, describe
+from lpvid.identification.selection.rounds import in_full
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
@@ -121,7 +122,7 @@ def read(case: Case, folder: Path) -> Data:
     return Data(training, held_out, case.sample_rate or decimation([*training, *held_out])[0])
 
 
-def by_auto(case: Case, data: Data, budget: float) -> dict:
+def by_auto(case: Case, data: Data, budget: float, everyone: bool = False) -> dict:
     """The command's choice and its figures."""
     begun = time.process_time()
     request = Request(case.input, (case.output,), case.schedule, "arx", {}, data.rate, True)
@@ -133,7 +134,23 @@ def by_auto(case: Case, data: Data, budget: float) -> dict:
             "ceiling": choice.held_out_percent, "seconds": seconds,
             "candidates": sum(r.esr is not None for r in choice.selection.table),
             "left_out": list(choice.selection.left_out), "notes": list(choice.selection.notes),
-            "table": [str(row) for row in choice.selection.table[:12]]}
+            "table": [str(row) for row in choice.selection.table[:12]],
+            "rows": _held_out_of(choice.selection.table, data) if everyone else []}
+
+
+def _held_out_of(rows: Sequence[CandidateRow], data: Data) -> list[dict]:
+    """Every candidate with a cross-validated figure, refitted on all training data, on the held-out data [%]."""
+    out = []
+    for row in rows:
+        if row.esr is None:
+            continue
+        try:
+            found = lpv.identify(data.training, in_full(row.structure), sample_rate=data.rate, held_out=data.held_out)
+        except LpvError:
+            continue
+        assert found.held_out is not None
+        out.append({**row.to_dict(), "held_out": found.held_out.overall.free_run.fit_percent, "training": found.fit})
+    return out
 
 
 def by_all_hands(case: Case, data: Data, most: float) -> dict:
@@ -189,6 +206,7 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=300.0)
     parser.add_argument("--most", type=float, default=600.0, help="processor seconds for a group by hand")
     parser.add_argument("--only", choices=("auto", "hand"))
+    parser.add_argument("--rules", action="store_true", help="also the held-out fit of every candidate, for `rules`")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
     known = {case.name: case for case in cases()}
@@ -199,7 +217,7 @@ def main() -> None:
             if key in row or asked.only not in (None, part):
                 continue
             data = read(known[name], Path(os.environ["LPVID_DATA"]))
-            found = (by_auto(known[name], data, asked.budget) if part == "auto" else
+            found = (by_auto(known[name], data, asked.budget, asked.rules) if part == "auto" else
                      by_all_hands(known[name], data, asked.most))
             rows[name] = {**row, "group": name, **found}
             print(table([rows[name]]).splitlines()[-1], flush=True)

@@ -14,9 +14,12 @@ from matplotlib.figure import Figure
 
 import lpvid as lpv
 from lpvid._shown import Shown
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from lpvid.report.stability import study_stability
+from lpvid.synthesis.result import Synthesis
 from quartercar.controllers import Passive, Skyhook
+from quartercar.controllers.contract import Setting
+from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.dampers import Guo, Guo15, PowerLaw
 from quartercar.parameters import MEGANE
 from quartercar.rides.comparison import compare_rides
@@ -113,6 +116,34 @@ def test_a_damper_goes_to_python_control(nouns: dict[str, Any]) -> None:
         lpv.to_control(damper, at=[1.0])
     model = nouns["model"]
     np.testing.assert_allclose(lpv.to_control(model, at=[0.5]).poles(), [0.65], atol=1e-6)
+
+
+def test_a_law_goes_to_python_control() -> None:
+    """Skyhook's demand from the system is that of the law, step by step; a law to be designed first is refused."""
+    import control
+
+    law, period = Skyhook(), 1e-3
+    system = law.to_control(period)
+    assert system.dt == period
+    rng = np.random.default_rng(1)
+    seen = rng.standard_normal((len(system.input_labels), 200))
+    answer = np.ravel(control.input_output_response(system, period * np.arange(200), seen).outputs)
+    stepping = law.start(Setting(period, 1, MEGANE))
+    own = [stepping.step({n: seen[i, k: k + 1] for i, n in enumerate(system.input_labels)})[0] for k in range(200)]
+    np.testing.assert_allclose(answer, own, rtol=1e-9, atol=1e-9)
+    with pytest.raises(InputError, match="not yet a controller"):
+        LpvHinf().to_control()
+
+
+def test_a_synthesis_goes_to_python_control_and_has_a_card() -> None:
+    a, b = np.array([[[-2.0]], [[-1.0]]]), np.ones((2, 1, 1))
+    k = lpv.LPVStateSpace(a, b, b, 0 * b, lpv.Polynomial("rho", degree=1), None)
+    found = Synthesis("solved", 1.0, 1.0, 0.5, k, k)
+    np.testing.assert_allclose(found.to_control([0.5]).poles(), [-2.5])
+    card = found._repr_html_()
+    assert "base64" in card and "solved" in card and len(card) < 150_000
+    with pytest.raises(NumericalError):
+        Synthesis("infeasible", why="no").to_control([0.5])
 
 
 def test_a_damper_takes_values_with_units() -> None:

@@ -83,6 +83,8 @@ class CandidateRow:
         Share of training samples with a frozen pole outside the unit circle.
     esr, esr_error : float or None
         Cross-validated free-run ESR and its standard error over the folds.
+    esr_folds : tuple of float
+        ESR of every fold, of which `esr` is the mean; empty where it was not cross-validated.
     reason : str
         Why it stands where it stands.
     """
@@ -95,6 +97,7 @@ class CandidateRow:
     outside: float | None = None
     esr: float | None = None
     esr_error: float | None = None
+    esr_folds: tuple[float, ...] = ()
     reason: str = ""
 
     @property
@@ -114,6 +117,7 @@ class CandidateRow:
                 "bic_one_step_training": self.bic, "aicc_one_step_training": self.aicc,
                 "one_step_fit_percent_training": self.one_step, "frozen_outside_share_training": self.outside,
                 "free_run_esr_cross_validated": self.esr, "free_run_esr_standard_error": self.esr_error,
+                "free_run_esr_by_fold": list(self.esr_folds),
                 "free_run_fit_percent_cross_validated": self.fit_percent, "reason": self.reason}
 
     def __str__(self) -> str:

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from time import process_time
 
 import numpy as np
 
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX
-from lpvid.identification.selection.free_run import TIME_UP, Fold, Trial, cross_validate, spread, unstable_share
+from lpvid.identification.selection.choosing import TOLERATED, Tried, close_to_least, simplest_supported
+from lpvid.identification.selection.free_run import TIME_UP, Fold, Trial, cross_validate, unstable_share
 from lpvid.identification.selection.result import CandidateRow, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
+from lpvid.simulation import Model
 
 BY_BIC, BY_AICC = 6, 3
 """places on the short list by either criterion; the rest goes to variety."""
 ROUNDS = 3
 """times the neighbours of the best are tried."""
-TOLERATED = 0.02
-"""share of the least ESR that one standard error may not exceed when a simpler structure is preferred: 1 % of what the
-fit lacks to 100 %, so that simplicity never costs the half point within which a choice should be of the best."""
 
 ROUND_DONE = "• "
 """how a line of progress begins that ends a round."""
@@ -75,9 +75,8 @@ class StructureSearch:
                 continue
             self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
             best = self.best
-            trial = cross_validate(structure, self.parts, self.records, self.limit, None if best is None else best[1],
-                                   self.late)
-            self.others.append((structure, trial))
+            trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late)
+            self.others.append((structure, trial if trial.failure else self._admitted(structure, trial)))
 
     def late(self) -> bool:
         """Whether the time for the search is up; never before there is a candidate that could be taken."""
@@ -115,6 +114,16 @@ class StructureSearch:
         """The screened ARX of least free-run error, with its basis bound and its stages fitted."""
         tried = [i for i, t in self.trials.items() if not t.failure]
         return self.screened[min(tried, key=lambda i: self.trials[i].mean)].structure if tried else None
+
+    def _admitted(self, structure: Structure, trial: Trial) -> Trial:
+        """A trial that could be taken, failed where its estimate on all records has frozen poles outside."""
+        try:
+            share = unstable_share(structure.estimate(self.records).model, self.records)
+        except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
+            why = problem.what if isinstance(problem, InputError) else str(problem)
+            return replace(trial, failure=f"cannot be fitted to all training data: {why}")
+        failure = f"frozen pole outside at {100 * share:.2g} % of training samples" if share > self.limit else ""
+        return replace(trial, failure=failure, outside=share)
 
     def admissible(self, index: int) -> bool:
         """Whether a screened candidate keeps its frozen poles inside along the training trajectory."""
@@ -185,18 +194,47 @@ class StructureSearch:
     # -- verdict ------------------------------------------------------------------------------------------------
     def ranked(self) -> list[tuple[Structure, CandidateRow]]:
         """Structures in order of preference with their rows: the first is the choice."""
-        tested = [(self.screened[i].asked, t, self._row(i)) for i, t in self.trials.items()]
-        tested += [(s, t, CandidateRow(s, t.n_parameters, outside=t.outside)) for s, t in self.others]
-        good = [(s, t, row) for s, t, row in tested if not t.failure]
-        failed = [(s, replace(row, reason=t.failure)) for s, t, row in tested if t.failure]
-        good.sort(key=lambda item: item[1].mean)
-        return [*_one_standard_error(good), *failed, *self._untried(), *((r.structure, r) for r in self.refused)]
+        tested = [(self._row(i), Tried(t, self.screened[i].n_parameters, partial(self._of_screened, i)))
+                  for i, t in self.trials.items()]
+        tested += [(CandidateRow(s, t.n_parameters, outside=t.outside),
+                    Tried(t, t.n_parameters, partial(self._of_structure, s))) for s, t in self.others]
+        good = sorted((item for item in tested if not item[1].trial.failure), key=lambda item: item[1].trial.mean)
+        failed = [replace(row, reason=tried.trial.failure) for row, tried in tested if tried.trial.failure]
+        rows = [*self._chosen(good), *failed, *self._untried(), *self.refused]
+        return [(row.structure, row) for row in rows]
+
+    def _of_screened(self, index: int) -> Model:
+        return self.screened[index].identification(self.records).model
+
+    def _of_structure(self, structure: Structure) -> Model:
+        return structure.estimate(self.records).model
+
+    def _chosen(self, good: Sequence[tuple[CandidateRow, Tried]]) -> list[CandidateRow]:
+        """Rows with reasons, least error first, but the choice before all."""
+        if not good:
+            return []
+        trials = [tried.trial for _, tried in good]
+        near, chosen = close_to_least(trials), simplest_supported([tried for _, tried in good], self.records)
+        rows = []
+        for i, (row, tried) in enumerate(good):
+            if i == chosen:
+                reason = "chosen: least free-run error" if i == 0 else (
+                    "chosen: within one standard error of the best with fewer parameters, and not worse by AIC")
+            elif i in near:
+                reason = "least free-run error, but no simpler than the choice" if i == 0 else (
+                    "within one standard error of the best, but no simpler, or worse on all training data by AIC")
+            else:
+                excess = 100 * (tried.trial.mean / max(trials[0].mean, 1e-300) - 1)
+                reason = f"free-run error {excess:.3g} % above the least"
+            rows.append(replace(row, esr=tried.trial.mean, esr_error=tried.trial.error,
+                                esr_folds=tuple(tried.trial.esr.tolist()), reason=reason))
+        return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]
 
     def _row(self, index: int, reason: str = "") -> CandidateRow:
         s = self.screened[index]
         return CandidateRow(s.asked, s.n_parameters, s.bic, s.aicc, s.one_step, self.outside.get(index), reason=reason)
 
-    def _untried(self) -> list[tuple[Structure, CandidateRow]]:
+    def _untried(self) -> list[CandidateRow]:
         rows = []
         for i in range(len(self.screened)):
             if i in self.trials:
@@ -208,7 +246,7 @@ class StructureSearch:
                 reason = f"frozen pole outside at {100 * share:.2g} % of training samples"
             else:
                 reason = f"BIC {self.screened[i].bic - self.screened[0].bic:.4g} above the least: not cross-validated"
-            rows.append((self.screened[i].asked, self._row(i, reason)))
+            rows.append(self._row(i, reason))
         return rows
 
 
@@ -222,34 +260,3 @@ def _traits(structure: ARX) -> set[tuple]:
     return {("na", structure.na), ("nb − na", tuple(b - structure.na for b in structure.width)),
             ("nk", structure.delay), ("basis", structure.basis), ("affine", terms), ("lagged", structure.lagged),
             ("stages", structure.stage, structure.schedule_filter)}
-
-
-def _one_standard_error(good: list[tuple[Structure, Trial, CandidateRow]]) -> list[tuple[Structure, CandidateRow]]:
-    """Rows with reasons; the simplest structure within one standard error of the least error comes first.
-
-    The standard error is that of the difference from the least, fold by fold, and at most `TOLERATED` of the least:
-    blocks of unequal difficulty would otherwise excuse anything.
-    """
-    if not good:
-        return []
-    least = good[0][1]
-    rows, within = [], []
-    for place, (structure, trial, row) in enumerate(good):
-        excess = trial.mean - least.mean
-        margin = min(spread(trial.esr - least.esr), TOLERATED * least.mean)
-        close = excess <= margin
-        if close:
-            within.append(place)
-        reason = "" if close else f"free-run error {100 * excess / max(least.mean, 1e-300):.3g} % above the least"
-        rows.append((structure, replace(row, esr=trial.mean, esr_error=trial.error, reason=reason)))
-    sizes = {i: rows[i][1].n_parameters for i in within}
-    chosen = min(within, key=lambda i: (sizes[i] if sizes[i] is not None else np.inf, good[i][1].mean))
-    for i in within:
-        if i == chosen:
-            reason = "chosen: least free-run error" if i == 0 else (
-                "chosen: within one standard error of the best with fewer parameters")
-        else:
-            reason = "least free-run error, but no simpler than the choice" if i == 0 else (
-                "within one standard error of the best, but no simpler than the choice")
-        rows[i] = (rows[i][0], replace(rows[i][1], reason=reason))
-    return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]

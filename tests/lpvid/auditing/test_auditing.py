@@ -330,9 +330,9 @@ def test_anything_that_parses_can_be_audited(rng: np.random.Generator) -> None:
 
 def test_a_long_record_is_audited_in_seconds() -> None:
     record = clean(n=36_000)
-    begin = time.perf_counter()
+    begin = time.process_time()
     audit(record)
-    assert time.perf_counter() - begin < 4
+    assert time.process_time() - begin < 4
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e4])
@@ -445,3 +445,24 @@ class TestCoherentInputs:
         r = Record({"a": road, "b": road + 0.5 * noise}, 0.01)
         seen = input_coherence([view(r, None)], ("a", "b"))
         np.testing.assert_allclose(seen.share, [0.2, 0.2], rtol=0.15)  # 1 - 1/(1 + 0.25), less the bias of averaging
+
+
+def test_a_sample_that_outweighs_all_others_is_a_spike() -> None:
+    record = clean()
+    assert not [f for f in audit(record).findings if f.name == "spike"]
+    force = record["force"].copy()
+    force[777] = 1e6
+    spiked = Record({n: force if n == "force" else record[n] for n in record.channels}, sample_time=record.sample_time,
+                    units={n: record.unit(n) for n in record.channels})
+    found, = (f for f in audit(spiked).findings if f.name == "spike")
+    assert found.channel == "force" and found.severity == "warning" and "row 778" in found.evidence
+
+
+def test_a_clock_without_a_unit_is_a_note(tmp_path) -> None:
+    from lpvid.files import read
+
+    for header, expected in (("time", ["time"]), ("time [ms]", [])):
+        file = tmp_path / "run.csv"
+        file.write_text(f"{header},force [N]\n" + "\n".join(f"{k},{np.sin(k)}" for k in range(100)) + "\n")
+        findings = audit(read(file)).findings
+        assert [f.channel for f in findings if f.name == "missing-unit"] == expected

@@ -47,6 +47,54 @@ def test_the_verbs_take_them():
     assert lpv.validate(models[0], Frame(data)).overall.free_run.esr == pytest.approx(0.0, abs=1e-12)
 
 
+class Dataset:
+    """What an xarray Dataset has: variables and indices by name, each with attributes."""
+
+    class Variable(np.ndarray):
+        """An array with attributes."""
+
+        attrs: dict
+
+    def __init__(self, data: dict, units: dict) -> None:
+        self._data = {name: np.asarray(values).view(Dataset.Variable) for name, values in data.items()}
+        for name, variable in self._data.items():
+            variable.attrs = {"units": units[name]}
+        self.indexes = {"time": self._data["time"]}
+        self.data_vars = {name: v for name, v in self._data.items() if name != "time"}
+
+    def __getitem__(self, name: str) -> object:
+        return self._data[name]
+
+
+def test_structured_arrays_and_datasets_have_columns():
+    """The same record as from a dict: names of a structured array, units from a dataset's attributes."""
+    expected, = as_records(columns())
+    data = columns()
+    table = np.array(list(zip(*data.values(), strict=True)), dtype=[(name, float) for name in data])
+    plain = {"time": data["t [ms]"], "velocity": data["velocity [mm/s]"], "Force": data["Force (kN)"]}
+    for given in (table, Dataset(plain, {"time": "ms", "velocity": "mm/s", "Force": "kN"})):
+        record, = as_records(given)
+        assert record.sample_time == pytest.approx(expected.sample_time)
+        for name in ("velocity", "Force"):
+            assert record.unit(name) == expected.unit(name)
+            np.testing.assert_allclose(record[name], expected[name])
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "xarray"])
+def test_frames_of_the_libraries_themselves(library):
+    module = pytest.importorskip(library)
+    data = columns()
+    if library == "xarray":
+        given = module.Dataset({n: ("time", v, {"units": u}) for n, v, u in (
+            ("velocity", data["velocity [mm/s]"], "mm/s"), ("Force", data["Force (kN)"], "kN"))},
+            coords={"time": ("time", data["t [ms]"], {"units": "ms"})})
+    else:
+        given = module.DataFrame(data)
+    record, = as_records(given)
+    np.testing.assert_allclose(record["Force"], 2.0 * record["velocity"])
+    assert record.sample_time == pytest.approx(0.005)
+
+
 def test_several_are_numbered_and_records_keep_their_names():
     named = lpv.Record({"velocity": [0.0, 1.0], "force": [0.0, 2.0]}, 0.1, name="mine")
     assert [r.name for r in as_records([columns(), named, columns()])] == ["data 1", "mine", "data 3"]

@@ -184,13 +184,16 @@ int main(void)
 
 
 def test_files_are_written_whole(rng, tmp_path):
-    made = export_c(state_space(rng), tmp_path / "out", name="my filter", precision="float")
+    made = export_c(state_space(rng), tmp_path / "out", name="my_filter", precision="float")
     assert [p.name for p in made.files] == ["my_filter.h", "my_filter.c", "my_filter_test.c"]
     assert all(p.is_file() for p in made.files) and len(list((tmp_path / "out").iterdir())) == 3
     text = made.files[0].read_text()
     assert "typedef float my_filter_real;" in text and "[A]" in text and "MY_FILTER_SAMPLE_TIME (0.01f)" in text
     with pytest.raises(InputError, match="is a file"):
         export_c(state_space(rng), made.files[0])
+    with pytest.raises(InputError, match="my_filter"):
+        export_c(state_space(rng), tmp_path / "other", name="my filter")
+    assert not (tmp_path / "other").exists()
 
 
 def test_any_name_makes_files(rng):

@@ -56,7 +56,7 @@ def test_finds_the_true_structure(record, grid):
 
 @pytest.mark.slow
 def test_finds_the_true_structure_as_often_as_one_standard_error_does(grid):
-    """Where a redundant term does better by more than one standard error of its difference, by chance: one in six."""
+    """A redundant term stays where it does better by more than one standard error, or by AIC: by chance, one in six."""
     found = [select(system(np.random.default_rng(seed)), grid).best for seed in range(8)]
     truth = (2, (1,), (2,), 1, 0, False)
     assert sum((b.na, b.delay, b.width, b.basis.degree, b.affine, b.lagged) == truth for b in found) >= 6

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.browser import BROWSER, axe_source, grave_findings
 from typer.testing import CliRunner
 
 import lpvid as lpv
@@ -216,6 +217,14 @@ def test_demo_report_is_self_contained(short_demo):
     for heading in ("Eight experiments", "The virtual rig and the model", "Energy", "State-space forms", "Stability",
                     "Frozen poles", "Critical values"):
         assert f"<h2>{heading}</h2>" in html
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None or axe_source() is None, reason="no Chromium or no axe-core here")
+@pytest.mark.parametrize("width", [1200, 390])
+def test_no_grave_findings_of_accessibility_on_the_page_of_the_demo(short_demo, width, tmp_path):
+    folder, _ = short_demo
+    assert grave_findings((folder / "report.html").read_text(), tmp_path, width) == ""
 
 
 def test_demo_structure_is_the_thesis_class():

@@ -7,9 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.browser import BROWSER, axe_source, grave_findings
 
 import lpvid as lpv
 from lpvid.auditing import audit
+from lpvid.report import render
 from quartercar.criteria import rms, weighted
 from quartercar.dampers.laws.guo import Guo
 from quartercar.parameters import MEGANE
@@ -87,7 +89,7 @@ def test_a_fan_has_the_static_law_of_every_current(polarity):
     records = [swept(damper, level) for level in (0.0, 1.0, 2.0)]
     records = [replace_force(r, polarity * r["force"]) for r in records]
     row = SimpleNamespace(damper=damper, name="guo")
-    ax = force_velocity_fan([row], records, polarity).axes[0]
+    ax = force_velocity_fan([row], records, polarity)
     curves = [line for line in ax.lines if line.get_linewidth() == 1.8]
     assert len(curves) == 3
     for line, level in zip(curves, (0.0, 1.0, 2.0), strict=True):
@@ -111,3 +113,13 @@ def test_the_rig_says_what_was_run_and_what_was_on():
     table = pages[1].sections[1].items[0]
     assert [row[:2] for row in table.rows] == [("coulomb-friction", "0.5"), ("coil-lag", "0")]
     assert pages[0].sections[0].items[0].rows[0][0].startswith("test-1")
+
+
+@pytest.mark.skipif(BROWSER is None or axe_source() is None, reason="no Chromium or no axe-core here")
+@pytest.mark.parametrize("width", [1200, 390])
+def test_no_grave_findings_of_accessibility_on_the_page_of_the_rig(width, tmp_path):
+    plan = parse_plan('seed = 7\n[[experiments]]\npreset = "test-1"\nduration = 1.0\n')
+    records = [Rig().run(replace(plan.experiments[0], duration=1.0), seed=7)]
+    page = render(rig_page(plan, audit(records), records))
+    assert len(page.encode()) <= 1_500_000
+    assert grave_findings(page, tmp_path, width) == ""

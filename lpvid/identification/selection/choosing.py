@@ -1,0 +1,144 @@
+"""Which of the structures that cross-validation cannot tell apart is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.errors import InputError, NumericalError
+from lpvid.identification.sandwich import residual_memory
+from lpvid.identification.selection.free_run import Trial, spread
+from lpvid.record import Record
+from lpvid.simulation import Model, simulate
+
+TOLERATED = 0.02
+"""share of the least ESR that one standard error may not exceed when a simpler structure is preferred: 1 % of what the
+fit lacks to 100 %, so that simplicity never costs the half point within which a choice should be of the best."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A structure as the choice sees it.
+
+    Attributes
+    ----------
+    trial : Trial
+        Cross-validation.
+    n_parameters : int or None
+    estimate : callable
+        Its model of all records; may raise what an estimate raises.
+    """
+
+    trial: Trial
+    n_parameters: int | None
+    estimate: Callable[[], Model]
+
+
+def close_to_least(trials: Sequence[Trial]) -> list[int]:
+    """Places of the trials whose error is within one standard error of the least, which comes first.
+
+    The standard error is that of the difference from the least, fold by fold, and at most `TOLERATED` of the least:
+    blocks of unequal difficulty would otherwise excuse anything.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Least error first.
+
+    Returns
+    -------
+    list of int
+    """
+    least = trials[0]
+    return [i for i, t in enumerate(trials)
+            if t.mean - least.mean <= min(spread(t.esr - least.esr), TOLERATED * least.mean)]
+
+
+def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int:
+    """Place of the choice: the simplest within one standard error of the least that all data do not speak against.
+
+    Five folds see a difference only from about their standard error on, and each fits to four fifths of the data. What
+    they leave open is asked of all training data::
+
+        N ln(E_simple / E_least) <= 2 (k_least − k_simple),        N = n / Σ_j ρ_j²
+
+    the comparison of two AIC (Akaike 1974, IEEE TAC 19, 716) with E the squared error of the free run and k the number
+    of parameters. A residual with autocorrelation ρ_j tells its variance as well as N independent samples do (Bartlett
+    1946; Priestley 1981, 5.3), so that a coloured one does not count every sample. A redundant term is left out, and a
+    term whose gain is small and sure is kept: by one standard error alone (Breiman et al. 1984, 3.4) the gyroscope's
+    third order was taken for its fourth, at a fifth of a point of fit on later data.
+
+    Parameters
+    ----------
+    tried : sequence of Tried
+        Least error in cross-validation first.
+    records : sequence of Record
+
+    Returns
+    -------
+    int
+    """
+    sizes = [np.inf if t.n_parameters is None else t.n_parameters for t in tried]
+    near = close_to_least([t.trial for t in tried])
+    simpler = sorted((i for i in near if sizes[i] < sizes[0]), key=lambda i: (sizes[i], tried[i].trial.mean))
+    if not simpler:
+        return 0
+    best = _model(tried[0])
+    if best is None:
+        return simpler[0]
+    count = independent_samples(best, records)
+    for i in simpler:
+        other = _model(tried[i])
+        if other is not None and count * _log_ratio(other, best, records) <= 2 * (sizes[0] - sizes[i]):
+            return i
+    return 0
+
+
+def _model(tried: Tried) -> Model | None:
+    try:
+        return tried.estimate()
+    except (InputError, NumericalError, np.linalg.LinAlgError):
+        return None
+
+
+def _log_ratio(simple: Model, best: Model, records: Sequence[Record]) -> float:
+    """ln(E_simple/E_best) over the samples that both run along, the mean over outputs; inf where a run diverges."""
+    start = max(simple.start, best.start)
+    ratios = []
+    for k in range(best.n_outputs):
+        e, e_best = (sum(float(r @ r) for r in _residuals(m, records, k, start)) for m in (simple, best))
+        ratios.append(np.log(e / e_best) if np.isfinite(e) and e_best > 0 else np.inf)
+    return float(np.mean(ratios))
+
+
+def _residuals(model: Model, records: Sequence[Record], output: int, start: int) -> list[np.ndarray]:
+    """Of one output's free run, from a sample on."""
+    name = model.outputs[output].name
+    return [r[name][start:] - simulate(model, r, "estimate").output[start:, output]
+            for r in records if r.n_samples > start + 2]
+
+
+def independent_samples(model: Model, records: Sequence[Record]) -> float:
+    """n / Σ_j ρ_j² of the free run's residual, all outputs and records together.
+
+    The sum ends where the autocorrelation is within its own noise (`residual_memory`).
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+
+    Returns
+    -------
+    float
+    """
+    total = 0.0
+    for k in range(model.n_outputs):
+        residuals = _residuals(model, records, k, model.start)
+        memory = residual_memory(residuals)
+        power = sum(float(e @ e) for e in residuals)
+        lagged = [sum(float(e[j:] @ e[: e.size - j]) for e in residuals if e.size > j) for j in range(1, memory + 1)]
+        total += sum(e.size for e in residuals) / (1 + 2 * float(np.sum(np.square(np.array(lagged) / power))))
+    return total

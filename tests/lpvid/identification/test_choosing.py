@@ -1,0 +1,96 @@
+"""What cross-validation leaves open: the simplest structure that all training data do not speak against."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import lpvid as lpv
+from lpvid.identification.selection import select
+from lpvid.identification.selection.choosing import Tried, close_to_least, independent_samples, simplest_supported
+from lpvid.identification.selection.free_run import Trial
+from lpvid.record import Record
+
+
+def gain(*taps: float) -> lpv.LPVTransferFunction:
+    """A moving average."""
+    return lpv.LPVTransferFunction.siso([], [[b] for b in taps], lpv.Polynomial(), 0.01, inputs="u", outputs="y")
+
+
+def measured(n: int, noise: Any, second: float = 0.05) -> Record:
+    u = np.random.default_rng(1).standard_normal(n)
+    y = u + second * np.concatenate([[0.0], u[:-1]]) + noise
+    channels: Any = {"u": u, "y": y}
+    return Record(channels, sample_time=0.01)
+
+
+def tie(n_parameters: int, model: lpv.LPVTransferFunction, above: float = 0.0) -> Tried:
+    """A candidate that five folds see within their standard error of 0.01."""
+    return Tried(Trial(0.1 + 1e-4 * above + 1e-3 * above * np.array([-1.0, 1.0, 0.0, -1.0, 1.0])), n_parameters,
+                 lambda: model)
+
+
+@pytest.mark.parametrize("n", [300, 3000])
+def test_a_small_gain_is_taken_once_it_is_sure(n):
+    """Oracle: N ln(1 + b²σ_u²/σ_e²) of the missing tap against the 2 that AIC asks of one parameter."""
+    record = measured(n, np.random.default_rng(2).standard_normal(n))
+    full, simple = gain(1.0, 0.05), gain(1.0)
+    tried = [tie(2, full), tie(1, simple, 1.0)]
+    assert close_to_least([t.trial for t in tried]) == [0, 1]
+    e = {1: record["y"][1:] - record["u"][1:]}
+    e[2] = e[1] - 0.05 * record["u"][:-1]
+    deviance = (n - 1) * np.log((e[1] @ e[1]) / (e[2] @ e[2]))
+    assert abs(deviance - 2) > 1  # not a close call
+    assert simplest_supported(tried, [record]) == (1 if deviance <= 2 else 0)
+    assert (deviance > 2) == (n == 3000)
+
+
+def test_a_redundant_term_is_left_out():
+    record = measured(3000, np.random.default_rng(3).standard_normal(3000), second=0.0)
+    assert simplest_supported([tie(2, gain(1.0, 0.001)), tie(1, gain(1.0), 1.0)], [record]) == 1
+
+
+def test_no_difference_that_the_folds_see_is_given_away():
+    record = measured(300, np.random.default_rng(2).standard_normal(300), second=0.0)
+    sure = Tried(Trial(0.1 + np.array([0.0020, 0.0021, 0.0019, 0.0020, 0.0020])), 1, lambda: gain(1.0))
+    assert simplest_supported([tie(2, gain(1.0, 0.0)), sure], [record]) == 0
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
+def test_a_coloured_residual_counts_as_fewer_samples(rho):
+    """Oracle: of a first-order residual Σ ρ^(2|j|) = (1 + ρ²)/(1 − ρ²)."""
+    n = 40_000
+    noise = lfilter([1.0], [1.0, -rho], np.random.default_rng(4).standard_normal(n))
+    found = independent_samples(gain(1.0, 0.05), [measured(n, noise)])
+    assert found == pytest.approx(n * (1 - rho**2) / (1 + rho**2), rel=0.08)
+
+
+def test_poles_of_a_fold_refuse_nothing_but_those_of_all_data_do(monkeypatch):
+    """Frozen poles are looked at once for a candidate, of its estimate on all records."""
+    from lpvid.identification.selection import search
+
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(600)
+    channels: Any = {"u": u, "y": lfilter([0, 0.1], [1.0, -0.9], u) + 0.02 * rng.standard_normal(600)}
+    record = Record(channels, 0.01)
+    structure, asked = lpv.OutputError(na=1, nb=1, nk=1, input="u", output="y"), []
+    for share in (0.0, 0.004):
+        asked.clear()
+
+        def unstable(model, records, share=share):
+            asked.append(sum(r.n_samples for r in records))
+            return share
+
+        monkeypatch.setattr(search, "unstable_share", unstable)
+        if share:
+            with pytest.raises(lpv.InputError, match=r"frozen pole outside at 0\.4 % of training samples"):
+                select(record, [structure])
+        else:
+            found = select(record, [structure])
+            assert found.best == structure and found.table[0].outside == 0.0
+            assert len(found.table[0].esr_folds) == 5
+            assert np.mean(found.table[0].esr_folds) == pytest.approx(found.table[0].esr)
+        assert asked == [600]
