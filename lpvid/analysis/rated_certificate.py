@@ -11,10 +11,10 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.readings import readings_of
 from lpvid.lmi.certificate import GRID, Recheck, grid
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import certify_gain
+from lpvid.lmi.readings import readings_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 
