@@ -58,7 +58,8 @@ def test_inverses_agree_where_all_is_seen_and_treat_blind_columns_as_stated(rng:
     units = np.array([1e-6, 1.0, 1e5])
     j = rng.normal(size=(50, 3)) * units
     exact = np.linalg.inv((j / units).T @ (j / units)) / np.outer(units, units)
-    for found in (inverse_gram(j), inverse_gram(np.asarray(np.linalg.qr(j, mode="r"))), normal_inverse(j.T @ j), vague_inverse(j)):
+    factor = np.asarray(np.linalg.qr(j, mode="r"))
+    for found in (inverse_gram(j), inverse_gram(factor), normal_inverse(j.T @ j), vague_inverse(j)):
         np.testing.assert_allclose(found, exact, rtol=1e-9)
     blind = np.column_stack([j, np.zeros(50)])
     assert not inverse_gram(blind)[3].any()
