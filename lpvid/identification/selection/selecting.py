@@ -40,9 +40,9 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
     the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. The simplest
     within one standard error wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
-    there than the mean of the output is taken only if all do. Other structures go
-    to cross-validation directly. Stages requested by name are
-    fitted once for every basis and held while orders are compared; the choice is refitted with them.
+    there than the mean of the output is taken only if all do. Other structures go to cross-validation directly. Stages
+    requested by name are fitted once for every basis and held while orders are compared; the choice is refitted with
+    them.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         Called with steps done, steps in sight, and what is being done.
     budget : float, optional
         Processor time for the search [s]: no further fit is begun after it, once there is a candidate to take. `first`
-        and the refit of the choice come on top. The order of the search does not depend on it, nor on what else the machine
-        does; `Selection.left_out` names what it did not allow.
+        and the refit of the choice come on top. The order of the search does not depend on it, nor on what else the
+        machine does; `Selection.left_out` names what it did not allow.
 
     Returns
     -------
@@ -189,7 +189,8 @@ def _concluded(
 
 def _left_out(search: StructureSearch) -> tuple[str, ...]:
     """What the budget did not allow, in the order in which it would have been tried."""
-    first = [(search.unscreened, "ARX not screened"), (len(search.unreached), "ARX of the short list"), (search.unfinished(search.direct), "other candidates")]
+    first = [(search.unscreened, "ARX not screened"), (len(search.unreached), "ARX of the short list"),
+             (search.unfinished(search.direct), "other candidates")]
     return (*(f"{count} {name}" for count, name in first if count), *dict.fromkeys(search.left_out))
 
 
