@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from lpvid.record import Record
 from lpvid.report import OUT, Item, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 from quartercar.demo.run import EXPERIMENT_WORDS, TARGET, Demo, ExperimentFigures, mean_of
 
@@ -103,5 +106,14 @@ def _experiments_figure(demo: Demo) -> list[Item]:
                       "the same order and degree without input stage, current filter and constant term. What the "
                       "constraint costs here is the price of this class: a soft spring in series with a yielding "
                       "damper, which this rig has, looks like a lag of the yield force; that lag is not passive."),
-            Paragraph("The worst records of tests 6 to 8 are those at zero current: the force is small there, so that "
-                      "an error of a few dozen newtons weighs as much as the force itself.")]
+            *(Paragraph(text) for text in (worst_currents(demo.experiments, demo.held_out),) if text)]
+
+
+def worst_currents(figures: Sequence[ExperimentFigures], records: Sequence[Record]) -> str:
+    """At which constant current each test of several records is worst, in one sentence; empty where there is none."""
+    parts = []
+    for e in figures:
+        current = [float(np.mean(r["current"])) for r in records if r.name.startswith(f"{e.name}-r")]
+        if e.worst is not None and len(current) == len(e.records) > 1:
+            parts.append(f"{e.name} at {number(current[e.records.index(e.worst)], 3, 'A')} (ESR {number(e.worst, 3)})")
+    return f"The worst records by test, of constant currents: {', '.join(parts)}." if parts else ""
