@@ -21,10 +21,11 @@ fields changes this number (a test checks it), and with it what is cached."""
 
 
 @njit()
-def integrate(x, v, command, physics, dt, out):
-    """March the damper over displacement x, velocity v and driver current (n,) each; rows of `out` (6, n):
+def integrate(x, v, command, physics, dt, every, total_force, states):
+    """March the damper over displacement x, velocity v and driver current (n,) each.
 
-    force of all but fixture and fixture dynamics, force of the series element, effective current, temperature rise,
+    `total_force` (n,) becomes the force of all but fixture and fixture dynamics; of each `every`-th step, rows of
+    `states` (5, n / every rounded up) become the force of the series element, effective current, temperature rise,
     speed of the fluid, deflection of the series element.
     """
     p = physics
@@ -67,12 +68,14 @@ def integrate(x, v, command, physics, dt, out):
         if p.mode_share != 0.0:
             total += p.mode_share * (_oscillator(mode, force, p.mode_frequency, p.mode_damping, dt) - force)
         temperature += dt * (max(total * v[k], 0.0) - p.heat_loss * temperature) / p.heat_capacity
-        out[0, k] = total
-        out[1, k] = force
-        out[2, k] = flux
-        out[3, k] = temperature
-        out[4, k] = w
-        out[5, k] = deflection
+        total_force[k] = total
+        if k % every == 0:
+            at = k // every
+            states[0, at] = force
+            states[1, at] = flux
+            states[2, at] = temperature
+            states[3, at] = w
+            states[4, at] = deflection
 
 
 @njit()

@@ -66,7 +66,7 @@ def main() -> None:
         os.mkfifo(data / "hanging.csv")
     print("hidden:", truth)
     do = ("identify",) if given.no_diagnosis else ("identify", "diagnose")
-    structure = lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force", lpv.Polynomial("current", degree=1), affine=1)
+    structure = lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force", lpv.Polynomial(("current",), degree=1), affine=1)
     killed: list[int] = []
 
     def report_progress(text: str) -> None:
