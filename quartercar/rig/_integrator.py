@@ -44,8 +44,11 @@ def integrate(x, v, command, physics, dt, every, total_force, states):
         late = _lag(late, coil, p.extra_rise_time, p.extra_fall_time, dt)
         flux = min(max(flux, late - p.remanence), late + p.remanence)
         fade = max(1.0 - p.thermal_fade * temperature, 0.05)
-        fade *= 1.0 + p.hidden_gain * math.sin(2.0 * math.pi * k * dt / p.hidden_period)
-        c = (p.viscous + p.viscous_per_current * max(flux, 0.0)) * math.exp(-p.viscous_fade * temperature)
+        if p.hidden_gain != 0.0:
+            fade *= 1.0 + p.hidden_gain * math.sin(2.0 * math.pi * k * dt / p.hidden_period)
+        c = p.viscous + p.viscous_per_current * max(flux, 0.0)
+        if p.viscous_fade != 0.0:
+            c *= math.exp(-p.viscous_fade * temperature)
         old_gain, gain = gain, _yield_force(flux, p)
         before = v[k - 1] if k > 0 else v[0]
         for part in range(parts):
@@ -244,8 +247,11 @@ def _parallel(x, v, p):
     """Friction, gas and end stops."""
     force = 0.0
     if p.friction != 0.0 or p.stiction != 0.0:
-        ratio = v / p.stiction_speed
-        force += (p.friction + p.stiction * math.exp(-ratio * ratio)) * math.tanh(v / p.friction_speed)
+        level = p.friction
+        if p.stiction != 0.0:
+            ratio = v / p.stiction_speed
+            level += p.stiction * math.exp(-ratio * ratio)
+        force += level * math.tanh(v / p.friction_speed)
     if p.gas_preload > 0.0:
         force -= p.gas_preload * max(1.0 + p.gas_stiffness * x / (1.3 * p.gas_preload), 1e-3) ** -1.3
     else:
