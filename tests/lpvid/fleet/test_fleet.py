@@ -206,7 +206,8 @@ def test_a_step_that_hangs_inside_a_worker_is_stopped(tmp_path: Path) -> None:
 
 def test_causes_carry_their_probability_and_rivals(tmp_path: Path) -> None:
     written(specimen(0), tmp_path)
-    plan = plan_fleet([str(tmp_path / "*.csv")], tmp_path / "out", do=("diagnose",), structure=STRUCTURE)
+    plan = plan_fleet([str(tmp_path / "*.csv")], tmp_path / "out", do=("diagnose",), structure=STRUCTURE,
+                      baseline="guo")
     assert read_causes(plan.jobs) == {}
     data = {"verdict": "partly-explained", "causes": [{"name": "coil-lag", "probability": 0.934}],
             "rivals": [{"names": ["payload", "gas-stiffness"]}]}
