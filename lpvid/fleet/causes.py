@@ -39,13 +39,29 @@ class FileCauses:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> FileCauses:
-        """Of diagnosis.json."""
+        """Of diagnosis.json.
+
+        Parameters
+        ----------
+        data : mapping
+            Its content.
+
+        Returns
+        -------
+        FileCauses
+        """
         named = data.get("causes", [])
         return cls(tuple(c["name"] for c in named), tuple(c.get("probability") for c in named),
                    tuple(tuple(r["names"]) for r in data.get("rivals", [])), data.get("verdict", ""))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            ``verdict``, ``causes`` with their probabilities, ``rivals``.
+        """
         return {"verdict": self.verdict, "rivals": [list(r) for r in self.rivals],
                 "causes": [{"name": n, "probability": p} for n, p in zip(self.names, self.probabilities, strict=True)]}
 

@@ -47,6 +47,10 @@ class Drawn:
         experiments : mapping of str to str
             What moves, by name.
         hidden : HiddenCause
+
+        Returns
+        -------
+        Drawn
         """
         from lpvid.report.figures import comparisons
 
