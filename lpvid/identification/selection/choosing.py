@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
-from lpvid.identification.sandwich import residual_memory
+from lpvid.identification.covariance import residual_memory
 from lpvid.identification.selection.free_run import Trial, spread
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
