@@ -131,7 +131,7 @@ def _regress(pairs: Sequence[tuple[np.ndarray, np.ndarray]], nd: int, nc: int) -
 
 def _delayed(series: np.ndarray, lag: int) -> np.ndarray:
     out = np.zeros_like(series)
-    out[lag:] = series[: len(series) - lag]
+    out[lag:] = series[: max(len(series) - lag, 0)]
     return out
 
 

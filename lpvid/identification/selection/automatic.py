@@ -8,6 +8,7 @@ from lpvid import _checks
 from lpvid.condition import with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.identification.selection.candidates import Candidates
+from lpvid.identification.selection.every_kind import every_kind
 from lpvid.identification.selection.result import Selection
 from lpvid.identification.selection.rounds import rounds
 from lpvid.identification.selection.search import Progress
@@ -26,7 +27,8 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
          budget: float | None = None) -> Selection:
     """Choose a structure for these channels from candidates that fit their kind.
 
-    ARX structures are screened first. A damper (one input in m/s, output in N) gets input stages and, with a scheduling
+    One cheap structure of every kind comes first, outside the budget (`every_kind`); then ARX structures are
+    screened. A damper (one input in m/s, output in N) gets input stages and, with a scheduling
     variable, a scheduling filter; without one its coefficients may depend on the velocity, or on its own simulated
     force (`QuasiLPV`). Everything else gets the full range of affine terms. Output error at several orders, subspace,
     prediction-error state space and refined instruments then compete with the best of the grid, and while the best is
@@ -48,8 +50,11 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     """
     listed = as_records(records)
     candidates = automatic_candidates(listed, input, output, scheduling)
-    damper = _is_damper(listed, _checks.names(input, "input"), _checks.names(output, "output"))
+    inputs, outputs = _checks.names(input, "input"), _checks.names(output, "output")
+    variables = _checks.names(scheduling, "scheduling") if scheduling else ()
+    damper = _is_damper(listed, inputs, outputs)
     return select(listed, candidates, sample_rate=sample_rate, folds=folds, held_out=held_out,
+                  first=lambda pieces: every_kind(pieces, inputs, outputs, variables, damper),
                   rounds=lambda search: rounds(search, damper, bool(scheduling)), progress=progress, budget=budget)
 
 

@@ -105,6 +105,11 @@ class CandidateRow:
         """Cross-validated free-run fit [%]."""
         return None if self.esr is None else float(100 * (1 - np.sqrt(self.esr)))
 
+    @property
+    def diverges(self) -> bool:
+        """Whether its cross-validated free run is no better than the mean of the output: a fit of 0 % or less."""
+        return self.esr is not None and self.esr >= 1.0
+
     def to_dict(self) -> dict:
         """Plain data for JSON.
 

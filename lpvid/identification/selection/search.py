@@ -36,8 +36,8 @@ class StructureSearch:
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
                  progress: Progress | None, budget: float | None = None) -> None:
         self.records, self.parts, self.limit, self.places, self.progress = records, parts, limit, places, progress
-        self.begun, self.budget = process_time(), budget
-        self.unreached: set[int] = set()
+        self.begun, self.budget, self.first_seconds = process_time(), budget, 0.0
+        self.unscreened, self.unreached = 0, set[int]()
         self.left_out: list[str] = []
         self.screened: list[Screened] = []
         self.refused: list[CandidateRow] = []
@@ -47,16 +47,26 @@ class StructureSearch:
         self.others: list[tuple[Structure, Trial]] = []
 
     # -- steps --------------------------------------------------------------------------------------------------
+    def try_first(self, structures: Iterable[Structure]) -> None:
+        """Structures before all others, outside the budget."""
+        budget, self.budget = self.budget, None
+        self.try_others(structures)
+        self.budget, self.first_seconds = budget, self.seconds
+        self.report_progress(f"one of every kind done after {self.seconds:.0f} s", line=True)
+
     def screen(self, candidates: Sequence[Structure]) -> None:
         """Information criteria for every plain ARX; everything else waits for cross-validation."""
         plain = [s for s in candidates if isinstance(s, ARX) and not s.ridge]
         self.direct = [s for s in candidates if not (isinstance(s, ARX) and not s.ridge)]
         if plain:
-            for found in screen(self.records, plain, lambda text: self._tell(0, text)):
+            for done, found in enumerate(screen(self.records, plain, lambda text: self._tell(0, text)), start=1):
                 if isinstance(found, Refused):
                     self.refused.append(CandidateRow(found.asked, reason=found.reason))
                 else:
                     self.screened.append(found)
+                if self.late():
+                    self.unscreened = len(plain) - done
+                    break
         self.screened.sort(key=lambda s: (s.bic, s.n_parameters))
 
     def cross_validate(self) -> None:
@@ -80,7 +90,8 @@ class StructureSearch:
 
     def late(self) -> bool:
         """Whether the time for the search is up; never before there is a candidate that could be taken."""
-        return self.budget is not None and self.seconds > self.budget and self.best is not None
+        return (self.budget is not None and self.seconds - self.first_seconds > self.budget
+                and self.best is not None)
 
     def unfinished(self, structures: Iterable[Structure]) -> int:
         """How many of them the time ran out on."""
@@ -111,9 +122,15 @@ class StructureSearch:
         return sorted(good, key=lambda row: row[1].mean)
 
     def leader(self) -> ARX | None:
-        """The screened ARX of least free-run error, with its basis bound and its stages fitted."""
+        """The screened ARX of least free-run error, with its basis bound and its stages fitted.
+
+        Where none was cross-validated, the best of those tried first.
+        """
         tried = [i for i, t in self.trials.items() if not t.failure]
-        return self.screened[min(tried, key=lambda i: self.trials[i].mean)].structure if tried else None
+        if tried:
+            return self.screened[min(tried, key=lambda i: self.trials[i].mean)].structure
+        bound = [s for s, _ in self.ranked_among(ARX) if isinstance(s, ARX) and not s.ridge]
+        return bound[0] if bound else None
 
     def _admitted(self, structure: Structure, trial: Trial) -> Trial:
         """A trial that could be taken, failed where its estimate on all records has frozen poles outside."""
@@ -161,13 +178,13 @@ class StructureSearch:
         by_aicc = sorted(range(len(self.screened)), key=lambda i: (self.screened[i].aicc, i))
         for order, count in ((range(len(self.screened)), BY_BIC), (by_aicc, BY_BIC + BY_AICC)):
             for index in order:
-                if len(chosen) >= min(count, self.places):
+                if len(chosen) >= min(count, self.places) or self.late():
                     break
                 if index not in chosen and self.admissible(index):
                     chosen.append(index)
         seen = {trait for i in chosen for trait in _traits(self.screened[i].asked)}
         for index, candidate in enumerate(self.screened):
-            if len(chosen) >= self.places:
+            if len(chosen) >= self.places or self.late():
                 break
             fresh = _traits(candidate.asked) - seen
             if fresh and self.admissible(index):
@@ -185,7 +202,7 @@ class StructureSearch:
                 if i not in self.trials and len(_traits(s.asked) - best) == 1]
         chosen: list[int] = []
         for index in near:
-            if len(chosen) >= self.places:
+            if len(chosen) >= self.places or self.late():
                 break
             if self.admissible(index):
                 chosen.append(index)
@@ -214,7 +231,9 @@ class StructureSearch:
         if not good:
             return []
         trials = [tried.trial for _, tried in good]
-        near, chosen = close_to_least(trials), simplest_supported([tried for _, tried in good], self.records)
+        running = sum(t.mean < 1 for t in trials) or len(trials)
+        near = close_to_least(trials[:running])
+        chosen = simplest_supported([tried for _, tried in good[:running]], self.records)
         rows = []
         for i, (row, tried) in enumerate(good):
             if i == chosen:
@@ -223,6 +242,8 @@ class StructureSearch:
             elif i in near:
                 reason = "least free-run error, but no simpler than the choice" if i == 0 else (
                     "within one standard error of the best, but no simpler, or worse on all training data by AIC")
+            elif i >= running:
+                reason = "its free run is worse than the mean of the output"
             else:
                 excess = 100 * (tried.trial.mean / max(trials[0].mean, 1e-300) - 1)
                 reason = f"free-run error {excess:.3g} % above the least"

@@ -31,6 +31,7 @@ PLACES = 14
 def select(records: Record | Sequence[Record], candidates: Iterable[Structure], *, sample_rate: float | None = None,
            folds: int = 5, outside: float = 0.0, then: Callable[[ARX], Iterable[Structure]] | None = None,
            rounds: Callable[[StructureSearch], Iterable[Round]] | None = None,
+           first: Callable[[Sequence[Record]], Iterable[Structure]] | None = None,
            held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
            budget: float | None = None) -> Selection:
     """Choose a structure by what it does in free run on training data it was not fitted to.
@@ -38,9 +39,10 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
     (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
     the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. The simplest
-    within one standard error wins, unless all training data speak against it by AIC (`choosing`). Other structures go
-    to cross-validation directly. Stages requested by name are
-    fitted once for every basis and held while orders are compared; the choice is refitted with them.
+    within one standard error wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
+    there than the mean of the output is taken only if all do. Other structures go to cross-validation directly. Stages
+    requested by name are fitted once for every basis and held while orders are compared; the choice is refitted with
+    them.
 
     Parameters
     ----------
@@ -60,14 +62,16 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     rounds : callable, optional
         Further structures round by round, given the search with all its trials. Rounds that are marked as further are
         entered only while the fit is more than half a point below what the noise leaves possible.
+    first : callable, optional
+        Structures to cross-validate before all others, given the records: the budget counts from their end.
     held_out : Record or sequence of Record, optional
         Data that are not used in the choice; the final model's figures on them are reported.
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
     budget : float, optional
-        Processor time for the search [s]: no further fit is begun after it, once there is a candidate to take. The
-        refit of the choice comes on top. The order of the search does not depend on it, nor on what else the machine
-        does; `Selection.left_out` names what it did not allow.
+        Processor time for the search [s]: no further fit is begun after it, once there is a candidate to take. `first`
+        and the refit of the choice come on top. The order of the search does not depend on it, nor on what else the
+        machine does; `Selection.left_out` names what it did not allow.
 
     Returns
     -------
@@ -102,6 +106,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         search = StructureSearch(sample, parts, outside, PLACES, progress, budget)
         complete = True
         try:
+            if first is not None:
+                search.try_first(first(sample))
             search.screen(structures)
             search.cross_validate()
             leader = search.leader()
@@ -140,12 +146,17 @@ def _concluded(
                          mend=f"{mend} orders, bases or longer records")
     left_out = _left_out(search)
     if left_out:
-        notes.append(f"the search ended at its budget of {search.budget:.4g} s of processor time and left out "
+        before = f", counted after one of every kind ({search.first_seconds:.3g} s)," if search.first_seconds else ""
+        notes.append(f"the search ended at its budget of {search.budget:.4g} s of processor time{before} and left out "
                      f"{'; '.join(left_out)}: a longer one may find better")
+    if tested and all(table[i].diverges for i in tested):
+        notes.append("every candidate that was cross-validated runs worse than the mean of the output (the best has a "
+                     f"free-run fit of {max(table[i].fit_percent or 0.0 for i in tested):.3g} %): the choice is the "
+                     "least bad of them and no model of these data")
     final: Identification | None = None
     chosen, highest = tested[0] if tested else 0, -np.inf
     try:
-        for i in tested:
+        for i in [i for i in tested if not table[i].diverges] or tested:
             expected = table[i].fit_percent
             assert expected is not None
             if expected < highest + NEAR:
@@ -178,7 +189,8 @@ def _concluded(
 
 def _left_out(search: StructureSearch) -> tuple[str, ...]:
     """What the budget did not allow, in the order in which it would have been tried."""
-    first = [(len(search.unreached), "ARX of the short list"), (search.unfinished(search.direct), "other candidates")]
+    first = [(search.unscreened, "ARX not screened"), (len(search.unreached), "ARX of the short list"),
+             (search.unfinished(search.direct), "other candidates")]
     return (*(f"{count} {name}" for count, name in first if count), *dict.fromkeys(search.left_out))
 
 
