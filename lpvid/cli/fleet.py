@@ -88,10 +88,15 @@ def _table(found: FleetResult) -> str:
 
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["name", "file", "esr", "rmse", "mean_error", "unit", "score", "q", "differs", "causes", "steps"])
+    rows.writerow(["name", "file", "esr", "rmse", "mean_error", "unit", "score", "q", "differs", "causes",
+                   "probabilities", "rivals", "steps"])
     for row in found.to_dict()["files"]:
+        stated = row["diagnosis"] or {"causes": [], "rivals": []}
+        likely = [c["probability"] for c in stated["causes"]]
         rows.writerow([row["name"], row["file"], *(row.get(k) for k in ("esr", "rmse", "mean_error", "unit", "score",
                                                                         "q")), row["differs"], " ".join(row["causes"]),
+                       " ".join("" if p is None else f"{p:.3f}" for p in likely),
+                       " ".join("|".join(r) for r in stated["rivals"]),
                        " ".join(f"{s}:{o['state']}" for s, o in row["steps"].items())])
     return text.getvalue()
 

@@ -49,6 +49,11 @@ class Baseline(ABC):
     what is in series with the damper nor its valves"""
 
     @property
+    def clock(self) -> float | None:
+        """Sample time [s] at which alone it runs; None where it runs at any."""
+        return None
+
+    @property
     @abstractmethod
     def channels(self) -> tuple[str, ...]:
         """Roles that it needs."""

@@ -50,6 +50,10 @@ class ExtendedBaseline(Baseline):
         return self.model.composition
 
     @property
+    def clock(self) -> float | None:
+        return self.composition.baseline.clock
+
+    @property
     def channels(self) -> tuple[str, ...]:
         return (*self.model.reads, self.output)
 

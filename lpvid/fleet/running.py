@@ -12,6 +12,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.fleet import steps
+from lpvid.fleet.causes import FileCauses, read_causes
 from lpvid.fleet.differing import (
     Differing,
     departure,
@@ -54,8 +55,8 @@ class FleetResult:
     errors : mapping of str to mapping
         Free run of that model along each file: ``esr``, ``rmse``, ``unit``, ``mean_error``.
     differing : Differing or None
-    causes : mapping of str to tuple of str
-        Of the files that differ, by their diagnosis.
+    diagnoses : mapping of str to FileCauses
+        Of the files that differ.
     left_out : mapping of str to str
         Files that take no part in the common model, and why.
     """
@@ -65,8 +66,13 @@ class FleetResult:
     found: Identification | None
     errors: Mapping[str, Mapping[str, Any]]
     differing: Differing | None
-    causes: Mapping[str, tuple[str, ...]]
+    diagnoses: Mapping[str, FileCauses]
     left_out: Mapping[str, str]
+
+    @property
+    def causes(self) -> dict[str, tuple[str, ...]]:
+        """Names of the causes of each file with a diagnosis."""
+        return {name: found.names for name, found in self.diagnoses.items()}
 
     def esr(self, name: str) -> float:
         """Free-run ESR of the fleet's model along a file, training; infinite where it diverges or was not run."""
@@ -99,12 +105,16 @@ class FleetResult:
 
     def to_dict(self) -> dict:
         """fleet.json."""
+        def stated(job: Job) -> dict | None:
+            return self.diagnoses[job.name].to_dict() if job.name in self.diagnoses else None
+
         def row(job: Job) -> dict:
             d = self.differing
             return {"name": job.name, "file": str(job.path), **dict(self.errors.get(job.name, {})),
                     "score": None if d is None else d.score.get(job.name),
                     "q": None if d is None else d.q.get(job.name), "differs": d is not None and job.name in d.named,
-                    "causes": list(self.causes.get(job.name, ())), "left_out": self.left_out.get(job.name),
+                    "causes": list(self.causes.get(job.name, ())), "diagnosis": stated(job),
+                    "left_out": self.left_out.get(job.name),
                     "steps": {s: {"state": o.state, "message": o.message if o.state != "done" else "",
                                   "seconds": o.seconds} for s, o in self.outcomes.get(job.name, {}).items()}}
 
@@ -118,7 +128,7 @@ class FleetResult:
         for name in (() if self.differing is None else self.differing.named)[:12]:
             lines.append(f"  {name}: free-run ESR {self.esr(name):.4g} (median of the fleet {self.median_esr:.4g}), "
                          f"q {self.differing.q[name]:.2g}"  # type: ignore[union-attr]
-                         + (f", cause {', '.join(self.causes[name])}" if self.causes.get(name) else ""))
+                         + (f"; {self.diagnoses[name]}" if name in self.diagnoses else ""))
         for name in self.failed[:12]:
             bad = next(o for o in self.outcomes[name].values() if o.state != "done")
             lines.append(f"  {name}: {bad.step} {bad.state}: {bad.message}")
@@ -163,7 +173,7 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
         if "identify" not in plan.do:
             if "diagnose" in plan.do:
                 stage("diagnose", steps.diagnose, plan.jobs, plan.out / "model.json", "own")
-            return FleetResult(plan, outcomes, None, {}, None, _causes(plan, plan.jobs), {})
+            return FleetResult(plan, outcomes, None, {}, None, read_causes(plan.jobs), {})
         return _common(plan, stage, outcomes, report_progress)
 
 
@@ -207,7 +217,7 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str
     named = [j for j in fitted if j.name in apart.named]
     if "diagnose" in plan.do:
         stage("diagnose", steps.diagnose, named, plan.out / "model" / "model.json", version)
-    return FleetResult(plan, outcomes, found, errors, apart, _causes(plan, named), left_out)
+    return FleetResult(plan, outcomes, found, errors, apart, read_causes(named), left_out)
 
 
 def _box(plan: FleetPlan, facts: Sequence[Mapping[str, Any]]) -> Scheduling:
@@ -246,18 +256,6 @@ def _version(found: Identification) -> str:
     import hashlib
 
     return hashlib.sha256(np.round(found.parameters, 12).tobytes()).hexdigest()[:12]
-
-
-def _causes(plan: FleetPlan, jobs: Sequence[Job]) -> dict[str, tuple[str, ...]]:
-    """Names that the diagnoses on disk give."""
-    found = {}
-    for job in jobs:
-        try:
-            data = json.loads((job.folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue
-        found[job.name] = tuple(c["name"] for c in data.get("causes", []))
-    return found
 
 
 # -- cluster -----------------------------------------------------------------------------------------------------------

@@ -140,7 +140,8 @@ def legend_outside(figure: Figure, axes: Axes, foreign: bool, columns: int, side
     if foreign:
         axes.legend(handles, names, **more)
     else:
-        figure.legend(handles, names, loc=f"outside {side} center", ncols=min(len(names), columns), **more)
+        where: Any = f"outside {side} center"  # matplotlib's types know no "outside"
+        figure.legend(handles, names, loc=where, ncols=min(len(names), columns), **more)
 
 
 def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray, np.ndarray]:

@@ -61,14 +61,15 @@ def _who(found: FleetResult) -> list[Item]:
         ),
     ]
     rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
-                  ", ".join(found.causes.get(n, ())) or "–", f"files/{n}/") for n in found.differing.named)
+                  str(found.diagnoses.get(n, "–")), f"files/{n}/") for n in found.differing.named)
     if rows:
         items.append(
             PageTable(
                 ("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"),
                 rows,
                 "Score: distance from the fleet over the typical one. q: least false discovery rate at "
-                "which the file is named.",
+                "which the file is named. Cause: with its probability, calibrated with named laws as baselines; after "
+                "it, those that the file's data cannot keep apart; without either, the verdict.",
                 (1, 2, 3, 4, 5),
             )
         )

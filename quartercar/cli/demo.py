@@ -39,11 +39,11 @@ def _deliver(results: Results, found: Demo) -> None:
     from lpvid import plot as lpv_plot
     from lpvid.export.serialise import save
     from quartercar import plot
-    from quartercar.demo.page import comparisons, demo_page
+    from quartercar.demo.page import demo_page
     from quartercar.demo.run import TARGET
     from quartercar.rig import write_csv
 
-    shown = comparisons(found)
+    shown = found.drawn.shown
     results.add("model.json", lambda path: save(found.found.model, path))
     results.json("identification.json", found.found.to_dict())
     results.json("stability.json", found.study.to_dict())
@@ -61,7 +61,7 @@ def _deliver(results: Results, found: Demo) -> None:
     figures |= {"locus.png": lpv_plot.locus(*found.study.loci[0], found.study.frozen.critical)}
     for name, figure in figures.items():
         results.bytes(name, lpv_plot.png(figure))
-    results.report(demo_page(found, shown))
+    results.report(demo_page(found))
 
 
 def _closing(found: Demo, out: Path | None) -> str:

@@ -3,14 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.report import Item, PageFigure
+from lpvid.report import Item, PageFigure, Section
 
 if TYPE_CHECKING:
+    from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.plot import Comparison
+    from lpvid.record import Record
+    from quartercar.demo.diagnosis import HiddenCause
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What can be drawn before the ride is done.
+
+    Attributes
+    ----------
+    shown : tuple of Comparison
+        The model's runs along the held-out records.
+    runs : tuple of Item
+        Their figures.
+    hidden : Section
+        Of the hidden cause.
+    """
+
+    shown: tuple[Comparison, ...]
+    runs: tuple[Item, ...]
+    hidden: Section
+
+    @classmethod
+    def of(cls, model: LPVTransferFunction, held_out: Sequence[Record], experiments: Mapping[str, str],
+           hidden: HiddenCause) -> Drawn:
+        """Run the model along the records, and draw.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+        held_out : sequence of Record
+        experiments : mapping of str to str
+            What moves, by name.
+        hidden : HiddenCause
+
+        Returns
+        -------
+        Drawn
+        """
+        from lpvid.report.figures import comparisons
+
+        shown = tuple(comparisons(model, held_out, "held-out"))
+        return cls(shown, tuple(run_figures(shown, experiments)), hidden.section())
 
 
 def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> list[Item]:

@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.record import Record
 from lpvid.report import OUT, Item, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
-from quartercar.demo.run import EXPERIMENT_WORDS, TARGET, Demo, ExperimentFigures, mean_of
-
-if TYPE_CHECKING:
-    from lpvid.plot import Comparison
+from quartercar.demo.run import TARGET, Demo, ExperimentFigures, mean_of
 
 
-def comparisons(demo: Demo) -> list[Comparison]:
-    """The model's runs along the held-out records."""
-    from lpvid.report.figures import comparisons as compare_all
-
-    return compare_all(demo.found.model, demo.held_out, "held-out")
-
-
-def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
+def demo_page(demo: Demo) -> Page:
     """The report of the demo.
 
     Parameters
     ----------
     demo : Demo
-    shown : sequence of Comparison
-        As `comparisons` gives them.
 
     Returns
     -------
@@ -39,7 +26,6 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
     from lpvid.report.identification import identification_page
     from lpvid.report.passivity import passivity_section
     from lpvid.report.stability import stability_page
-    from quartercar.demo.figures import run_figures
 
     model = identification_page(demo.found, (), demo.gaps, demo.audit)
     stability = stability_page(demo.study, "the damper model")
@@ -47,13 +33,13 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
                                                            "Parameters", "Remarks")]
     sections = (
         Section("Eight experiments", (experiments_table(demo.experiments), *_experiments_figure(demo))),
-        Section("The virtual rig and the model", tuple(run_figures(shown, EXPERIMENT_WORDS))),
+        Section("The virtual rig and the model", demo.drawn.runs),
         Section("State-space forms", (Paragraph("What each form costs on the training currents, against the transfer "
                                                 "function, in free run from rest."), forms_table(demo.gaps))),
         Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
         *(s for s in stability.sections if s.title != "The model"),
         *passivity_section(demo.found),
-        demo.diagnosis.section(),
+        demo.drawn.hidden,
         demo.ride.section(),
         *parameters,
         Section("The data", (Paragraph(f"{len(demo.training)} training and {len(demo.held_out)} held-out records from "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,10 @@ from lpvid.report import Section
 
 if TYPE_CHECKING:
     from lpvid.model.transfer_function import LPVTransferFunction
+    from quartercar.controllers.contract import Controller
     from quartercar.design.identified import IdentifiedDesign
     from quartercar.rides.comparison import RideComparison
+    from quartercar.vehicle.nonlinear import QuarterCar
 
 RATE = 20.0
 """speed on the rough road [m/s]"""
@@ -62,39 +64,73 @@ class DemoRide(Encoded):
         return Section("A controller, and its ride", tuple(items))
 
 
-def design_and_ride(job: tuple[LPVTransferFunction, int],
-                    report_progress: Callable[[str], None] = lambda text: None) -> DemoRide:
-    """Design an LPV controller with the identified damper's dynamics in the plant, and drive it over two roads.
+def demo_car(model: LPVTransferFunction) -> QuarterCar:
+    """The Mégane's corner with the identified damper, its bump stops and its coil.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        Of the damper.
+
+    Returns
+    -------
+    QuarterCar
+    """
+    from quartercar.dampers.blackbox.identified import Identified
+    from quartercar.parameters import MEGANE
+    from quartercar.vehicle.damper_from_file import current_limits
+    from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
+
+    damper = Identified.of(model, "the model of the demo")
+    low, high = current_limits(damper, 2.5)
+    return QuarterCar(MEGANE, damper, BumpStops(), Coil(lowest=low, highest=high))
+
+
+def ride_known(model: LPVTransferFunction, seed: int) -> RideComparison:
+    """Drive the laws that need no design over two roads.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        The car's damper.
+    seed : int
+        First seed of roads and noise.
+
+    Returns
+    -------
+    RideComparison
+    """
+    from quartercar.controllers import law_class
+
+    return _driven(demo_car(model), {n: law_class(n)() for n in ("passive", "skyhook-linear", "sh-add")}, seed)
+
+
+def design_and_ride(job: tuple[LPVTransferFunction, int]) -> tuple[IdentifiedDesign, RideComparison | None]:
+    """Design an LPV controller with the identified damper's dynamics in the plant, and drive it over the same roads.
 
     Parameters
     ----------
     job : (LPVTransferFunction, int)
         The model as identified, the car's damper and that of the plant; the seed of roads and noise.
-    report_progress : callable
-        Receives what is being done.
+
+    Returns
+    -------
+    (IdentifiedDesign, RideComparison or None)
+        None where no controller was found.
     """
-    from quartercar.controllers import law_class
     from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
-    from quartercar.dampers.blackbox.identified import Identified
     from quartercar.design.identified import IdentifiedDesign
     from quartercar.design.nominal import design
-    from quartercar.parameters import MEGANE
-    from quartercar.rides.comparison import compare_rides
-    from quartercar.roads.ride_roads import Bump, IsoRoad
-    from quartercar.vehicle.damper_from_file import current_limits
-    from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
 
     model, seed = job
-    damper = Identified.of(model, "the model of the demo")
-    low, high = current_limits(damper, 2.5)
-    car = QuarterCar(MEGANE, damper, BumpStops(), Coil(lowest=low, highest=high))
-    report_progress("designing a controller for the identified plant")
+    car = demo_car(model)
     found = design(car, LpvHinfIdentified())
     assert isinstance(found, IdentifiedDesign)
-    laws = {name: law_class(name)() for name in ("passive", "skyhook-linear", "sh-add")}
-    if found.synthesis.solved:
-        laws["lpv-hinf-identified"] = found.controller
-    rides = compare_rides(
-        car, (IsoRoad("C", RATE, DURATION), Bump()), laws, range(seed, seed + SEEDS), report_progress=report_progress
-    )
-    return DemoRide(found, rides)
+    return found, _driven(car, {"lpv-hinf-identified": found.controller}, seed) if found.synthesis.solved else None
+
+
+def _driven(car: QuarterCar, laws: Mapping[str, Controller], seed: int) -> RideComparison:
+    from quartercar.rides.comparison import compare_rides
+    from quartercar.roads.ride_roads import Bump, IsoRoad
+
+    return compare_rides(car, (IsoRoad("C", RATE, DURATION), Bump()), laws, range(seed, seed + SEEDS))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from lpvid.report.stability import StabilityStudy
     from lpvid.validation import RecordFigures, Validation
     from quartercar.demo.diagnosis import HiddenCause
+    from quartercar.demo.figures import Drawn
     from quartercar.demo.ride import DemoRide
 
 TARGET = 0.04
@@ -83,6 +84,7 @@ class Demo:
     study : StabilityStudy
     diagnosis : HiddenCause
     ride : DemoRide
+    drawn : Drawn
     """
 
     training: tuple[Record, ...]
@@ -94,6 +96,7 @@ class Demo:
     study: StabilityStudy
     diagnosis: HiddenCause
     ride: DemoRide
+    drawn: Drawn
 
     @property
     def mean_esr(self) -> float | None:
@@ -243,7 +246,7 @@ EXPERIMENT_WORDS: Mapping[str, str] = {
 
 def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None,
              tell: Callable[[str, object], None] = lambda stage, result: None) -> Demo:
-    """Every stage; the hidden cause, and the ride once there is a model, in processes of their own.
+    """Every stage; the audit, the hidden cause and the design run in processes of their own, one after the other.
 
     Parameters
     ----------
@@ -259,20 +262,22 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     Demo
     """
     from lpvid.toolkit import Beside
-    from quartercar.demo.diagnosis import hide_and_find
-    from quartercar.demo.ride import design_and_ride
+    from quartercar.demo.figures import Drawn
+    from quartercar.demo.ride import DemoRide, design_and_ride, ride_known
+    from quartercar.rides.comparison import joined
 
-    with Beside(hide_and_find, seed) as hidden:  # it needs nothing of what follows
-        training, held_out, audited, found, figures = _identified(seed, report_progress, tell)
-        with Beside(design_and_ride, (found.model, seed)) as riding:
-            gaps, study = _studied(found, training, report_progress, tell)
-            report_progress("looking for a hidden cause")
-            diagnosis = hidden.result()
-            tell("diagnosis", diagnosis)
-            report_progress("designing a controller for the identified plant, and driving it")
-            rides = riding.result()
-            tell("ride", rides)
-    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides)
+    training, held_out, audited, found, figures, diagnosis = _identified(seed, report_progress, tell)
+    with Beside(design_and_ride, (found.model, seed)) as designing:
+        gaps, study = _studied(found, training, report_progress, tell)
+        tell("diagnosis", diagnosis)
+        report_progress("designing a controller for the identified plant, and driving it")
+        known = ride_known(found.model, seed)
+        drawn = Drawn.of(found.model, held_out, EXPERIMENT_WORDS, diagnosis)
+        design, driven = designing.result()
+    rides = DemoRide(design, known if driven is None else joined(known, driven))
+    tell("ride", rides)
+    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides,
+                drawn)
 
 
 Say = Callable[[str], None]
@@ -280,27 +285,39 @@ Tell = Callable[[str, object], None]
 
 
 def _identified(seed: int, report_progress: Say, tell: Tell,
-                ) -> tuple[list[Record], list[Record], Audit, Identification, tuple[ExperimentFigures, ...]]:
-    """Records, their audit, the passive model and the figures of every experiment."""
-    from lpvid.auditing import audit
+                ) -> tuple[list[Record], list[Record], Audit, Identification, tuple[ExperimentFigures, ...],
+                           HiddenCause]:
+    """Records, their audit, the passive model and the figures of every experiment; beside it, the hidden cause.
+
+    The rig's threads and each fit leave one core at most to another process: one at a time runs beside them.
+    """
     from lpvid.identification import identify
+    from lpvid.toolkit import Beside
+    from quartercar.demo.diagnosis import hide_and_find
 
     report_progress("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
     tell("rig", (training, held_out))
-    report_progress("auditing the training records")
-    audited = audit(training, scheduling=("current",))
-    tell("audit", audited)
-    report_progress("identifying the LPV transfer function")
-    free = identify(training, structure(), held_out=held_out)
-    report_progress("constraining it to be passive")
-    found = identify(training, passive_structure(free), held_out=held_out)
-    tell("identification", found)
-    plain = identify(training, plain_structure(), held_out=held_out)
-    assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
-    figures = experiment_figures(found.held_out, free.held_out, plain.held_out)
-    tell("experiments", figures)
-    return training, held_out, audited, found, figures
+    with Beside(_audited, training) as auditing:
+        report_progress("auditing the training records; identifying the LPV transfer function")
+        free = identify(training, structure(), held_out=held_out)
+        plain = identify(training, plain_structure(), held_out=held_out)
+        audited = auditing.result()
+        tell("audit", audited)
+    with Beside(hide_and_find, seed) as hidden:
+        report_progress("constraining it to be passive; looking for a hidden cause")
+        found = identify(training, passive_structure(free), held_out=held_out)
+        tell("identification", found)
+        assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
+        figures = experiment_figures(found.held_out, free.held_out, plain.held_out)
+        tell("experiments", figures)
+        return training, held_out, audited, found, figures, hidden.result()
+
+
+def _audited(training: list[Record]) -> Audit:
+    from lpvid.auditing import audit
+
+    return audit(training, scheduling=("current",))
 
 
 def _studied(found: Identification, training: Sequence[Record], report_progress: Say,

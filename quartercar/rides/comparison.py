@@ -305,8 +305,40 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
             kept = (mine[0], *(without_run(r) for r in mine[1:]))
             rows.append(LawRow(name, controllers[name].title, controllers[name], road.name, kept))
         del rides
-    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows),
-                                                                *_estimating(rows)))
+    return RideComparison(tuple(rows), tuple(seeds), chosen, _notes(car, rows))
+
+
+def joined(first: RideComparison, second: RideComparison) -> RideComparison:
+    """One comparison of two whose laws were driven apart, on the same roads with the same seeds.
+
+    Parameters
+    ----------
+    first, second : RideComparison
+        Of one car; the reference of the first stands.
+
+    Returns
+    -------
+    RideComparison
+        The figures of `compare_rides` of all laws at once, those of the first before those of the second.
+
+    Raises
+    ------
+    InputError
+        Other roads or seeds, or a law in both.
+    """
+    if first.roads != second.roads or first.seeds != second.seeds:
+        raise InputError("two comparisons over other roads or seeds cannot be joined",
+                         got=f"{', '.join(first.roads)} and {', '.join(second.roads)}",
+                         why="differences are paired by seed on a road", mend="drive both over the same")
+    twice = [n for n in second.names if n in first.names]
+    if twice:
+        raise InputError("two comparisons hold the same law", got=", ".join(twice), mend="drive it once")
+    rows = [row for road in first.roads for row in (*first.on(road), *second.on(road))]
+    return RideComparison(tuple(rows), first.seeds, first.reference, _notes(rows[0].rides[0].run.car, rows))
+
+
+def _notes(car: QuarterCar, rows: Sequence[LawRow]) -> tuple[str, ...]:
+    return (*_unmoved(car), *_extrapolating(rows), *_estimating(rows))
 
 
 def _unmoved(car: QuarterCar) -> Iterator[str]:

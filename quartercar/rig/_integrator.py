@@ -21,10 +21,11 @@ fields changes this number (a test checks it), and with it what is cached."""
 
 
 @njit()
-def integrate(x, v, command, physics, dt, out):
-    """March the damper over displacement x, velocity v and driver current (n,) each; rows of `out` (6, n):
+def integrate(x, v, command, physics, dt, every, total_force, states):
+    """March the damper over displacement x, velocity v and driver current (n,) each.
 
-    force of all but fixture and fixture dynamics, force of the series element, effective current, temperature rise,
+    `total_force` (n,) becomes the force of all but fixture and fixture dynamics; of each `every`-th step, rows of
+    `states` (5, n / every rounded up) become the force of the series element, effective current, temperature rise,
     speed of the fluid, deflection of the series element.
     """
     p = physics
@@ -43,8 +44,11 @@ def integrate(x, v, command, physics, dt, out):
         late = _lag(late, coil, p.extra_rise_time, p.extra_fall_time, dt)
         flux = min(max(flux, late - p.remanence), late + p.remanence)
         fade = max(1.0 - p.thermal_fade * temperature, 0.05)
-        fade *= 1.0 + p.hidden_gain * math.sin(2.0 * math.pi * k * dt / p.hidden_period)
-        c = (p.viscous + p.viscous_per_current * max(flux, 0.0)) * math.exp(-p.viscous_fade * temperature)
+        if p.hidden_gain != 0.0:
+            fade *= 1.0 + p.hidden_gain * math.sin(2.0 * math.pi * k * dt / p.hidden_period)
+        c = p.viscous + p.viscous_per_current * max(flux, 0.0)
+        if p.viscous_fade != 0.0:
+            c *= math.exp(-p.viscous_fade * temperature)
         old_gain, gain = gain, _yield_force(flux, p)
         before = v[k - 1] if k > 0 else v[0]
         for part in range(parts):
@@ -67,12 +71,14 @@ def integrate(x, v, command, physics, dt, out):
         if p.mode_share != 0.0:
             total += p.mode_share * (_oscillator(mode, force, p.mode_frequency, p.mode_damping, dt) - force)
         temperature += dt * (max(total * v[k], 0.0) - p.heat_loss * temperature) / p.heat_capacity
-        out[0, k] = total
-        out[1, k] = force
-        out[2, k] = flux
-        out[3, k] = temperature
-        out[4, k] = w
-        out[5, k] = deflection
+        total_force[k] = total
+        if k % every == 0:
+            at = k // every
+            states[0, at] = force
+            states[1, at] = flux
+            states[2, at] = temperature
+            states[3, at] = w
+            states[4, at] = deflection
 
 
 @njit()
@@ -241,8 +247,11 @@ def _parallel(x, v, p):
     """Friction, gas and end stops."""
     force = 0.0
     if p.friction != 0.0 or p.stiction != 0.0:
-        ratio = v / p.stiction_speed
-        force += (p.friction + p.stiction * math.exp(-ratio * ratio)) * math.tanh(v / p.friction_speed)
+        level = p.friction
+        if p.stiction != 0.0:
+            ratio = v / p.stiction_speed
+            level += p.stiction * math.exp(-ratio * ratio)
+        force += level * math.tanh(v / p.friction_speed)
     if p.gas_preload > 0.0:
         force -= p.gas_preload * max(1.0 + p.gas_stiffness * x / (1.3 * p.gas_preload), 1e-3) ** -1.3
     else:

@@ -132,21 +132,23 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What the damper did, on the fine clock, (n,) each.
+    """What the damper did: the force on the fine clock, (n,), all else at the (m,) steps that were asked for.
+
+    Ten minutes are five million steps: the five other signals, kept at each of them, would take 200 MB.
 
     Attributes
     ----------
     force : (n,) array
         Force at the load cell: damper, fixture inertia, fixture dynamics [N].
-    series_force : (n,) array
+    series_force : (m,) array
         Force of hydraulics and yield, which the series spring carries [N].
-    current : (n,) array
+    current : (m,) array
         Effective current behind all lags [A].
-    temperature : (n,) array
+    temperature : (m,) array
         Temperature rise of the fluid [K].
-    fluid_speed : (n,) array
+    fluid_speed : (m,) array
         w [m/s].
-    deflection : (n,) array
+    deflection : (m,) array
         Deflection of the series elements [m].
     """
 
@@ -158,7 +160,7 @@ class Response:
     deflection: np.ndarray
 
 
-def respond(setup: Setup, motion: Motion) -> Response:
+def respond(setup: Setup, motion: Motion, every: int = 1) -> Response:
     """Integrate the damper along a motion, both on the fine clock.
 
     Parameters
@@ -167,6 +169,8 @@ def respond(setup: Setup, motion: Motion) -> Response:
         Numbers of damper and chain.
     motion : Motion
         Displacement, derivatives and current, (n,) each, with their rate [Hz].
+    every : int
+        Steps of the fine clock between two samples of all signals but the force.
 
     Returns
     -------
@@ -175,14 +179,16 @@ def respond(setup: Setup, motion: Motion) -> Response:
     from quartercar.rig import _integrator
 
     step, chain = 1.0 / motion.rate, setup.chain
-    out = np.empty((6, motion.displacement.size))
+    force = np.empty(motion.displacement.size)
+    states = np.empty((5, -(-force.size // every)))
     command = delayed(motion.command, chain.command_delay * motion.rate)
-    _integrator.integrate(motion.displacement, motion.velocity, command, setup.physics, step, out)
-    force = out[0] if chain.fixture_mass == 0.0 else out[0] + chain.fixture_mass * motion.acceleration
+    _integrator.integrate(motion.displacement, motion.velocity, command, setup.physics, step, every, force, states)
+    if chain.fixture_mass != 0.0:
+        force = force + chain.fixture_mass * motion.acceleration
     if chain.resonance_share != 0.0:
         force = force + chain.resonance_share * (
             low_passed(force, chain.resonance_frequency, chain.resonance_damping, motion.rate) - force)
-    return Response(force, *out[1:])
+    return Response(force, *states)
 
 
 def low_passed(signal: np.ndarray, frequency: float, damping: float, rate: float) -> np.ndarray:

@@ -110,12 +110,12 @@ class Rig:
         warm = round(_WARM_UP * self.sample_rate)
         motion = self._motion(experiment, samples, warm, drawing, replicate)
         setup = self.setup()
-        response = respond(setup, motion)
+        response = respond(setup, motion, self.oversampling)
         keep = slice(warm * self.oversampling, None, self.oversampling)
         channels = measure(motion, response, setup.chain, self.sensors, keep, noise)
         if truth:
-            channels |= {"force_true": response.force[keep], "current_true": response.current[keep],
-                         "temperature_true": response.temperature[keep],
+            channels |= {"force_true": response.force[keep], "current_true": response.current[warm:],
+                         "temperature_true": response.temperature[warm:],
                          "displacement_true": motion.displacement[keep], "velocity_true": motion.velocity[keep]}
         return Record({name: Channel(values, UNITS[name]) for name, values in channels.items()},
                       sample_time=1.0 / self.sample_rate, name=f"{experiment.name}-r{replicate}",

@@ -10,6 +10,7 @@ run: the five faulty ones and no other are named, and for each its cause first; 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import signal
@@ -48,6 +49,16 @@ def specimens(folder: Path, count: int, duration: float, faults: tuple[str, ...]
     return names
 
 
+def stated(path: Path) -> str:
+    """Verdict, families with their probabilities and rivals of a diagnosis."""
+    if not path.exists():
+        return "no diagnosis"
+    found = json.loads(path.read_text(encoding="utf-8"))
+    likely = ", ".join(f"{f['name']} {f['probability']:.2f}" for f in found.get("families", [])[:4])
+    rivals = "; ".join(" or ".join(r["names"]) for r in found.get("rivals", []))
+    return f"{found['verdict']}; families {likely or '-'}; rivals {rivals or '-'}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
@@ -56,6 +67,7 @@ def main() -> None:
     parser.add_argument("--no-diagnosis", action="store_true")
     parser.add_argument("--faults", default=",".join(FAULTS), help="of these, each in one specimen")
     parser.add_argument("--kill", type=int, default=2, help="workers that are killed")
+    parser.add_argument("--baseline", default=None, help="law that the diagnoses judge; left out, the fleet's model")
     parser.add_argument("--hang", action="store_true", help="also a file that never ends: it must be listed as failed")
     parser.add_argument("--time-limit", type=float, default=600.0, help="of a step of a file [s]")
     given = parser.parse_args()
@@ -66,7 +78,8 @@ def main() -> None:
         os.mkfifo(data / "hanging.csv")
     print("hidden:", truth)
     do = ("identify",) if given.no_diagnosis else ("identify", "diagnose")
-    structure = lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force", lpv.Polynomial("current", degree=1), affine=1)
+    basis = lpv.Polynomial(("current",), degree=1)
+    structure = lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force", basis, affine=1)
     killed: list[int] = []
 
     def report_progress(text: str) -> None:
@@ -78,7 +91,8 @@ def main() -> None:
             os.kill(workers[0], signal.SIGKILL)
 
     begun = time.perf_counter()
-    plan = plan_fleet([f"{data}/*.csv"], given.out / "fleet", do=do, structure=structure, limit=given.time_limit)
+    plan = plan_fleet([f"{data}/*.csv"], given.out / "fleet", do=do, structure=structure, limit=given.time_limit,
+                      baseline=given.baseline)
     found = run_fleet(plan, workers=3, report_progress=report_progress)
     print(found)
     assert found.differing is not None
@@ -87,6 +101,7 @@ def main() -> None:
     print(f"named and faulty {len(named & set(truth))} of {len(truth)}, named and healthy {len(named - set(truth))}")
     for name, cause in truth.items():
         print(f"  {name}: hidden {cause}, diagnosed {', '.join(found.causes.get(name, ())) or '-'}")
+        print(f"    {stated(given.out / 'fleet' / 'files' / name / 'diagnosis' / 'diagnosis.json')}")
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{time.perf_counter() - begun:.0f} s, peak memory of the driver {memory:.0f} MB")
 

@@ -15,6 +15,7 @@ import resource
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,17 @@ import numpy as np
 import lpvid as lpv
 from lpvid.files.streaming import read_chunks
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Channel
 
-STRUCTURE = lpv.ARX(na=4, nb=4, nk=1, input="u", output="y", basis=lpv.Polynomial("p", degree=2))
+STRUCTURE = lpv.ARX(na=4, nb=4, nk=1, input="u", output="y", basis=lpv.Polynomial(("p",), degree=2))
 PART = 1_000_000
 A = [[-1.8, 0.10, 0.02], [1.3, -0.1, 0.0], [-0.5, 0.05, 0.01], [0.08, 0, 0]]
 B = [[0, 0, 0], [0.4, 0.1, 0.0], [0.1, -0.3, 0.05], [0.05, 0, 0], [0.02, 0.01, 0]]
+
+
+def record_of(channels: Mapping[str, np.ndarray]) -> lpv.Record:
+    """Pure numbers at 512 Hz."""
+    return lpv.Record({name: Channel(values) for name, values in channels.items()}, sample_time=1 / 512)
 
 
 def written(path: Path, samples: int, clock: bool) -> None:
@@ -35,7 +42,7 @@ def written(path: Path, samples: int, clock: bool) -> None:
     import pyarrow.parquet as pq
 
     rng = np.random.default_rng(3)
-    model = LPVTransferFunction.siso(A, B, lpv.Polynomial("p", degree=2), 1 / 512)
+    model = LPVTransferFunction.siso(A, B, lpv.Polynomial(("p",), degree=2), 1 / 512)
     names = (["time [s]"] if clock else []) + ["u", "p", "y"]
     schema = pa.schema([(n, pa.float64()) for n in names], metadata={"sample_rate": "512"})
     past, before, done = np.zeros((4, 1)), {"u1": np.zeros(4), "p": np.zeros(4)}, 0
@@ -45,7 +52,7 @@ def written(path: Path, samples: int, clock: bool) -> None:
             t = (done + np.arange(n)) / 512
             new = {"u1": rng.normal(size=n), "p": np.sin(0.7 * t) * np.sin(0.013 * t)}
             joined = {k: np.concatenate([before[k], new[k]]) for k in new}
-            y = lpv.simulate(model, lpv.Record(joined, sample_time=1 / 512), past).output
+            y = lpv.simulate(model, record_of(joined), past).output
             past, before = y[-4:], {k: v[-4:] for k, v in joined.items()}
             columns = {"time [s]": t, "u": new["u1"], "p": new["p"], "y": y[4:, 0] + 0.01 * rng.normal(size=n)}
             out.write_table(pa.table([columns[k] for k in names], schema=schema))
@@ -81,8 +88,8 @@ def high_water() -> float:
 def child(path: Path, state: str, rows: int) -> None:
     """The streamed estimate in a process of its own, so that its peak memory is that of nothing else."""
     k = np.arange(99.0)
-    lpv.identify_stream([lpv.Record({"u": k % 2, "p": k, "y": k % 3}, sample_time=1 / 512)],
-                        lpv.ARX(1, 1, 1, "u", "y", lpv.Polynomial("p", degree=1)))  # compiled before it counts
+    lpv.identify_stream([record_of({"u": k % 2, "p": k, "y": k % 3})],
+                        lpv.ARX(1, 1, 1, "u", "y", lpv.Polynomial(("p",), degree=1)))  # compiled before it counts
     next(iter(read_chunks(path, rows)))  # pyarrow loaded
     cpu, wall, found = spent(lambda: lpv.identify_stream(read_chunks(path, rows), STRUCTURE, checkpoint=state or None))
     peak = high_water()

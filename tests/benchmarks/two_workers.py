@@ -35,7 +35,9 @@ print(json.dumps([rows, found.failed if hasattr(found, "failed") else []], defau
 """,
     "diagnose": """
 from quartercar.effects import CATALOGUE
-print(json.dumps(lpv.diagnose(record, "guo", CATALOGUE).to_dict(), default=str, sort_keys=True))
+found = lpv.diagnose(record, "guo", CATALOGUE).to_dict()
+del found["seconds"]
+print(json.dumps(found, default=str, sort_keys=True))
 """,
     "tune": """
 import quartercar as qc

@@ -124,7 +124,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     """A search over the sets of causes that these records call for, and what they cannot be asked for."""
     thin, factor = thinned(records, baseline)
     if factor > 1:
-        report_progress(f"searching on every {factor}th sample")
+        report_progress(f"searching on one sample in {factor}")
     signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     usable, unusable = usable_of(catalogue, baseline, problem)

@@ -88,6 +88,10 @@ class EvidenceOutcome:
         rejected += [Rejected(n, why) for n, why in j.dropped]
         verdict, reason = self._verdict(named, contested,
                                         [m for m in found if not members or objections[m.effect.name]])
+        if not named and before.esr_held_out > 1:
+            verdict = "unexplained"
+            reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
+                     f"{before.esr_held_out:.3g}): take a baseline that simulates them, for example auto"
         final = j.fit if members else j.root
         wrong = localise(j.problem, j.problem.errors(j.root.composition, j.root.vector))
         rest = localise(j.problem, j.problem.errors(final.composition, final.vector))
@@ -129,7 +133,9 @@ class EvidenceOutcome:
                                   f"{structure}"
         if self.significant and self.of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
-        return "nothing-to-explain", f"no cause is called for; {structure}"
+        noise = "" if self.left <= MISSED else \
+            f"; what is left, {self.left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
+        return "nothing-to-explain", f"no cause is called for; {structure}{noise}"
 
     def _of_family(self, m: Member) -> str:
         return f", something of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED else ""

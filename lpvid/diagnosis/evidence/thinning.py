@@ -33,10 +33,12 @@ that dies away"""
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
     """Records decimated by a whole number, and it: 1 where stretches of them are few enough samples, or not allowed.
 
-    Not allowed where they move or jump too fast for a slower clock.
+    Not allowed where they move or jump too fast for a slower clock, and where the baseline runs at its own clock alone.
     """
     from lpvid.condition import segments
 
+    if baseline.clock is not None:
+        return list(records), 1
     signals = [baseline.signals(r) for r in records]
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
     least = max(FEWEST, len(signals)) * length_of(signals) / period

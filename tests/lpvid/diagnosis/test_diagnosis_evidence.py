@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import EffectParameter
@@ -22,10 +24,12 @@ from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
 from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import posterior
-from lpvid.diagnosis.evidence.thinning import for_search
+from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
+from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
+from lpvid.record import Channel, Record
 
 
 def test_the_marginal_is_that_of_a_dense_normal_density():
@@ -272,3 +276,40 @@ def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(ch
     stated = member.objection(left, of_law)
     assert (stated is not None) is small and (stated is None or "small print" in stated)
     assert LEAST < NOTABLE
+
+
+class Held(Bent):
+    """Its numbers cannot follow the data."""
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        return tuple(Coefficient(n, "", v, v + 1e-6, 1e-6) for n, v in zip("abc", self.vector, strict=True))
+
+
+def test_a_baseline_that_is_worse_than_the_mean_is_stated():
+    data = record(np.random.default_rng(5))
+    turned = Record({k: Channel(-data[k] if k == "y" else data[k], data.unit(k)) for k in data.channels}, 0.01)
+    found = diagnose([turned], Held(), [Cubic()], settings=DiagnosisSettings(fit_baseline=False))
+    assert found.causes or (found.verdict == "unexplained" and "than their mean" in found.reason)
+    assert found.before.esr_held_out > 1
+
+
+class Fast(Bent):
+    """At the record's rate."""
+
+    def signals(self, record: Record) -> Signals:
+        return replace(super().signals(record), sample_time=record.sample_time)
+
+
+class Clocked(Fast):
+    """Runs at one clock alone, as an identified LPV model does."""
+
+    @property
+    def clock(self) -> float:
+        return 0.001
+
+
+def test_records_of_a_baseline_with_its_own_clock_are_not_decimated():
+    t = 0.001 * np.arange(40_000)
+    data = Record({k: Channel(np.sin(5 * t + n), "V") for n, k in enumerate(("u", "c", "y"))}, 0.001)
+    assert thinned([data], Fast())[1] > 1 and thinned([data], Clocked())[1] == 1

@@ -249,7 +249,7 @@ class TestDiagnosis:
 
     def test_names_the_cause_and_its_strength(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1", hidden=lambda u: 1.2 * np.sign(u))], Bent(), CAUSES)
-        assert found.verdict == "explained" and [c.name for c in found.causes] == ["dry"]
+        assert found.verdict in {"explained", "partly-explained"} and [c.name for c in found.causes] == ["dry"]
         gain = found.causes[0].parameters[0]
         assert gain.std is not None and abs(gain.value - 1.2) < 4 * gain.std < 0.4
 

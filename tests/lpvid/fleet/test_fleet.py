@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import signal
@@ -16,8 +18,10 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.cli.app import app
+from lpvid.cli.fleet import _table
 from lpvid.errors import InputError
 from lpvid.fleet import differing, plan_fleet, run_fleet, running
+from lpvid.fleet.causes import read_causes
 from lpvid.fleet.differing import (
     departure,
     differing_parameters,
@@ -26,7 +30,7 @@ from lpvid.fleet.differing import (
     residual_level,
     shift,
 )
-from lpvid.fleet.running import connected
+from lpvid.fleet.running import FleetResult, connected
 from lpvid.fleet.state import StepOutcome, keep, outcome
 from lpvid.fleet.steps import _here
 from lpvid.identification.regression import Factor
@@ -198,6 +202,26 @@ def test_a_step_that_hangs_inside_a_worker_is_stopped(tmp_path: Path) -> None:
     assert _here("scan", job, "k", lambda: "fine", 60.0).state == "done"
     with pytest.raises(ZeroDivisionError):
         _here("identify", job, "k", lambda: str(1 / 0), 60.0)
+
+
+def test_causes_carry_their_probability_and_rivals(tmp_path: Path) -> None:
+    written(specimen(0), tmp_path)
+    plan = plan_fleet([str(tmp_path / "*.csv")], tmp_path / "out", do=("diagnose",), structure=STRUCTURE,
+                      baseline="guo")
+    assert read_causes(plan.jobs) == {}
+    data = {"verdict": "partly-explained", "causes": [{"name": "coil-lag", "probability": 0.934}],
+            "rivals": [{"names": ["payload", "gas-stiffness"]}]}
+    folder = plan.jobs[0].folder / "diagnosis"
+    folder.mkdir(parents=True)
+    (folder / "diagnosis.json").write_text(json.dumps(data))
+    found = FleetResult(plan, {}, None, {}, None, read_causes(plan.jobs), {})
+    assert found.causes == {plan.jobs[0].name: ("coil-lag",)}
+    row = found.to_dict()["files"][0]
+    assert row["causes"] == ["coil-lag"]
+    assert row["diagnosis"] == {"verdict": "partly-explained", "causes": data["causes"],
+                                "rivals": [["payload", "gas-stiffness"]]}
+    lines = list(csv.DictReader(io.StringIO(_table(found))))
+    assert (lines[0]["probabilities"], lines[0]["rivals"]) == ("0.934", "payload|gas-stiffness")
 
 
 def test_a_missing_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

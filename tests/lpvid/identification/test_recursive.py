@@ -217,7 +217,7 @@ def test_the_online_model_predicts(rng) -> None:
     (lambda: RecursiveEstimator(Recursive(FIRST), BOX, TS).update([1.0], [np.nan], [0.0]), "must be finite"),
     (lambda: RecursiveEstimator(Recursive(FIRST), BOX, TS).update([1.0, 2.0], [1.0], [0.0]), "shape"),
     (lambda: RecursiveEstimator.restore(Recursive(FIRST), {"schema": "?"}), "another structure"),
-    (lambda: identify_stream(iter([]), FIRST), "known before the fit"),
+    (lambda: identify_stream(iter([]), Recursive(FIRST)), "known before the fit"),
     (lambda: identify_stream([], FIRST), "no usable samples"),
 ])
 def test_what_is_refused(make, stated) -> None:

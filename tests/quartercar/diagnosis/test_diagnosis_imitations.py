@@ -10,6 +10,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.judging import SURE
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
@@ -71,19 +72,17 @@ def test_a_spring_behind_a_gap_is_not_explained_by_a_spring(rng: np.random.Gener
     assert diagnosed(s, force, GasStiffness()).verdict in {"partly-explained", "unexplained"}
 
 
-def test_what_changes_less_than_the_law_leaves_stands_in_without_a_name(rng: np.random.Generator) -> None:
-    """The same behind a lag of the coil, of which less is known."""
+def test_what_changes_less_than_the_law_leaves_is_not_sure(rng: np.random.Generator) -> None:
+    """The same behind a lag of the coil, of which less is known: the spring may be named, explained it is not."""
     s = inputs()
     force = force_with(s, CoilLag(), (0.02,), guo()) + dragged(s["displacement"], 0.12)
     found = diagnosed(s, force + 10.0 * rng.standard_normal(SAMPLES), GasStiffness(), CoilLag())
-    assert found.verdict == "unexplained" and not found.causes
-    assert found.stand_ins == ("gas-stiffness",) and found.gain_percent > 0
-    assert found.to_dict()["extended"]["stand_ins"] == ["gas-stiffness"]
-    assert "gas-stiffness stands in for a cause that is not known" in repr(found)
+    assert found.verdict in {"unexplained", "partly-explained"} and found.gain_percent > 0
+    sure = [c.name for c in found.causes if c.probability is not None and c.probability >= SURE]
+    assert "gas-stiffness" not in sure
 
 
-@pytest.mark.parametrize(("noise", "lags"), [
-    pytest.param(4e-3, False, marks=pytest.mark.xfail(reason=OF_NOISE, strict=True)), (1e-3, True)])
+@pytest.mark.parametrize(("noise", "lags"), [(4e-3, False), (1e-3, True)])
 def test_a_valve_is_named_where_it_lags_and_not_for_the_noise_of_the_motion(noise: float, lags: bool,
                                                                             rng: np.random.Generator) -> None:
     """A lag smooths the noise of the recorded velocity and gains by it, whether or not anything lags."""
@@ -116,11 +115,11 @@ def test_a_valve_that_passes_all_is_the_fixture_that_it_comes_to(rng: np.random.
     values = (1 / (2 * np.pi * 40), 0.1)
     force = force_with(s, FixtureResonance(), values, law) + 5.0 * rng.standard_normal(SAMPLES)
     found = diagnosed(s, force, ValveDynamics(), FixtureResonance(), law=law)
-    assert "fixture-resonance" in names(found) and "valve-dynamics" not in [c.name for c in found.causes]
+    assert "fixture-resonance" in {*names(found), *found.stand_ins}
+    assert "valve-dynamics" not in {*names(found), *found.stand_ins}
 
 
-@pytest.mark.xfail(reason=OF_NOISE, strict=True)
-@pytest.mark.parametrize("corner", [53.0, 16.0])
+@pytest.mark.parametrize("corner", [53.0, pytest.param(16.0, marks=pytest.mark.xfail(reason=OF_NOISE, strict=True))])
 def test_a_filter_of_three_tones_is_not_named_a_delay(corner: float, rng: np.random.Generator) -> None:
     """To undo the filter raises the noise of the motion, to undo a delay does not."""
     t, tones = PERIOD * np.arange(SAMPLES), ((0.01, 0.7, 0.0), (0.006, 1.9, 1.0), (0.003, 4.3, 2.0))

@@ -21,7 +21,7 @@ from quartercar.criteria import judge
 from quartercar.dampers import Compliance, Guo, Linear, PowerLawFrictionGas
 from quartercar.dampers.blackbox.held import Held
 from quartercar.parameters import MEGANE
-from quartercar.rides.comparison import Interval, compare_rides, pareto
+from quartercar.rides.comparison import FIGURES, Interval, compare_rides, joined, pareto
 from quartercar.rides.default_damper import identified_damper
 from quartercar.rides.simulation import RideSettings, drive, ride
 from quartercar.rides.tuning import Objective, Trial, tune
@@ -294,6 +294,26 @@ def test_a_comparison_says_what_it_found(comparison):
     first = described["rides"][0]
     assert first["figures"]["comfort"]["unit"] == "m/s^2" and first["passivity"]["holds"] is True
     assert comparison.verdict in str(comparison)
+
+
+def test_laws_that_were_driven_apart_have_the_figures_of_those_driven_together():
+    laws = {"passive": Passive(), "skyhook": Skyhook(), "sh-add": SkyhookAccelerationDriven()}
+    roads = (SHORT, IsoRoad("B", 15.0, 1.0))
+
+    def driven(names):
+        return compare_rides(car(), roads, {n: laws[n] for n in names}, range(2), IDEAL)
+
+    together, apart = driven(laws), joined(driven(["passive", "sh-add"]), driven(["skyhook"]))
+    assert apart.roads == together.roads and apart.reference == "sh-add" and apart.notes == together.notes
+    for road in together.roads:
+        for name in laws:
+            for figure in FIGURES:
+                np.testing.assert_array_equal(apart.row(name, road).values(figure),
+                                              together.row(name, road).values(figure))
+    with pytest.raises(InputError, match="same law"):
+        joined(together, driven(["skyhook"]))
+    with pytest.raises(InputError, match="other roads or seeds"):
+        joined(together, compare_rides(car(), [SHORT], {"groundhook": Groundhook()}, range(2), IDEAL))
 
 
 def test_comparisons_that_are_none():

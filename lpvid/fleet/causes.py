@@ -1,0 +1,93 @@
+"""What the diagnosis of one file of a fleet names: causes with their probabilities, and their rivals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lpvid.fleet.plan import Job
+
+
+@dataclass(frozen=True)
+class FileCauses:
+    """Causes of one file, as its diagnosis.json holds them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Named causes.
+    probabilities : tuple of (float or None)
+        That each is there, calibrated on cases of two rigs with named laws as baselines; None where none was computed.
+    rivals : tuple of tuple of str
+        Groups of causes that the file's data cannot keep apart.
+    verdict : str
+
+    Examples
+    --------
+    >>> str(FileCauses(("coil-lag",), (0.934,), (("payload", "gas-stiffness"),), "partly-explained"))
+    'coil-lag (probability 0.93); payload or gas-stiffness'
+    >>> str(FileCauses((), (), (), "unexplained"))
+    'unexplained'
+    """
+
+    names: tuple[str, ...]
+    probabilities: tuple[float | None, ...]
+    rivals: tuple[tuple[str, ...], ...]
+    verdict: str
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> FileCauses:
+        """Of diagnosis.json.
+
+        Parameters
+        ----------
+        data : mapping
+            Its content.
+
+        Returns
+        -------
+        FileCauses
+        """
+        named = data.get("causes", [])
+        return cls(tuple(c["name"] for c in named), tuple(c.get("probability") for c in named),
+                   tuple(tuple(r["names"]) for r in data.get("rivals", [])), data.get("verdict", ""))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            ``verdict``, ``causes`` with their probabilities, ``rivals``.
+        """
+        return {"verdict": self.verdict, "rivals": [list(r) for r in self.rivals],
+                "causes": [{"name": n, "probability": p} for n, p in zip(self.names, self.probabilities, strict=True)]}
+
+    def __str__(self) -> str:
+        sure = [n if p is None else f"{n} (probability {p:.2f})"
+                for n, p in zip(self.names, self.probabilities, strict=True)]
+        return "; ".join([*sure, *(" or ".join(r) for r in self.rivals)]) or self.verdict
+
+
+def read_causes(jobs: Iterable[Job]) -> dict[str, FileCauses]:
+    """Causes by file, of the diagnoses on disk.
+
+    Parameters
+    ----------
+    jobs : iterable of Job
+
+    Returns
+    -------
+    dict of str to FileCauses
+        Without the files that have no diagnosis.
+    """
+    found = {}
+    for job in jobs:
+        try:
+            data = json.loads((job.folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        found[job.name] = FileCauses.from_dict(data)
+    return found
