@@ -42,6 +42,7 @@ class Ridge(Encoded):
 
     Examples
     --------
+    >>> from lpvid.scheduling import Polynomial
     >>> Ridge().matrix(Polynomial("p", degree=2)).diagonal()
     array([0., 1., 4.])
     """

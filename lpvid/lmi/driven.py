@@ -150,6 +150,7 @@ def basis_ceilings(basis: Basis, limits: dict[str, tuple[float, float]]) -> np.n
 
     Examples
     --------
+    >>> from lpvid.scheduling import Polynomial
     >>> basis_ceilings(Polynomial("p", degree=2), {"p": (-3.0, 2.0)}).tolist()
     [1.0, 3.0, 9.0]
     """

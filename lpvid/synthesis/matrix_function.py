@@ -28,6 +28,7 @@ class MatrixFunction:
 
     Examples
     --------
+    >>> from lpvid.scheduling import Polynomial
     >>> m = MatrixFunction(Polynomial("p", 1), np.array([[[1.0]], [[2.0]]]))              # 1 + 2 p
     >>> (m @ m + 1.0).at(np.array([[3.0]]))
     array([[[50.]]])
@@ -139,6 +140,7 @@ def block(rows: Sequence[Sequence[MatrixFunction | np.ndarray]]) -> MatrixFuncti
 
     Examples
     --------
+    >>> from lpvid.scheduling import Polynomial
     >>> m = MatrixFunction(Polynomial("p", 1), np.array([[[1.0]], [[2.0]]]))
     >>> block([[m, np.zeros((1, 1))], [np.eye(1), m @ m]]).at(np.array([[1.0]])).tolist()
     [[[3.0, 0.0], [1.0, 9.0]]]

@@ -96,7 +96,20 @@ def _experiments_figure(demo: Demo) -> list[Item]:
 
 
 def worst_currents(figures: Sequence[ExperimentFigures], records: Sequence[Record]) -> str:
-    """At which constant current each test of several records is worst, in one sentence; empty where there is none."""
+    """At which constant current each test of several records is worst.
+
+    Parameters
+    ----------
+    figures : sequence of ExperimentFigures
+        One per test, with the free-run error-to-signal ratio of every record.
+    records : sequence of Record
+        The held-out records, named ``test-N-rM``; the current in A.
+
+    Returns
+    -------
+    str
+        One sentence; empty where no test has several records.
+    """
     parts = []
     for e in figures:
         current = [float(np.mean(r["current"])) for r in records if r.name.startswith(f"{e.name}-r")]

@@ -12,7 +12,7 @@ from lpvid.synthesis.result import Synthesis
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.designed.damper_design import DamperTask, feasible, gain_vector, synthesized_gain
 from quartercar.controllers.designed.lpv_hinf_identified import IdentifiedController, LpvHinfIdentified
-from quartercar.controllers.designed.suspension_design import nominal_damping
+from quartercar.controllers.designed.suspension_design import nominal_damping, to_the_end
 from quartercar.design.figures import FREQUENCIES, SHOWN, names_of, over_bump
 from quartercar.lpv_models.identified_study import BAND, EmbeddedDamper
 from quartercar.rides.simulation import Ride, RideSettings
@@ -168,4 +168,4 @@ def design_identified(car: QuarterCar, law: LpvHinfIdentified, setting: Setting)
     assert setting.damper is not None
     nominal_damping(setting.damper, setting.currents)
     task = feasible(law.task(law.values, setting))
-    return IdentifiedDesign(car, law, task, synthesized_gain(task), setting)
+    return IdentifiedDesign(car, law, task, to_the_end(synthesized_gain, task, feasible), setting)

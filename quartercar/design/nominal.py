@@ -15,7 +15,14 @@ from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
 from quartercar.controllers.designed.scheduled import ScheduledController
-from quartercar.controllers.designed.suspension_design import Task, admissible, nodes_of, synthesized
+from quartercar.controllers.designed.suspension_design import (
+    Task,
+    admissible,
+    nodes_of,
+    running,
+    synthesized,
+    to_the_end,
+)
 from quartercar.dampers.contract import Damper
 from quartercar.design.figures import FREQUENCIES, SHOWN, names_of, over_bump
 from quartercar.design.identified import IdentifiedDesign, design_identified
@@ -193,7 +200,7 @@ def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | LpvHinfIdentified | 
     if isinstance(law, LpvHinfIdentified):
         return design_identified(car, law, setting)
     task = law.task(law.values, setting)
-    return Design(car, law, task, synthesized(task), setting)
+    return Design(car, law, task, to_the_end(synthesized, task, running), setting)
 
 
 def _commanded(damper: Damper, currents: tuple[float, float]) -> None:

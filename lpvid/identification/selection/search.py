@@ -48,7 +48,13 @@ class StructureSearch:
 
     # -- steps --------------------------------------------------------------------------------------------------
     def try_first(self, structures: Iterable[Structure]) -> None:
-        """Structures before all others, outside the budget."""
+        """Structures before all others, outside the budget.
+
+        Parameters
+        ----------
+        structures : iterable of Structure
+            One of every kind.
+        """
         budget, self.budget = self.budget, None
         self.try_others(structures)
         self.budget, self.first_seconds = budget, self.seconds

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from lpvid.synthesis.criteria import H2, HInfinity
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.output_feedback import OutputFeedback
+from lpvid.synthesis.progress import was_interrupted
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.state_feedback import StateFeedback
 from lpvid.synthesis.synthesizing import synthesize
@@ -28,6 +31,9 @@ from quartercar.lpv_models.nominal_force import LimitedForce, NominalForce
 from quartercar.lpv_models.prefilter import prefiltered
 from quartercar.lpv_models.weighted import MEASUREMENTS, SensorNoise, SuspensionWeights, WeightedCar
 from quartercar.parameters import CarParameters
+
+if TYPE_CHECKING:
+    from functools import _lru_cache_wrapper
 from quartercar.vehicle.linear import OUTPUTS
 
 CRITERIA = ("hinf", "h2")
@@ -103,6 +109,18 @@ def synthesized(task: Task) -> Synthesis:
     if task.criterion == "h2":
         return synthesize(plant, MultiObjective(criteria, feedthrough=False))
     return synthesize(plant, OutputFeedback(strictly_proper=True, back_off=0.05))
+
+
+def to_the_end(cached: _lru_cache_wrapper[Synthesis], task: Hashable,
+               *built_on_it: _lru_cache_wrapper[Any]) -> Synthesis:
+    """A synthesis found once; where Ctrl-C ended the earlier search, it is looked for anew."""
+    hits = cached.cache_info().hits
+    found = cached(task)
+    if cached.cache_info().hits == hits or not was_interrupted(found):
+        return found
+    for function in (cached, *built_on_it):
+        function.cache_clear()
+    return cached(task)
 
 
 @lru_cache(maxsize=512)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -306,7 +307,7 @@ def test_the_commands_exit_codes(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     assert run.exit_code == 2 and "reversed polarity" in run.output
     lpv.save(DAMPER, folder / "guo.json")
     failed = Synthesis("infeasible", why="no force keeps the bound", mend="raise the levels of the weights")
-    monkeypatch.setattr("quartercar.design.nominal.synthesized", lambda task: failed)
+    monkeypatch.setattr("quartercar.design.nominal.synthesized", lru_cache(lambda task: failed))
     run = runner.invoke(app, ["design", "--out", str(folder / "failed"), str(folder / "design.toml")])
     assert run.exit_code == 3 and "No controller: no force keeps the bound" in run.output
     assert json.loads((folder / "failed" / "synthesis.json").read_text())["verdict"] == "infeasible"
