@@ -113,7 +113,20 @@ def synthesized(task: Task) -> Synthesis:
 
 def to_the_end(cached: _lru_cache_wrapper[Synthesis], task: Hashable,
                *built_on_it: _lru_cache_wrapper[Any]) -> Synthesis:
-    """A synthesis found once; where Ctrl-C ended the earlier search, it is looked for anew."""
+    """A synthesis found once; where Ctrl-C ended the earlier search, it is looked for anew.
+
+    Parameters
+    ----------
+    cached : function
+        The synthesis of a task, cached.
+    task : Task or DamperTask
+    *built_on_it : function
+        Cached results that use the synthesis; cleared with it.
+
+    Returns
+    -------
+    Synthesis
+    """
     hits = cached.cache_info().hits
     found = cached(task)
     if cached.cache_info().hits == hits or not was_interrupted(found):
