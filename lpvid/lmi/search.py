@@ -8,21 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.lmi.bernstein import nodes
-from lpvid.lmi.certificate import grid, tensor
+from lpvid.lmi.bounds import DecayBound
+from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.storage import Storage, symmetric_units
+from lpvid.lmi.frame import Frame
+from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Polynomial, Scheduling
 
-if TYPE_CHECKING:
-    from lpvid.lmi.program import ProgramInequality
-
-MAX_UNKNOWNS = 1_200
-MAX_INEQUALITIES = 240
+DENSITY = 1.0
+"""points along each variable, over the usual number; the re-check looks between them"""
 
 
 def frozen_rates(system: Driven, points: np.ndarray) -> np.ndarray:
@@ -96,24 +93,28 @@ class LyapunovSearch:
 
     def solved(self, degree: int, exponent: float = 0.0) -> Iterator[tuple[Storage, str]]:
         """Candidates of a degree by semidefinite programming, with the solver's name; none where it sees no margin."""
-        basis, n = self.basis(degree), self.system.order
-        unknowns = basis.size * n * (n + 1) // 2
-        if unknowns > MAX_UNKNOWNS:
-            return
+        from lpvid.lmi.storage_search import StorageSearch  # here, so that checking a certificate needs numpy alone
+
         try:
-            factor = np.linalg.cholesky(self._centre())
+            states = np.linalg.inv(np.linalg.cholesky(self._centre())).T
         except np.linalg.LinAlgError:
             return
-        units = symmetric_units(n)
-        template = self._storage(np.zeros((basis.size, n, n)), degree)
-        from lpvid.lmi.program import largest_margin  # here, so that checking a certificate needs numpy alone
-
-        for candidate in largest_margin(self._inequalities(template, exponent, factor, units)):
-            matrices = np.tensordot(candidate.x.reshape(basis.size, -1), units, axes=1)
-            matrices = factor @ matrices @ factor.T
-            yield self._storage(0.5 * (matrices + matrices.swapaxes(1, 2)), degree), candidate.solver
-            if candidate.margin < 1e-7:
+        system, time = self.system, self._unit_of_time()
+        search = StorageSearch(system, self.box, self.basis(degree), Frame(states, time, 1.0), DENSITY)
+        if not search.affordable:
+            return
+        pace = exponent if system.sample_time is not None else exponent * time
+        for matrices, margin, solver in search.roomiest(lambda s, p: DecayBound(s, p, pace)):
+            yield self._storage(matrices, degree), solver
+            if margin < 1e-7:
                 return
+
+    def _unit_of_time(self) -> float:
+        """In which the fastest frozen mode has the rate 1; 1 in discrete time."""
+        if self.system.sample_time is not None:
+            return 1.0
+        poles = np.linalg.eigvals(self.system.state_matrices(grid(self.box, 3)))
+        return 1 / max(float(np.abs(poles).max()), 1e-300)
 
     def _centre(self) -> np.ndarray:
         points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
@@ -122,66 +123,6 @@ class LyapunovSearch:
         solutions = self.frozen_solutions(points)
         solutions = solutions / np.trace(solutions, axis1=1, axis2=2)[:, None, None]
         return solutions.mean(axis=0)
-
-    def _samples(self, template: Storage) -> tuple[np.ndarray, np.ndarray]:
-        """Points and moves at which the inequalities are imposed."""
-        degree, variables = max((r.degree for r in template.readings.values()), default=0), len(self.box.names)
-        per = [max(2, 2 * r.degree + degree + 1) if degree or r.degree > 1 else 2 for r in self.system.readings]
-        ends = [np.array([0.0, 0.5, 1.0]) if variables == 1 and degree > 1 and self.system.sample_time is not None
-                else np.array([0.0, 1.0]) if i in template.moving else np.array([0.5]) for i in range(variables)]
-        moves = tensor([e if i in template.moving else np.array([0.5]) for i, e in enumerate(ends)])
-        cells = [a.cells() for a in template.axes(self.system.readings, 1 if self.system.sample_time is None else 2)[0]]
-        while True:
-            axes = [np.unique(np.concatenate([low + nodes(count - 1) * (high - low) for low, high in own]))
-                    for own, count in zip(cells, per, strict=True)]
-            if math.prod(map(len, axes)) * len(moves) <= MAX_INEQUALITIES or max(per, default=2) <= 2:
-                return tensor(axes), moves
-            per = [max(2, count - 1) for count in per]
-
-    def _inequalities(self, template: Storage, exponent: float, factor: np.ndarray, units: np.ndarray
-                      ) -> list[ProgramInequality]:
-        from lpvid.lmi.program import ProgramInequality
-
-        points, moves = self._samples(template)
-        n = self.system.order
-        inverse = np.linalg.inv(factor)
-        a = factor.T @ self.system.state_matrices(points) @ inverse.T
-        psi = template.psi(points)
-        blocks = []
-        for k in range(len(points)):
-            now = _products(psi[k], units)
-            blocks += [(np.zeros((n, n)), now), (np.eye(n), -now)]
-            decrease = (self._discrete if self.system.sample_time is not None else self._continuous)
-            blocks += [(np.zeros((n, n)), linear)
-                       for linear in decrease(template, exponent, a[k], points[k], moves, units, now)]
-        return [ProgramInequality(constant, linear, 0.0 if constant.any() else 1.0) for constant, linear in blocks]
-
-    def _discrete(self, template: Storage, exponent: float, a: np.ndarray, point: np.ndarray, moves: np.ndarray,
-                  units: np.ndarray, now: np.ndarray) -> list[np.ndarray]:
-        assert self.system.sample_time is not None
-        rho2 = math.exp(-2 * exponent * self.system.sample_time)
-        moved, ahead = a.T @ units @ a, template.scheduling_after(point[None], moves)
-        return [rho2 * now - _products(psi, moved) for psi in template.psi(ahead)]
-
-    def _continuous(self, template: Storage, exponent: float, a: np.ndarray, point: np.ndarray, moves: np.ndarray,
-                    units: np.ndarray, now: np.ndarray) -> list[np.ndarray]:
-        basis, columns = template.basis, template.columns
-        fastest = max(float(np.abs(np.linalg.eigvals(a)).max()), 1e-300)
-        psi = template.psi(point[None])[0]
-        still = -_products(psi, a.T @ units + units @ a) - 2 * exponent * now
-        slopes = {i: basis.derivative(point[None, columns], self.box.names[i])[0] for i in template.moving}
-        out = []
-        for move in moves:
-            drift = sum(((self.box.rate[i] or 0.0) * (2 * move[i] - 1) * s for i, s in slopes.items()),
-                        np.zeros(basis.size))
-            out.append((still - _products(drift, units)) / fastest)
-        return out
-
-
-def _products(psi: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """(n, n, K·q) all ψ_k E_q, flattened with q fastest."""
-    n = units.shape[1]
-    return np.einsum("k,qij->ijkq", psi, units).reshape(n, n, -1)
 
 
 def frozen_gramian(a: np.ndarray, weight: np.ndarray) -> np.ndarray:

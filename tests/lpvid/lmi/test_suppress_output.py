@@ -11,7 +11,7 @@ import cvxpy
 import numpy as np
 import pytest
 
-from lpvid.lmi.program import Program, ProgramInequality, largest_margin
+from lpvid.lmi.program import Program
 from lpvid.lmi.suppress_output import quiet
 
 CHATTER = """
@@ -46,23 +46,20 @@ def talkative(monkeypatch):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the C library is called by its POSIX name")
-def test_a_solver_is_not_heard(talkative, capfd):
+def test_a_solver_prints_nothing(talkative, capfd):
     program = Program()
     t = program.unknowns.scalar()
     program.require(t.times(np.eye(2)) - np.diag([1.0, 3.0]))
     program.minimise(t)
     print("before")
     assert next(program.solve(solvers=("SCS",))).objective == pytest.approx(3.0, abs=1e-3)
-    one = np.ones((1, 1, 1))
-    halves = [ProgramInequality(np.zeros((1, 1)), one), ProgramInequality(np.eye(1), -one)]
-    assert next(largest_margin(halves, solvers=("SCS",))).margin == pytest.approx(0.5, abs=1e-3)
     print("after")
     ctypes.CDLL(None).fflush(None)
-    audited = capfd.readouterr()
-    assert audited.out.split() == ["before", "after"] and audited.err == ""
+    printed = capfd.readouterr()
+    assert printed.out.split() == ["before", "after"] and printed.err == ""
 
 
-def test_what_a_failure_says_is_heard(capfd):
+def test_output_after_a_failure_is_printed(capfd):
     with pytest.raises(ValueError, match="no answer"), quiet():
         os.write(2, b"never")
         raise ValueError("no answer")
