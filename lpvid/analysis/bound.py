@@ -97,10 +97,11 @@ class BoundSearch:
     region: Region | None = None
 
     def frame(self) -> Frame:
-        """Coordinates for the program; the model's own where a frozen system is unstable."""
+        """Coordinates for the program, signals as they are; the model's own where a frozen system is unstable."""
         if worst_pole(self.system, self.box)[0] >= 0 or not self.system.order:
             return Frame(np.eye(self.system.order), 1.0, 1.0)
-        return frame_of(self.system, grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2)))
+        points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
+        return replace(frame_of(self.system, points), gain=1.0)
 
     def at(self, level: float, bases: Iterable[Basis]) -> BoundCertificate | None:
         """A certificate of a level, one between grid points before one on the grid."""
@@ -110,16 +111,17 @@ class BoundSearch:
         frame = self.frame()
         scale = frame.time if self.system.sample_time is None else 1.0
         region = None if self.region is None else (self.region[0] * scale, self.region[1])
-        inside = inequality_of(self.quantity, level * (scale if self.quantity == "decay-rate" else 1.0), region)
+        pace = {"decay-rate": scale, "h2-norm": math.sqrt(scale)}.get(self.quantity, 1.0)
+        inside = inequality_of(self.quantity, level * pace, region)
         for basis in bases:
             for density in (2.0, 4.0):
-                search = StorageSearch(self.system, self.box, basis, frame, density)
+                search = StorageSearch(self.system, self.box, basis, frame, lambda _: inside, density)
                 if not search.affordable:
                     return
-                found = next(search.roomiest(inside, capped=self.quantity != "h2-norm"), None)
-                if found is None or not found[1] > 1e-9:
+                found = next(search.roomiest(capped=self.quantity != "h2-norm"), None)
+                if found is None or not found.margin > 1e-9:
                     break
-                certificate = self.checked(found[0], basis, level, found[2])
+                certificate = self.checked(found.matrices, basis, level, found.solver)
                 if certificate is not None:
                     yield certificate
 

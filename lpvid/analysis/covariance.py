@@ -147,14 +147,18 @@ def proven(storage: Storage, plant: Driven, peak: bool, level: float) -> OutputB
 def _searched(plant: Driven, box: Scheduling, basis: Basis, peak: bool, lower: float) -> OutputBound | None:
     """A Q(p) of least level, scaled by that share of the noise that makes it strict."""
     typical = lower or 1.0
-    unit = scaled_outputs(plant, 1 / typical)
-    frame = frame_of(unit, grid(box, {0: 1, 1: 9, 2: 4}.get(len(box.names), 2)))
-    search = StorageSearch(unit, box, basis, frame, 2.0)
+    frame = replace(frame_of(scaled_outputs(plant, 1 / typical), grid(box, {0: 1, 1: 9, 2: 4}.get(len(box.names), 2))),
+                    gain=1.0)
+    unit = scaled_outputs(plant, 1 / (typical * math.sqrt(frame.time)))  # ν is about one in the frame's unit of time
+    search = StorageSearch(unit, box, basis, frame,
+                           lambda square: partial(CovarianceBound, level=math.sqrt(square), peak=peak))
     if not search.affordable:
         return None
-    into = frame.states @ frame.states.T / math.sqrt(frame.time)  # Q = T Q̃ Tᵀ of what comes back as τ T⁻ᵀ Q̃ T⁻¹
-    for outside, level, _ in search.least(lambda x: partial(CovarianceBound, level=x, peak=peak)):
-        matrices = into @ outside @ into.T
+    into = frame.states @ frame.states.T / frame.time  # Q = T Q̃ Tᵀ/τ of what comes back as τ T⁻ᵀ Q̃ T⁻¹
+    for found_inside in search.least():
+        if not found_inside.level > 0:
+            continue
+        matrices, level = into @ found_inside.matrices @ into.T, math.sqrt(found_inside.level)
         for share in RAISED:  # Q is homogeneous in the intensity of the noise: more of it leaves room everywhere
             storage = Storage(matrices * (1 + share), basis, box, plant.sample_time)
             found = proven(storage, plant, peak, level * typical * (1 + share))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
-from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
-from lpvid.lmi.gain_search import GainSearch, StorageProposal
+from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
 from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
+from lpvid.lmi.storage_search import ROUGHLY, StorageProposal, StorageSearch
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)
@@ -55,7 +56,7 @@ class GainBounds:
     box: Scheduling
     basis: Basis | None = None
     floor: float = 0.0
-    _searches: dict[tuple, GainSearch] = field(default_factory=dict)
+    _searches: dict[tuple, StorageSearch] = field(default_factory=dict)
     _frame: Frame | None = None
 
     def prepare(self, rate: tuple[float | None, ...]) -> None:
@@ -127,31 +128,32 @@ class GainBounds:
                 return on_grid
         return on_grid
 
-    def _search(self, basis: Basis, box: Scheduling, density: float) -> GainSearch:
+    def _search(self, basis: Basis, box: Scheduling, density: float) -> StorageSearch:
         pattern = tuple(r is None for r in box.rate)
         key = (str(basis.to_dict()), pattern, density)
         if key not in self._searches:
-            self._searches[key] = GainSearch(self.system, box, basis, self.frame, density)
+            self._searches[key] = StorageSearch(
+                self.system, box, basis, self.frame, lambda gamma: partial(BoundedReal, gamma=gamma), density)
         return self._searches[key]
 
-    def _attempts(self, search: GainSearch, box: Scheduling) -> Iterator[tuple[Storage, float, Recheck, str]]:
+    def _attempts(self, search: StorageSearch, box: Scheduling) -> Iterator[tuple[Storage, float, Recheck, str]]:
         """Everything that passes the re-check, as strongly as possible first."""
-        for proposal in search.best(box):
-            if not 0 < proposal.gamma < 1e9 * self.frame.gain:
+        for proposal in search.least(box):
+            if not 0 < proposal.level < 1e9:
                 continue
             yield from self._relaxed(search, box, proposal, BACK_OFF)
             for share in RELAXED:
-                inner = next(search.interior(box, proposal.gamma * (1 + share)), None)
+                inner = next(search.roomiest(proposal.level * (1 + share), box, settings=ROUGHLY), None)
                 if inner is not None:
                     for between in _blended(proposal, inner):
                         yield from self._relaxed(search, box, between, (0.0,))
             return
 
-    def _relaxed(self, search: GainSearch, box: Scheduling, proposal: StorageProposal, shares: tuple[float, ...]
+    def _relaxed(self, search: StorageSearch, box: Scheduling, proposal: StorageProposal, shares: tuple[float, ...]
                  ) -> Iterator[tuple[Storage, float, Recheck, str]]:
         storage = Storage(proposal.matrices, search.basis, box, self.system.sample_time)
         for share in shares:
-            gamma = max(proposal.gamma * (1 + share), 1e-12 * self.frame.gain)
+            gamma = max(proposal.level * (1 + share), 1e-12) * self.frame.gain
             outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
@@ -159,8 +161,8 @@ class GainBounds:
 
 def _blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
     for part in BLENDS:
-        yield StorageProposal((1 - part) * least.matrices + part * inner.matrices,
-                       (1 - part) * least.gamma + part * inner.gamma, inner.solver)
+        yield replace(inner, matrices=(1 - part) * least.matrices + part * inner.matrices,
+                      level=(1 - part) * least.level + part * inner.level)
 
 
 def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:

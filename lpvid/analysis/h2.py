@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,9 +16,8 @@ from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequalit
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.frame import Frame, gramian
-from lpvid.lmi.gain_search import ROUGHLY
 from lpvid.lmi.readings import box_of
-from lpvid.lmi.storage_search import StorageSearch
+from lpvid.lmi.storage_search import ROUGHLY, Claim, StorageProposal, StorageSearch
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 
@@ -82,14 +82,17 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
 
 def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> BoundCertificate | None:
     search = BoundSearch(plant, box, "h2-norm")
-    unit = scaled_outputs(plant, 1 / typical)
+    frame = search.frame()
+    size = typical * math.sqrt(frame.time)  # of the outputs, that the level is about one in the frame's unit of time
+    unit = scaled_outputs(plant, 1 / size)
     on_grid: BoundCertificate | None = None
     for density in (2.0, 5.0) if plant.order <= 6 else (2.0,):
-        inner = StorageSearch(unit, box, basis, search.frame(), density)
+        inner = StorageSearch(unit, box, basis, frame, _variance, density)
         if not inner.affordable:
             return None
-        for matrices, level, solver in _proposals(inner):
-            found = search.checked(matrices * typical**2, basis, level * typical, solver)
+        for proposal in _proposals(inner):
+            found = search.checked(proposal.matrices * size**2, basis, typical * math.sqrt(proposal.level),
+                                   proposal.solver)
             if found is not None and found.between_grid:
                 return found
             on_grid = on_grid or found
@@ -97,25 +100,28 @@ def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> Bound
 
 
 def _effort(plant: Driven, box: Scheduling, basis: Basis) -> int:
-    search = StorageSearch(plant, box, basis, Frame(np.eye(plant.order), 1.0, 1.0), 2.0)
-    return search.effort(inequality_of("h2-norm", 1.0, None))
+    return StorageSearch(plant, box, basis, Frame(np.eye(plant.order), 1.0, 1.0), _variance).effort
 
 
-def _proposals(search: StorageSearch) -> Iterator[tuple[np.ndarray, float, str]]:
-    """The least level, backed off a little; then levels with room to spare."""
-    least = next(search.least(lambda level: inequality_of("h2-norm", level, None)), None)
-    if least is None:
+def _variance(square: float) -> Claim:
+    """ν² enters the inequality linearly."""
+    return inequality_of("h2-norm", math.sqrt(square), None)
+
+
+def _proposals(search: StorageSearch) -> Iterator[StorageProposal]:
+    """The least variance, backed off a little; then variances with room to spare."""
+    least = next(search.least(), None)
+    if least is None or not least.level > 0:
         return
     for share in BACK_OFF:
-        yield least[0], least[1] * (1 + share), least[2]
+        yield replace(least, level=least.level * (1 + share) ** 2)
     for share in RELAXED:
-        level = least[1] * (1 + share)
-        roomy = next(search.roomiest(inequality_of("h2-norm", level, None), capped=False, settings=ROUGHLY), None)
+        roomy = next(search.roomiest(least.level * (1 + share) ** 2, settings=ROUGHLY), None)
         if roomy is None:
             continue
-        for part in BLENDS:  # the inequality is linear in P and the level's square
-            square = (1 - part) * least[1] ** 2 + part * level**2
-            yield (1 - part) * least[0] + part * roomy[0], math.sqrt(square), roomy[2]
+        for part in BLENDS:  # the inequality is linear in P and the variance
+            yield replace(roomy, matrices=(1 - part) * least.matrices + part * roomy.matrices,
+                          level=(1 - part) * least.level + part * roomy.level)
 
 
 def largest_frozen_h2(plant: Driven, box: Scheduling) -> float:

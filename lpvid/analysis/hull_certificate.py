@@ -22,8 +22,8 @@ from lpvid.lmi.certificate import Recheck
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.frame import frame_of
 from lpvid.lmi.gain_certificate import certify_gain
-from lpvid.lmi.gain_search import SOLVERS
 from lpvid.lmi.program import Program
+from lpvid.lmi.storage_search import SOLVERS
 from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial

@@ -22,10 +22,10 @@ from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven, Matrices
 from lpvid.lmi.frame import Frame, frame_of
-from lpvid.lmi.gain_search import SOLVERS, sample
 from lpvid.lmi.program import Program
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
+from lpvid.lmi.storage_search import SOLVERS, sample
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 

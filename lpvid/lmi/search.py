@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -100,13 +101,13 @@ class LyapunovSearch:
         except np.linalg.LinAlgError:
             return
         system, time = self.system, self._unit_of_time()
-        search = StorageSearch(system, self.box, self.basis(degree), Frame(states, time, 1.0), DENSITY)
+        decay = partial(DecayBound, level=exponent * time)
+        search = StorageSearch(system, self.box, self.basis(degree), Frame(states, time, 1.0), lambda _: decay, DENSITY)
         if not search.affordable:
             return
-        pace = exponent if system.sample_time is not None else exponent * time
-        for matrices, margin, solver in search.roomiest(lambda s, p: DecayBound(s, p, pace)):
-            yield self._storage(matrices, degree), solver
-            if margin < 1e-7:
+        for found in search.roomiest(capped=True):
+            yield self._storage(found.matrices, degree), found.solver
+            if found.margin < 1e-7:
                 return
 
     def _unit_of_time(self) -> float:

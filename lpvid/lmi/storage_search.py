@@ -1,7 +1,8 @@
-"""Candidates for a storage function that carries any `Inequality`, by semidefinite programming.
+"""Candidates for a storage function that carries any `LyapunovInequality`, by semidefinite programming.
 
-The inequality itself is evaluated at a basis of the symmetric matrices, so that nothing is written twice. Nothing here
-proves anything; every candidate goes through `lpvid.lmi.inequality.recheck_inequality`.
+The inequality itself is evaluated at a basis of the symmetric matrices, so that nothing is written twice: stability,
+gain, H2 norm, decay, covariance and pole regions differ in what they claim alone. Nothing here proves anything; every
+candidate goes through `lpvid.lmi.inequality.recheck_inequality`.
 """
 
 from __future__ import annotations
@@ -9,147 +10,272 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine
+from lpvid.lmi.bernstein import nodes
+from lpvid.lmi.box_positivity import Axis
+from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame
-from lpvid.lmi.gain_search import INTERIOR, MOST_UNKNOWNS, SOLVERS, sample
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage, symmetric_units
 from lpvid.scheduling import Basis, Scheduling
 
 Claim = Callable[[Driven, Storage], LyapunovInequality]
+Claims = Callable[[float], Claim]
+MOST_INEQUALITIES = 240
+MOST_UNKNOWNS = 2_500
+INTERIOR = 1e-6
+"""Margin kept where the least level is looked for, in the frame."""
+SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
+ROUGHLY = {"CLARABEL": {"tol_gap_abs": 1e-4, "tol_gap_rel": 1e-2, "tol_feas": 1e-6}}
+"""For a margin of which any large share will do: a third of the iterations less."""
+
+
+@dataclass(frozen=True, eq=False)
+class StorageProposal:
+    """A candidate.
+
+    Attributes
+    ----------
+    matrices : (K, n, n) array
+        Of P, in the model's own coordinates.
+    level : float
+        That it should prove, in the frame.
+    margin : float
+        t of F ≽ tI and P ≽ tI in the frame, as the solver has it.
+    solver : str
+    """
+
+    matrices: np.ndarray
+    level: float
+    margin: float
+    solver: str
 
 
 @dataclass(frozen=True, eq=False)
 class StorageSearch:
-    """Looks for P(p) with a given basis, in balanced coordinates and a time unit in which the system is unhurried.
+    """Looks for P(p) with a given basis, in coordinates and a time unit in which the system is well scaled.
+
+    In continuous time the rates of the scheduling, and the level at which the most room is looked for, are parameters
+    of one compiled program: a sweep over them compiles once.
 
     Parameters
     ----------
     system : Driven
     box : Scheduling
+        Which rates are None decides what P may depend on.
     basis : Basis
+        Of P, over names of `box`.
     frame : Frame
-        Its states and time are used; signals keep their size.
+        A, B, C, D are stated in it.
+    claims : callable
+        The claim of a level ℓ about the system in the frame. Its constant part is affine in ℓ; what multiplies P does
+        not change with it.
     density : float
+        Points along each variable, over the usual number.
     """
 
     system: Driven
     box: Scheduling
     basis: Basis
     frame: Frame
+    claims: Claims
     density: float = 2.0
+    _programs: dict[tuple, tuple[Program, list[Affine]]] = field(default_factory=dict, repr=False)
 
     @property
     def affordable(self) -> bool:
         """Small enough to be worth solving."""
-        n = self.system.order
-        return self.basis.size * n * (n + 1) // 2 <= MOST_UNKNOWNS
+        return self._unknowns <= MOST_UNKNOWNS
 
-    def effort(self, claim: Claim) -> int:
+    @property
+    def effort(self) -> int:
         """Unknowns times inequalities times entries of P, which is what a solver's time goes with."""
-        inner, storage = self._inside()
-        n = self.system.order
-        points, moves = sample(self.system, storage, self.density, claim(inner, storage).power)
+        storage = self._empty(self.box)
+        points, moves = sample(self.system, storage, self.density, self._claim(0.0, storage).power)
         count = len(moves) if self.system.sample_time is not None else 2 ** len(storage.moving)
-        return self.basis.size * n * (n + 1) // 2 * len(points) * count * n**2
+        return self._unknowns * len(points) * count * self.system.order**2
 
-    def least(self, claim: Callable[[float], Claim]) -> Iterator[tuple[np.ndarray, float, str]]:
-        """Matrices of P and the least ℓ whose square enters claim(ℓ) linearly: its inequality at ℓ² = level."""
-        inner, storage = self._inside()
-        zero, one = claim(0.0)(inner, storage), claim(1.0)(inner, storage)
-        program, matrices, level = self._program()
-        for const, linear, points in self._pieces(zero, storage):
-            rise = self._constant(one, points) - self._constant(zero, points)
-            program.require(Affine(const, linear) + level.times(rise), margin=INTERIOR)
-        for p in self._storage(storage):
-            program.require(p, margin=INTERIOR)
-        program.minimise(level)
-        for solution in program.solve(solvers=SOLVERS):
-            if solution.objective > 0:
-                yield self._outside(np.stack([solution[m] for m in matrices])), math.sqrt(solution.objective), \
-                    solution.solver
+    @property
+    def _unknowns(self) -> int:
+        n = self.system.order
+        return self.basis.size * n * (n + 1) // 2
 
-    def roomiest(self, claim: Claim, capped: bool = True, settings: Mapping[str, Mapping[str, Any]] | None = None
-                 ) -> Iterator[tuple[np.ndarray, float, str]]:
-        """Matrices of P with the largest margin t in F ≽ tI and P ≽ tI, and t; `capped` for claims homogeneous in P."""
-        inner, storage = self._inside()
-        program, matrices, level = self._program()
-        for const, linear, _ in self._pieces(claim(inner, storage), storage):
-            program.require(Affine(const, linear) - level.times(np.eye(len(const))))
-        for p in self._storage(storage):
-            program.require(p - level.times(np.eye(self.system.order)))
-            if capped:
-                program.require(-p + np.eye(self.system.order))
-        program.minimise(-level)
-        for solution in program.solve(solvers=SOLVERS, settings=settings):
-            yield self._outside(np.stack([solution[m] for m in matrices])), -solution.objective, solution.solver
+    def prepare(self, box: Scheduling) -> None:
+        """State and compile ahead both programs.
+
+        Parameters
+        ----------
+        box : Scheduling
+            In discrete time the programs depend on its rates.
+        """
+        for least in (True, False):
+            self._program(box, least, False)[0].prepare()
+
+    def least(self, box: Scheduling | None = None) -> Iterator[StorageProposal]:
+        """Candidates of the least level, one for each solver.
+
+        Parameters
+        ----------
+        box : Scheduling, optional
+            The same range with other rates.
+
+        Yields
+        ------
+        StorageProposal
+            The next solver is only started when the generator is advanced.
+        """
+        box = box or self.box
+        program, matrices = self._program(box, True, False)
+        for found in program.solve(self._rates(box), solvers=SOLVERS):
+            yield StorageProposal(self._outside(found, matrices), found.objective, INTERIOR, found.solver)
+
+    def roomiest(self, level: float = 0.0, box: Scheduling | None = None, *, capped: bool = False,
+                 settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[StorageProposal]:
+        """Candidates of the largest margin t in F ≽ tI and P ≽ tI, one for each solver.
+
+        Parameters
+        ----------
+        level : float
+            At which the claim is made, in the frame.
+        box : Scheduling, optional
+            The same range with other rates.
+        capped : bool
+            P ≼ I besides, for claims that are homogeneous in P.
+        settings : mapping of solver to its options, optional
+
+        Yields
+        ------
+        StorageProposal
+            The next solver is only started when the generator is advanced.
+        """
+        box = box or self.box
+        program, matrices = self._program(box, False, capped)
+        for found in program.solve({**self._rates(box), "level": level}, solvers=SOLVERS, settings=settings):
+            yield StorageProposal(self._outside(found, matrices), level, -found.objective, found.solver)
 
     # -- stating -----------------------------------------------------------------------------------------------------
-    def _inside(self) -> tuple[Driven, Storage]:
-        """The system in the frame, ẋ̃ = τT⁻¹AT x̃ + √τT⁻¹B w, and an empty storage function with rates to match."""
-        n, states, time = self.system.order, self.frame.states, self.frame.time
-        left, right = np.linalg.inv(states), states
-        moved = self.system.coefficients.copy()
-        moved[:, :n] = left @ moved[:, :n]
-        moved[:, :, :n] = moved[:, :, :n] @ right
-        moved[:, :n, :n] *= time
-        moved[:, :n, n:] *= math.sqrt(time)
-        box = replace(self.box, rate=tuple(None if r is None else r * time for r in self.box.rate))
-        if self.system.sample_time is not None:
-            box = self.box
-        empty = Storage(np.zeros((self.basis.size, n, n)), self.basis, box, self.system.sample_time)
-        return replace(self.system, coefficients=moved), empty
+    def _program(self, box: Scheduling, least: bool, capped: bool) -> tuple[Program, list[Affine]]:
+        moving = tuple(self._empty(box).moving)
+        key = (least, capped, moving if self.system.sample_time is None else box.rate)
+        if key not in self._programs:
+            self._programs[key] = self._stated(box, least, capped)
+        return self._programs[key]
 
-    def _outside(self, matrices: np.ndarray) -> np.ndarray:
-        return self.frame.outside(matrices)
+    def _stated(self, box: Scheduling, least: bool, capped: bool) -> tuple[Program, list[Affine]]:
+        program, n = Program(), self.system.order
+        matrices = [program.unknowns.symmetric(n) for _ in range(self.basis.size)]
+        level, eye = program.unknowns.scalar(), np.eye(n)
+        for matrix, rise, moved in self._inequalities(box):
+            if least:
+                program.require(matrix + level.times(rise), margin=INTERIOR, scaled=moved)
+            else:
+                fixed = Affine(rise, sparse.csr_array((rise.size, matrix.linear.shape[1])))
+                program.require(matrix - level.times(np.eye(len(rise))), scaled={**moved, "level": fixed})
+        for p in self._matrices(box):
+            program.require(p - (INTERIOR * eye if least else level.times(eye)))
+            if capped:
+                program.require(-p + eye)
+        program.minimise(level if least else -level)
+        return program, matrices
 
-    def _program(self) -> tuple[Program, list[Affine], Affine]:
-        program = Program()
-        matrices = [program.unknowns.symmetric(self.system.order) for _ in range(self.basis.size)]
-        return program, matrices, program.unknowns.scalar()
-
-    def _storage(self, storage: Storage) -> Iterator[Affine]:
+    def _matrices(self, box: Scheduling) -> Iterator[Affine]:
+        """P at the sampled points."""
+        storage, units = self._empty(box), symmetric_units(self.system.order)
         points, _ = sample(self.system, storage, self.density)
-        units = symmetric_units(self.system.order)
         for psi in np.unique(storage.psi(points), axis=0):
-            yield _affine(np.zeros(units.shape[1:]), np.einsum("j,qab->jqab", psi, units))
+            yield _combined(psi, units)
 
-    def _pieces(self, problem: LyapunovInequality, storage: Storage) -> Iterator[tuple[np.ndarray, Any, np.ndarray]]:
-        """(constant, linear, point) of the inequality at every sampled point and move."""
-        points, moves = sample(self.system, storage, self.density, problem.power)
-        units = symmetric_units(self.system.order)
+    def _inequalities(self, box: Scheduling) -> Iterator[tuple[Affine, np.ndarray, dict[str, Affine]]]:
+        """F at ℓ = 0 at the sampled points and moves, what ℓ adds, and what the rates of the scheduling multiply."""
+        storage, units = self._empty(box), symmetric_units(self.system.order)
+        zero, one = self._claim(0.0, storage), self._claim(1.0, storage)
+        points, moves = sample(self.system, storage, self.density, zero.power)
         empty = np.zeros((1, *units.shape[1:]))
         for k in range(len(points)):
             point = points[k : k + 1]
-            const = _at(problem, point, empty, empty)[0]
-            now = _at(problem, point, units, 0 * units) - const
-            then = _at(problem, point, 0 * units, units) - const
-            psi = storage.psi(point)[0]
-            for after in self._after(storage, point, moves):
-                terms = np.einsum("j,qab->jqab", psi, now) + np.einsum("j,qab->jqab", after, then)
-                yield const, _affine(const, terms).linear, point
+            constant = _at(zero, point, empty, empty)[0]
+            rise = _at(one, point, empty, empty)[0] - constant
+            now = _at(zero, point, units, 0 * units) - constant
+            then = _at(zero, point, 0 * units, units) - constant
+            still = _combined(storage.psi(point)[0], now) + constant
+            if self.system.sample_time is not None:
+                for after in storage.psi(storage.scheduling_after(point, moves)):
+                    yield still + _combined(after, then), rise, {}
+                continue
+            slopes = {i: _combined(storage.basis.derivative(point[:, storage.columns], box.names[i])[0], then)
+                      for i in storage.moving}
+            for signs in itertools.product((-1.0, 1.0), repeat=len(slopes)):
+                yield still, rise, {_rate(i): sign * x for (i, x), sign in zip(slopes.items(), signs, strict=True)}
 
-    def _constant(self, problem: LyapunovInequality, point: np.ndarray) -> np.ndarray:
-        empty = np.zeros((1, self.system.order, self.system.order))
-        return _at(problem, point, empty, empty)[0]
+    def _claim(self, level: float, storage: Storage) -> LyapunovInequality:
+        """Of the system in the frame, τT⁻¹AT, τT⁻¹B/√g, CT/√g, D/g."""
+        n, time, root = self.system.order, self.frame.time, math.sqrt(self.frame.gain)
+        moved = self.system.coefficients.copy()
+        moved[:, :n] = time * np.linalg.inv(self.frame.states) @ moved[:, :n]
+        moved[:, :, :n] = moved[:, :, :n] @ self.frame.states
+        moved[:, :, n:] /= root
+        moved[:, n:] /= root
+        return self.claims(level)(replace(self.system, coefficients=moved), storage)
 
-    def _after(self, storage: Storage, point: np.ndarray, moves: np.ndarray) -> np.ndarray:
-        """(T, K) what multiplies the matrices of P in Ṗ, or in P one sample later."""
-        if self.system.sample_time is not None:
-            return storage.psi(storage.scheduling_after(point, moves))
-        slopes = {i: storage.basis.derivative(point[:, storage.columns], storage.box.names[i])[0]
-                  for i in storage.moving}
-        ends = np.array(list(itertools.product((-1.0, 1.0), repeat=len(slopes)))).reshape(2 ** len(slopes), -1)
-        rates = [(storage.box.rate[i] or 0.0) * slope for i, slope in slopes.items()]
-        return ends @ np.array(rates).reshape(len(slopes), storage.basis.size)
+    def _empty(self, box: Scheduling) -> Storage:
+        n = self.system.order
+        return Storage(np.zeros((self.basis.size, n, n)), self.basis, box, self.system.sample_time)
+
+    def _rates(self, box: Scheduling) -> dict[str, float]:
+        """Rates of the scheduling in the frame's unit of time."""
+        return {_rate(i): (box.rate[i] or 0.0) * self.frame.time for i in self._empty(box).moving}
+
+    def _outside(self, found: Any, matrices: list[Affine]) -> np.ndarray:
+        return self.frame.outside(np.stack([found[m] for m in matrices]))
+
+
+def sample(system: Driven, template: Storage, density: float, power: int | None = None
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Points and moves at which an inequality of a degree in the system's matrices is imposed."""
+    axes, shifts = template.axes(system.readings, power or (1 if system.sample_time is None else 2))
+    moves = _ends(shifts)
+    corners = len(moves) if system.sample_time is not None else 2 ** len(template.readings)
+    most = max(MOST_INEQUALITIES // corners, 2 ** len(axes))
+    return _spread(axes, system, template, density, most), moves
+
+
+def _spread(axes: list[Axis], system: Driven, template: Storage, share: float, most: int) -> np.ndarray:
+    def grid(share: float) -> list[np.ndarray]:
+        found = []
+        for i, axis in enumerate(axes):
+            if axis.high <= axis.low:
+                found.append(np.array([axis.low]))
+                continue
+            affine = system.readings[i].degree <= 1 and i not in template.readings and not axis.frequency
+            knots = axis.breaks if len(axes) == 1 else system.readings[i].breaks
+            pieces = Axis(axis.low, axis.high, axis.degree, knots).cells()
+            count = 1 if affine else max(2, round(share * (3 * axis.degree + 2) / len(pieces)))
+            if axis.frequency:
+                count = max(4, math.ceil(share * 1.5 * axis.frequency * (axis.high - axis.low) / len(pieces)))
+            found.append(np.unique(np.concatenate([low + nodes(count) * (high - low) for low, high in pieces])))
+        return found
+
+    while math.prod(map(len, grid(share))) > most and share > 0.1:
+        share *= 0.8
+    return tensor(grid(share))
+
+
+def _ends(shifts: list[Axis]) -> np.ndarray:
+    return tensor([np.array([0.5]) if not (axis.degree or axis.frequency)
+                   else np.unique(np.r_[nodes(axis.degree or 8),
+                                        axis.breaks]) for axis in shifts])
+
+
+def _rate(i: int) -> str:
+    return f"rate {i}"
 
 
 def _at(problem: LyapunovInequality, point: np.ndarray, p: np.ndarray, later: np.ndarray) -> np.ndarray:
@@ -158,7 +284,8 @@ def _at(problem: LyapunovInequality, point: np.ndarray, p: np.ndarray, later: np
     return problem.matrix(Pieces(a, b, c, d, p[:, None], later[:, None]))[:, 0]
 
 
-def _affine(constant: np.ndarray, terms: np.ndarray) -> Affine:
-    """constant + Σ x_jq terms[j, q]."""
-    flat = terms.reshape(-1, constant.size).T
-    return Affine(constant, sparse.csr_array(flat))
+def _combined(weights: np.ndarray, parts: np.ndarray) -> Affine:
+    """Σ_j weights[j] Σ_q x_jq parts[q], for parts of shape (q, m, m)."""
+    m = parts.shape[1]
+    linear = np.einsum("j,qab->abjq", weights, parts).reshape(m * m, len(weights) * len(parts))
+    return Affine(np.zeros((m, m)), sparse.csr_array(linear))
