@@ -186,7 +186,7 @@ def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
 
 
 def _certificate(data: Mapping) -> GainCertificate:
-    from lpvid.analysis.hull_certificate import SCHEMA, HullCertificate
+    from lpvid.analysis.hull_certificate import HullCertificate
 
-    kind = HullCertificate if data.get("schema") == SCHEMA else GainCertificate
+    kind = HullCertificate if data.get("schema") == HullCertificate.SCHEMA else GainCertificate
     return kind.from_dict(data)  # type: ignore[return-value]

@@ -11,7 +11,6 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import Recheck, grid
-from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
@@ -106,20 +105,7 @@ class GainBounds:
             seen = False
             for storage, gamma, outcome, solver in self._attempts(search, box):
                 seen = True
-                found = GainCertificate(
-                    certificate_kind(storage),
-                    gamma,
-                    storage.matrices,
-                    basis,
-                    box,
-                    self.system.sample_time,
-                    self.system.digest,
-                    self.system.inputs,
-                    self.system.outputs,
-                    outcome.margin,
-                    outcome.between_grid,
-                    solver,
-                )
+                found = GainCertificate.of(self.system, storage, gamma, outcome, solver)
                 if outcome.between_grid:
                     return found
                 if on_grid is None or found.gamma < on_grid.gamma:

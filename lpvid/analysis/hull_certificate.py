@@ -10,15 +10,16 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.analysis.gain import Gain
 from lpvid.errors import InputError
 from lpvid.lmi.affine import block, he
 from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate_common import Certificate
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.frame import frame_of
 from lpvid.lmi.gain_certificate import certify_gain
@@ -28,7 +29,6 @@ from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 
-SCHEMA = "lpvid/hull-certificate/1"
 MARGIN = 1e-7
 """of the inequalities, in balanced coordinates"""
 RAISED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -36,7 +36,7 @@ RAISED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
 @dataclass(frozen=True, eq=False)
-class HullCertificate:
+class HullCertificate(Certificate):
     """One P that bounds a gain for every trajectory, however fast, in a polytope of the scheduling.
 
     Parameters
@@ -64,10 +64,8 @@ class HullCertificate:
     margin: float
     solver: str = ""
 
-    def __post_init__(self) -> None:
-        for name in ("matrix", "vertices"):
-            object.__setattr__(self, name, _checks.frozen_array(getattr(self, name), name, ndim=2))
-
+    SCHEMA = "lpvid/hull-certificate/1"
+    NOUN = "a hull certificate"
     kind = "quadratic"
     between_grid = True
 
@@ -77,72 +75,24 @@ class HullCertificate:
         return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
                 f"trajectory of {', '.join(self.names)} in a polytope of {len(self.vertices)} vertices, however fast")
 
-    def check(self, model: LPVStateSpace) -> Recheck:
-        """Recompute the claim for a model.
+    def subject(self, model: LPVStateSpace) -> Driven:
+        return _affine(model, self.names)
 
-        Parameters
-        ----------
-        model : LPVStateSpace
-            The system that the certificate is about.
+    def fault(self, model: LPVStateSpace, subject: Driven) -> str:
+        fault = super().fault(model, subject)
+        if not fault and (self.inputs, self.outputs) != (subject.inputs, subject.outputs):
+            fault = "the certificate names other signals than the model has"
+        if not fault and not np.array_equal(self.matrix, self.matrix.T):
+            fault = "the certificate's matrix is not symmetric"
+        return fault
 
-        Returns
-        -------
-        Recheck
-            Whether the claim holds, its margin, and why where it does not. For another model it does not hold.
-        """
-        system = _affine(model, self.names)
-        if system.digest != self.model_hash or system.sample_time != self.sample_time:
-            return Recheck(False, False, math.nan, "the certificate was made for another model")
-        if (self.inputs, self.outputs) != (system.inputs, system.outputs):
-            return Recheck(False, False, math.nan, "the certificate names other signals than the model has")
-        if not np.array_equal(self.matrix, self.matrix.T):
-            return Recheck(False, False, math.nan, "the certificate's matrix is not symmetric")
-        found = _recheck(system, self.names, self.vertices, self.matrix, self.gamma)
-        if found.holds and not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
-            return Recheck(False, True, found.margin, f"a margin of {self.margin:.3g} is claimed")
-        return found
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            The certificate under its schema; arrays as lists.
-        """
-        return {"schema": SCHEMA, "claim": self.claim, "gamma": self.gamma, "matrix": self.matrix.tolist(),
-                "names": list(self.names), "vertices": self.vertices.tolist(), "sample_time": self.sample_time,
-                "model_hash": self.model_hash, "inputs": list(self.inputs), "outputs": list(self.outputs),
-                "margin": self.margin, "solver": self.solver}
+    def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
+        return _recheck(subject, self.names, self.vertices, self.matrix, self.gamma)
 
     @classmethod
-    def from_dict(cls, data: Mapping) -> HullCertificate:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        HullCertificate
-            The same certificate; nothing in it is checked again.
-
-        Raises
-        ------
-        InputError
-            Another schema.
-        """
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a hull certificate of this version", got=data.get("schema"))
-        n, v = len(data["matrix"]), len(data["names"])
-        return cls(data["gamma"], np.array(data["matrix"], dtype=float).reshape(n, n), tuple(data["names"]),
-                   np.array(data["vertices"], dtype=float).reshape(-1, v), data["sample_time"], data["model_hash"],
-                   tuple(data["inputs"]), tuple(data["outputs"]), data["margin"], data["solver"])
-
-    def __repr__(self) -> str:
-        return f"certified: {self.claim}\n  quadratic storage function; margin {self.margin:.3g}, re-checked with numpy"
+    def array_shapes(cls, values: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+        n = len(values["matrix"])
+        return {"matrix": (n, n), "vertices": (-1, len(values["names"]))}
 
 
 def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.codec import null
 from lpvid.lmi.certificate import Recheck, grid
-from lpvid.lmi.certificate_common import certificate_kind, describe_box, malformed, reproduced
+from lpvid.lmi.certificate_common import StorageCertificate, describe_box, malformed
+from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.passive_form import Dissipation, obstacle, preload, sector_basis, supplied
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.scheduling import Basis, Scheduling, basis_from_dict
-
-SCHEMA = "lpvid/passivity-certificate/1"
+from lpvid.scheduling import Basis, Scheduling
 
 
 @dataclass(frozen=True, eq=False)
-class PassivityCertificate:
+class PassivityCertificate(StorageCertificate):
     """A storage function that no motion of input and scheduling can overdraw, or the lack of one.
 
     With the past x(k) = [y(k−1) − F₀ …, v(k−1), w(k−1) …] of the model and its constant preload F₀,
@@ -72,14 +69,15 @@ class PassivityCertificate:
     sample_time: float
     model_hash: str
     verified: bool
-    margin: float
+    margin: float = field(metadata=null(math.nan))
     between_grid: bool
     why: str = ""
     solver: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
-        object.__setattr__(self, "multiplier", _checks.frozen_array(self.multiplier, "multiplier", ndim=1))
+    SCHEMA = "lpvid/passivity-certificate/1"
+    NOUN = "a passivity certificate"
+    JSON = (("schema", "SCHEMA"), "verdict", "claim", ..., "order")
+    inputs = outputs = ()
 
     @property
     def verdict(self) -> str:
@@ -95,7 +93,7 @@ class PassivityCertificate:
             return "no statement on the energy that the model can give"
         text = "passive: it gives back no more energy than is stored in it" + describe_box(self.box, self.kind)
         text += f", apart from a constant force of {self.preload:.4g} in the output's unit" if self.preload else ""
-        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+        return text + self.where
 
     def storage_at(self, p: np.ndarray) -> np.ndarray:
         """(N, n, n) P at scheduling values of shape (N, variables of the box)."""
@@ -106,74 +104,26 @@ class PassivityCertificate:
         """(N,) energy T·V [J for m/s and N] in pasts (N, n), in order y(k−1) − F₀ …, v(k−1), w(k−1) …, at p(k)."""
         return self.sample_time * np.einsum("ni,nij,nj->n", past, self.storage_at(p), past)
 
-    def check(self, model: LPVTransferFunction) -> Recheck:
-        """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
-        fault = self._misfit(model)
-        if fault:
-            return Recheck(False, False, math.nan, fault)
-        storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
-        found = recheck_passivity(model, storage, self.multiplier)
-        return reproduced(self, certificate_kind(storage), found)
+    def subject(self, model: LPVTransferFunction) -> Driven | None:
+        """The model with the multiplier in its supply; None where the certificate cannot be one for the model."""
+        count = sector_basis(model).size if model.n_filter_inputs > 1 else 0
+        fits = self.multiplier.shape == (count,) and bool(np.all(np.isfinite(self.multiplier)))
+        return None if obstacle(model) or not fits else supplied(model, self.multiplier)
 
-    def _misfit(self, model: LPVTransferFunction) -> str:
+    def fault(self, model: LPVTransferFunction, subject: Driven | None) -> str:
         if not self.verified or self.kind == "none":
             return "the certificate makes no claim"
-        fault = obstacle(model)
-        if fault:
-            return fault
+        if subject is None:
+            return obstacle(model) or "the certificate's multiplier does not fit the model"
         force = preload(model)
         if force is None or abs(force - self.preload) > 1e-9 * max(abs(force), 1.0):
             return "the model's constant force is not the certificate's"
-        count = sector_basis(model).size if model.n_filter_inputs > 1 else 0
-        if self.multiplier.shape != (count,) or not np.all(np.isfinite(self.multiplier)):
-            return "the certificate's multiplier does not fit the model"
-        system = supplied(model, self.multiplier)
-        if system.digest != self.model_hash or model.sample_time != self.sample_time:
+        if subject.digest != self.model_hash or model.sample_time != self.sample_time:
             return "the certificate was made for another model"
-        return malformed(Storage(self.matrices, self.basis, self.box, self.sample_time), system)
+        return malformed(self.storage, subject)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"schema": SCHEMA, "kind": self.kind, "verdict": self.verdict, "claim": self.claim,
-                "verified": self.verified, "between_grid": self.between_grid,
-                "margin": self.margin if math.isfinite(self.margin) else None, "matrices": self.matrices.tolist(),
-                "order": self.matrices.shape[1], "basis": self.basis.to_dict(), "multiplier": self.multiplier.tolist(),
-                "preload": self.preload, "box": self.box.to_dict(), "sample_time": self.sample_time,
-                "model_hash": self.model_hash, "why": self.why, "solver": self.solver}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> PassivityCertificate:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        PassivityCertificate
-            With the same values.
-
-        Raises
-        ------
-        InputError
-            Another schema.
-        """
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a passivity certificate of this version", got=data.get("schema"))
-        n, count = data["order"], len(data["matrices"])
-        return cls(data["kind"], np.asarray(data["matrices"], dtype=float).reshape(count, n, n),
-                   basis_from_dict(data["basis"]), np.asarray(data["multiplier"], dtype=float), data["preload"],
-                   Scheduling.from_dict(data["box"]), data["sample_time"], data["model_hash"], data["verified"],
-                   math.nan if data["margin"] is None else data["margin"], data["between_grid"], data["why"],
-                   data["solver"])
+    def recheck(self, model: LPVTransferFunction, subject: Driven) -> Recheck:
+        return recheck_passivity(model, self.storage, self.multiplier)
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.claim}"]

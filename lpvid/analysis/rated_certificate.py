@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid.errors import InputError
 from lpvid.lmi.certificate import GRID, Recheck, grid
-from lpvid.lmi.driven import driven
+from lpvid.lmi.certificate_common import StorageCertificate
+from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
 from lpvid.lmi.readings import readings_of
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+from lpvid.scheduling import Basis, Scheduling
 
-SCHEMA = "lpvid/rated-gain-certificate/1"
 RATE = "_rate"
 """What a scheduling variable's name gets appended for the variable that holds its derivative."""
 
 
 @dataclass(frozen=True, eq=False)
-class RatedGainCertificate:
+class RatedGainCertificate(StorageCertificate):
     """A storage function xᵀP(p)x that bounds the gain of a loop with scheduling p and ṗ, both read by it.
 
     To a `GainCertificate` the variables ``p_rate`` would be free of p: it asks for He(PA(p, v)) + Ṗ(p, ṗ) at every v
@@ -57,8 +54,12 @@ class RatedGainCertificate:
     margin: float
     between_grid: bool = False
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+    SCHEMA = "lpvid/rated-gain-certificate/1"
+    NOUN = "a certificate of a loop that reads rates,"
+    JSON = (("schema", "SCHEMA"), "kind", "claim", ...)
+    FUNCTION = ""
+    kind = "rated"
+    sample_time = None
 
     @classmethod
     def of(cls, loop: LPVStateSpace, matrices: np.ndarray, basis: Basis, gamma: float) -> RatedGainCertificate | None:
@@ -91,34 +92,27 @@ class RatedGainCertificate:
                           for i, n in enumerate(self.box.names) if n in own)
         speeds = ", ".join(f"|d {n.removesuffix(RATE)}/dt| <= {self.box.upper[i]:.6g}"
                            for i, n in enumerate(self.box.names) if n not in own)
-        return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
-                f"trajectory of {where} with {speeds}, which the loop reads; shown at the points of a grid only, not "
-                "proven between them")
+        return (f"gain from {self.signals} at most {self.gamma:.6g} for every trajectory of {where} with {speeds}, "
+                f"which the loop reads{self.where}")
 
-    def check(self, model: LPVStateSpace) -> Recheck:
-        """Recompute the claim for a model.
+    @property
+    def proven_kind(self) -> str:
+        return self.kind
 
-        Parameters
-        ----------
-        model : LPVStateSpace
-            The loop.
+    def subject(self, model: LPVStateSpace) -> Driven:
+        return driven(model)
 
-        Returns
-        -------
-        Recheck
-            Holds only where every number of the certificate can be reproduced.
-        """
-        system = driven(model)
-        if self.model_hash != system.digest or model.is_discrete:
-            return Recheck(False, False, math.nan, "the certificate was made for another model")
-        if self.inputs != system.inputs or self.outputs != system.outputs or self.box.names != model.box.names:
-            return Recheck(False, False, math.nan, "the certificate names other signals or variables than the model")
-        if self.matrices.shape != (self.basis.size, system.order, system.order):
-            return Recheck(False, False, math.nan, "matrices and basis of the certificate do not fit the model")
-        found = self._looked_at(model)
-        if found.holds and not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
-            return Recheck(False, False, found.margin, f"a margin of {self.margin:.3g} is claimed")
-        return found
+    def fault(self, model: LPVStateSpace, subject: Driven) -> str:
+        if self.model_hash != subject.digest or model.is_discrete:
+            return "the certificate was made for another model"
+        if self.inputs != subject.inputs or self.outputs != subject.outputs or self.box.names != model.box.names:
+            return "the certificate names other signals or variables than the model"
+        if self.matrices.shape != (self.basis.size, subject.order, subject.order):
+            return "matrices and basis of the certificate do not fit the model"
+        return ""
+
+    def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
+        return self._looked_at(model)
 
     def _looked_at(self, model: LPVStateSpace) -> Recheck:
         """The bounded-real inequality at every corner of the rates, on a grid of p.
@@ -157,45 +151,3 @@ class RatedGainCertificate:
                 return found
             margin = min(margin, found.margin)
         return Recheck(True, False, margin, f"shown on a grid of {len(points)} points only, not between them")
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"schema": SCHEMA, "kind": "rated", "claim": self.claim, "gamma": self.gamma,
-                "matrices": self.matrices.tolist(), "basis": self.basis.to_dict(), "box": self.box.to_dict(),
-                "model_hash": self.model_hash, "inputs": list(self.inputs), "outputs": list(self.outputs),
-                "margin": self.margin, "between_grid": False}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> RatedGainCertificate:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        RatedGainCertificate
-            With the same values.
-
-        Raises
-        ------
-        InputError
-            Another schema.
-        """
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a certificate of a loop that reads rates, of this version", got=data.get("schema"))
-        return cls(data["gamma"], np.asarray(data["matrices"], dtype=float), basis_from_dict(data["basis"]),
-                   Scheduling.from_dict(data["box"]), data["model_hash"], tuple(data["inputs"]),
-                   tuple(data["outputs"]), data["margin"])
-
-    def __repr__(self) -> str:
-        return (f"certified on a grid only: {self.claim}\n  parameter-dependent storage function; margin "
-                f"{self.margin:.3g}, re-checked with numpy")

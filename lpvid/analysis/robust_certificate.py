@@ -15,8 +15,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -27,15 +27,13 @@ from lpvid.analysis.uncertain_blocks import PSD, Block, block_from_dict, diagona
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import certificate_kind, describe_box
+from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Scheduling, basis_from_dict
-
-SCHEMA = "lpvid/robust-certificate/1"
+from lpvid.scheduling import Basis, Scheduling
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +136,14 @@ def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[flo
         Unknown signals, signals in two blocks, nothing left of w or z.
     """
     base, blocks = driven(model, also), tuple(blocks)
-    for own, field in ((base.inputs, "inputs"), (base.outputs, "outputs")):
-        used = [n for b in blocks for n in getattr(b, field)]
+    for own, side in ((base.inputs, "inputs"), (base.outputs, "outputs")):
+        used = [n for b in blocks for n in getattr(b, side)]
         for n in used:
-            _checks.known_name(n, own, field[:-1])
-        if field == "inputs" and len(set(used)) != len(used):
+            _checks.known_name(n, own, side[:-1])
+        if side == "inputs" and len(set(used)) != len(used):
             raise InputError("two blocks of uncertainty drive one input", got=", ".join(used))
         if not set(own) - set(used):
-            raise InputError(f"no {field} of the system are left for a gain", got=", ".join(own))
+            raise InputError(f"no {side} of the system are left for a gain", got=", ".join(own))
     p = [base.inputs.index(n) for b in blocks for n in b.inputs]
     w = [i for i in range(len(base.inputs)) if i not in p]
     q = [base.outputs.index(n) for b in blocks for n in b.outputs]
@@ -236,7 +234,7 @@ class RobustBound(LyapunovInequality):
 
 
 @dataclass(frozen=True, eq=False)
-class RobustCertificate:
+class RobustCertificate(StorageCertificate):
     """A storage function and multipliers that bound a gain for every uncertainty of given kinds.
 
     Parameters
@@ -257,7 +255,7 @@ class RobustCertificate:
     gamma: float
     matrices: np.ndarray
     multipliers: tuple[tuple[np.ndarray, ...], ...]
-    blocks: tuple[Block, ...]
+    blocks: tuple[Block, ...] = field(metadata={"read": lambda data, _: tuple(block_from_dict(b) for b in data)})
     poles: tuple[float, ...]
     basis: Basis
     box: Scheduling
@@ -269,95 +267,37 @@ class RobustCertificate:
     between_grid: bool
     solver: str = ""
 
+    SCHEMA = "lpvid/robust-certificate/1"
+    NOUN = "a robust certificate"
+    JSON = (("schema", "SCHEMA"), "claim", ...)
+
     @cached_property
-    def kind(self) -> str:
+    def kind(self) -> str:  # type: ignore[override]
         """Sort of storage function."""
-        return certificate_kind(Storage(self.matrices, self.basis, self.box, self.sample_time))
+        return certificate_kind(self.storage)
 
     @property
     def claim(self) -> str:
         """What the certificate states, in words."""
         kinds = ", ".join(f"{type(b).__name__} {'/'.join(b.inputs)}" for b in self.blocks)
-        text = (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
-                f"{kinds}")
-        text += describe_box(self.box, self.kind)
-        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+        return (f"gain from {self.signals} at most {self.gamma:.6g} for every {kinds}"
+                f"{describe_box(self.box, self.kind)}{self.where}")
 
-    def check(self, model: LPVStateSpace) -> Recheck:
-        """Recompute the claim for a model; it holds only if every number in it can be reproduced.
-
-        Parameters
-        ----------
-        model : LPVStateSpace
-            The system that the certificate is about.
-
-        Returns
-        -------
-        Recheck
-            Whether the claim holds, its margin, and why where it does not. For another model it does not hold.
-        """
+    def subject(self, model: LPVStateSpace) -> Uncertain:
         also = tuple(n for n in self.basis.names if n in model.box.names)
-        system = uncertain(model, self.blocks, self.poles, also)
-        if system.whole.digest != self.model_hash or system.base.sample_time != self.sample_time:
-            return Recheck(False, False, math.nan, "the certificate was made for another model")
-        if (self.inputs, self.outputs) != (system.inputs, system.outputs):
-            return Recheck(False, False, math.nan, "the certificate names other signals than the model has")
-        if self.box.names != box_of(system.whole.readings, model.box).names:
-            return Recheck(False, False, math.nan, "the certificate names other scheduling variables than the model")
-        found = recheck_robust(system, Storage(self.matrices, self.basis, self.box, self.sample_time),
-                               self.multipliers, self.gamma)
-        if found.holds and self.between_grid and not found.between_grid:
-            return Recheck(False, False, found.margin, "the claim between grid points cannot be reproduced")
-        if found.holds and not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
-            return Recheck(False, found.between_grid, found.margin, f"a margin of {self.margin:.3g} is claimed")
-        return found
+        return uncertain(model, self.blocks, self.poles, also)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
+    def fault(self, model: LPVStateSpace, subject: Uncertain) -> str:
+        if subject.whole.digest != self.model_hash or subject.base.sample_time != self.sample_time:
+            return "the certificate was made for another model"
+        if (self.inputs, self.outputs) != (subject.inputs, subject.outputs):
+            return "the certificate names other signals than the model has"
+        if self.box.names != box_of(subject.whole.readings, model.box).names:
+            return "the certificate names other scheduling variables than the model"
+        return ""
 
-        Returns
-        -------
-        dict
-            The certificate under its schema; arrays as lists.
-        """
-        return {"schema": SCHEMA, "claim": self.claim, "gamma": self.gamma, "matrices": self.matrices.tolist(),
-                "multipliers": [[m.tolist() for m in own] for own in self.multipliers],
-                "blocks": [b.to_dict() for b in self.blocks], "poles": list(self.poles), "basis": self.basis.to_dict(),
-                "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
-                "inputs": list(self.inputs), "outputs": list(self.outputs), "margin": self.margin,
-                "between_grid": self.between_grid, "solver": self.solver}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> RobustCertificate:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        RobustCertificate
-            The same certificate; nothing in it is checked again.
-
-        Raises
-        ------
-        InputError
-            Another schema.
-        """
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a robust certificate of this version", got=data.get("schema"))
-        multipliers = tuple(tuple(np.array(m, dtype=float) for m in own) for own in data["multipliers"])
-        return cls(data["gamma"], np.array(data["matrices"], dtype=float), multipliers,
-                   tuple(block_from_dict(b) for b in data["blocks"]), tuple(data["poles"]),
-                   basis_from_dict(data["basis"]), Scheduling.from_dict(data["box"]), data["sample_time"],
-                   data["model_hash"], tuple(data["inputs"]), tuple(data["outputs"]), data["margin"],
-                   data["between_grid"], data["solver"])
-
-    def __repr__(self) -> str:
-        return (f"certified{'' if self.between_grid else ' on a grid only'}: {self.claim}\n"
-                f"  margin {self.margin:.3g}, re-checked with numpy")
+    def recheck(self, model: LPVStateSpace, subject: Uncertain) -> Recheck:
+        return recheck_robust(subject, self.storage, self.multipliers, self.gamma)
 
 
 def recheck_robust(system: Uncertain, storage: Storage, parts: Sequence[Sequence[np.ndarray]], gamma: float, *,

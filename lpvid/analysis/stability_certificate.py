@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.analysis.divergence import Divergence
-from lpvid.errors import InputError
+from lpvid.codec import null
 from lpvid.lmi.bounds import recheck_decrease
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import certificate_kind, malformed, reproduced
-from lpvid.lmi.driven import Model, autonomous
-from lpvid.lmi.storage import Storage
-from lpvid.scheduling import Polynomial, Scheduling, basis_from_dict
-
-SCHEMA = "lpvid/stability-certificate/1"
+from lpvid.lmi.certificate_common import StorageCertificate
+from lpvid.lmi.driven import Driven, Model, autonomous
+from lpvid.scheduling import Polynomial, Scheduling
 
 
 @dataclass(frozen=True, eq=False)
-class StabilityCertificate:
+class StabilityCertificate(StorageCertificate):
     """A Lyapunov function V = xᵀP(p)x that decreases along every admissible trajectory, or the lack of one.
 
     The state x is [y(k−1) … y(k−na)] for a transfer function with coefficients at p(k), the observer state for one
@@ -63,14 +58,22 @@ class StabilityCertificate:
     sample_time: float | None
     model_hash: str
     verified: bool
-    margin: float
+    margin: float = field(metadata=null(math.nan))
     between_grid: bool
     decay_rate: float
     divergence: Divergence | None = None
     solver: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+    SCHEMA = "lpvid/stability-certificate/1"
+    NOUN = "a stability certificate"
+    JSON = (("schema", "SCHEMA"), "verdict", "claim", ..., "order", "rate_bound", ("decay_per_sample", "decay"),
+            "time_constant")
+    inputs = outputs = ()
+
+    @property
+    def rate_bound(self) -> dict[str, float | None]:
+        """Rate bounds of the box by variable."""
+        return dict(zip(self.box.names, self.box.rate, strict=True))
 
     @property
     def decay(self) -> float | None:
@@ -104,67 +107,24 @@ class StabilityCertificate:
             speeds = [f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
                       for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True)]
             text += " with " + ", ".join(speeds)
-        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+        return text + self.where
 
-    def check(self, model: Model) -> Recheck:
-        """Recompute the claim for a model; it holds only if every number in it can be reproduced.
+    def subject(self, model: Model) -> Driven:
+        return autonomous(model)
 
-        Parameters
-        ----------
-        model : LPVTransferFunction or LPVStateSpace
-
-        Returns
-        -------
-        Recheck
-        """
-        system, storage = autonomous(model), Storage(self.matrices, self.basis, self.box, self.sample_time)
+    def fault(self, model: Model, subject: Driven) -> str:
         if not self.verified or self.kind == "none":
-            fault = "the certificate makes no claim"
-        elif self.model_hash != system.digest or self.sample_time != system.sample_time:
-            fault = "the certificate was made for another model"
-        else:
-            fault = malformed(storage, system)
-            if not fault and not self.decay_rate >= 0:
-                fault = "the certificate holds a negative rate"
-        if fault:
-            return Recheck(False, False, math.nan, fault)
-        found = reproduced(self, certificate_kind(storage), recheck_decrease(system, storage))
+            return "the certificate makes no claim"
+        fault = super().fault(model, subject)
+        return fault or ("" if self.decay_rate >= 0 else "the certificate holds a negative rate")
+
+    def recheck(self, model: Model, subject: Driven) -> Recheck:
+        found = recheck_decrease(subject, self.storage)
         if found.holds and self.decay_rate:
-            pace = recheck_decrease(system, storage, self.decay_rate)
+            pace = recheck_decrease(subject, self.storage, self.decay_rate)
             if not pace.holds or pace.between_grid < self.between_grid:
                 return replace(found, holds=False, why="the claimed decay cannot be reproduced")
         return found
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON; `verify` needs nothing else but the model.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"schema": SCHEMA, "verdict": self.verdict, "claim": self.claim,
-                "kind": self.kind, "verified": self.verified, "between_grid": self.between_grid,
-                "margin": self.margin if math.isfinite(self.margin) else None,
-                "rate_bound": dict(zip(self.box.names, self.box.rate, strict=True)),
-                "decay_rate": self.decay_rate, "decay_per_sample": self.decay, "time_constant": self.time_constant,
-                "matrices": self.matrices.tolist(), "order": self.matrices.shape[1], "basis": self.basis.to_dict(),
-                "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
-                "divergence": None if self.divergence is None else self.divergence.to_dict(), "solver": self.solver}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> StabilityCertificate:
-        """Inverse of `to_dict`."""
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a stability certificate of this version", got=data.get("schema"))
-        basis, n, found = basis_from_dict(data["basis"]), data["order"], data["divergence"]
-        if not isinstance(basis, Polynomial):
-            raise InputError("the basis of a stability certificate is polynomial", got=type(basis).__name__)
-        count = len(data["matrices"])
-        return cls(data["kind"], np.asarray(data["matrices"], dtype=float).reshape(count, n, n), basis,
-                   Scheduling.from_dict(data["box"]), data["sample_time"], data["model_hash"], data["verified"],
-                   math.nan if data["margin"] is None else data["margin"], data["between_grid"], data["decay_rate"],
-                   None if found is None else Divergence.from_dict(found), data["solver"])
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.claim}"]

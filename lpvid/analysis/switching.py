@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,12 @@ from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import EPS, Recheck
+from lpvid.lmi.certificate_common import Certificate
 from lpvid.lmi.driven import Model, autonomous
 from lpvid.lmi.readings import box_of
 
 MOST_PRODUCTS = 30_000
 DEEPEST = 60
-SCHEMA = "lpvid/polytopic-certificate/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def _norm(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 # -- poly-quadratic --------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
-class PolytopicCertificate:
+class PolytopicCertificate(Certificate):
     """S_1 … S_K ≻ 0 with S_i⁻¹ − A_iᵀ S_j⁻¹ A_i ≻ 0 for all i, j: V = xᵀ(Σ α_i S_i)⁻¹x decreases whatever α does.
 
     Daafouz & Bernussou, Systems & Control Letters 43 (2001) 355-359: necessary and sufficient for such a V.
@@ -181,61 +181,31 @@ class PolytopicCertificate:
     margin: float
     solver: str = ""
 
+    SCHEMA = "lpvid/polytopic-certificate/1"
+    NOUN = "a polytopic certificate"
+    JSON = (("schema", "SCHEMA"), "kind", "claim", ...)
+    FUNCTION = "Lyapunov function"
+    kind = "polytopic"
+    between_grid = True
+
     @property
     def claim(self) -> str:
         """What the certificate states, in words."""
         return (f"with zero input the state decays for every motion in the hull of {len(self.vertices)} vertices, "
                 "however fast")
 
-    def check(self, model: Model | np.ndarray) -> Recheck:
-        """Recompute the claim for a model, or for vertices."""
-        own = _stack(model) if isinstance(model, np.ndarray) else vertices(model)
-        if own.shape != self.vertices.shape or not np.array_equal(own, self.vertices):
-            return Recheck(False, False, math.nan, "the certificate was made for other vertices")
-        margin = _polytopic_margin(own, self.matrices)
+    def subject(self, model: Model | np.ndarray) -> np.ndarray:
+        return _stack(model) if isinstance(model, np.ndarray) else vertices(model)
+
+    def fault(self, model: Model | np.ndarray, subject: np.ndarray) -> str:
+        same = subject.shape == self.vertices.shape and np.array_equal(subject, self.vertices)
+        return "" if same else "the certificate was made for other vertices"
+
+    def recheck(self, model: Model | np.ndarray, subject: np.ndarray) -> Recheck:
+        margin = _polytopic_margin(subject, self.matrices)
         if not margin > 0:
             return Recheck(False, False, margin, "V does not decrease between some vertices")
-        if not self.margin <= margin * (1 + 1e-6) + 1e-12:
-            return Recheck(False, True, margin, f"a margin of {self.margin:.3g} is claimed")
         return Recheck(True, True, margin, "holds at every pair of vertices, and so at every point in their hull")
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"schema": SCHEMA, "kind": "polytopic", "claim": self.claim, "matrices": self.matrices.tolist(),
-                "vertices": self.vertices.tolist(), "margin": self.margin, "solver": self.solver}
-
-    @classmethod
-    def from_dict(cls, data: Mapping) -> PolytopicCertificate:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        PolytopicCertificate
-            With the same values.
-
-        Raises
-        ------
-        InputError
-            Another schema.
-        """
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a polytopic certificate of this version", got=data.get("schema"))
-        return cls(np.asarray(data["matrices"], dtype=float), np.asarray(data["vertices"], dtype=float),
-                   data["margin"], data["solver"])
-
-    def __repr__(self) -> str:
-        return f"certified: {self.claim}\n  poly-quadratic, margin {self.margin:.3g}, re-checked with numpy"
 
 
 def certify_switching(matrices: Sequence[np.ndarray] | np.ndarray | Model) -> PolytopicCertificate | None:

@@ -1,54 +1,238 @@
-"""What all certificates with a storage function have in common: what they cover, and when they cannot be right."""
+"""What all certificates have in common: a claim, the matrices that prove it, and a re-check with numpy alone."""
 
 from __future__ import annotations
 
-from typing import Protocol
+import dataclasses
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from lpvid import _checks
+from lpvid.codec import Coded
+from lpvid.errors import InputError
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.driven import Driven
+from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Scheduling
 
 
-class _Claimed(Protocol):
-    """What every re-check is compared with."""
+class Certificate(Coded):
+    """A claim about a model that anyone can re-check from the numbers stored with it.
+
+    What a certificate is about differs in four places: `claim` in words, `subject` (the matrices it speaks of), `fault`
+    (why it cannot be right) and `recheck` (what numpy finds). Everything else stands here.
+
+    Attributes
+    ----------
+    SCHEMA : str
+        Of its file.
+    kind : str
+        Of the function that proves it.
+    margin : float
+        Smallest eigenvalue of its inequality, less a bound of the rounding errors.
+    between_grid : bool
+        Proven on the whole box, not only on the points of a grid.
+    """
+
+    SCHEMA: ClassVar[str]
+    JSON = (("schema", "SCHEMA"), "claim", ...)
+    FUNCTION: ClassVar[str] = "storage function"
+
+    kind: str
+    margin: float
+    between_grid: bool
+    model_hash: str
+    sample_time: float | None
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, field.name, _checks.frozen_array(value, field.name, ndim=value.ndim))
 
     @property
-    def kind(self) -> str: ...
+    @abstractmethod
+    def claim(self) -> str:
+        """What the certificate states, in words."""
+
+    @abstractmethod
+    def subject(self, model: Any) -> Any:
+        """What of a model the certificate speaks of.
+
+        Parameters
+        ----------
+        model : model
+            For which it is re-checked.
+
+        Returns
+        -------
+        Driven or another with ``digest`` and ``sample_time``
+        """
+
+    @abstractmethod
+    def recheck(self, model: Any, subject: Any) -> Recheck:
+        """What numpy finds about the claim.
+
+        Parameters
+        ----------
+        model : model
+        subject : Driven or another
+            What `subject` returned.
+
+        Returns
+        -------
+        Recheck
+        """
+
+    def fault(self, model: Any, subject: Any) -> str:
+        """Why the certificate cannot be one for a model.
+
+        Parameters
+        ----------
+        model : model
+        subject : Driven or another
+            What `subject` returned.
+
+        Returns
+        -------
+        str
+            Empty if it can.
+        """
+        if self.model_hash != subject.digest or self.sample_time != subject.sample_time:
+            return "the certificate was made for another model"
+        return ""
+
+    def check(self, model: Any) -> Recheck:
+        """Recompute the claim for a model; it holds only if every number in it can be reproduced.
+
+        Parameters
+        ----------
+        model : model
+            What the certificate is about.
+
+        Returns
+        -------
+        Recheck
+            Whether the claim holds, its margin, and why where it does not.
+        """
+        subject = self.subject(model)
+        fault = self.fault(model, subject)
+        if fault:
+            return Recheck(False, False, math.nan, fault)
+        return self._reproduced(self.recheck(model, subject))
+
+    def _reproduced(self, found: Recheck) -> Recheck:
+        """The re-check, as long as it is no weaker than what the certificate states of itself."""
+        if not found.holds:
+            return found
+        if self.between_grid and not found.between_grid:
+            return Recheck(False, False, found.margin, "the claim between grid points cannot be reproduced")
+        if not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
+            return Recheck(False, found.between_grid, found.margin, f"a margin of {self.margin:.3g} is claimed")
+        return found
+
     @property
-    def margin(self) -> float: ...
+    def order(self) -> int:
+        """States of the function; an empty list in a file does not show them."""
+        return self._arrays[0].shape[-1]
+
     @property
-    def between_grid(self) -> bool: ...
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        return tuple(v for f in dataclasses.fields(self)  # type: ignore[arg-type]
+                     if isinstance(v := getattr(self, f.name), np.ndarray))
+
+    @property
+    def where(self) -> str:
+        """A reservation, in words, where it is shown on a grid only."""
+        return "" if self.between_grid else "; shown at the points of a grid only, not proven between them"
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Certificate
+            With the same values; nothing in it is checked again.
+
+        Raises
+        ------
+        InputError
+            Another schema, a missing key, a value of the wrong type.
+        """
+        if data.get("schema") != cls.SCHEMA:
+            raise InputError(f"not {cls.NOUN} of this version", got=data.get("schema"))
+        return super().from_dict(data)
+
+    def __repr__(self) -> str:
+        kind = f"{self.kind} {self.FUNCTION}; " if self.FUNCTION else ""
+        return (f"certified{'' if self.between_grid else ' on a grid only'}: {self.claim}\n"
+                f"  {kind}margin {self.margin:.3g}, re-checked with numpy")
 
 
-class Stored(_Claimed, Protocol):
-    """What certificates of a system with signals hold besides."""
+class StorageCertificate(Certificate):
+    """A certificate of a storage function xᵀP(p)x over a box.
+
+    Attributes
+    ----------
+    matrices : (K, n, n) array
+        P(p) = Σ_k matrices[k] ψ_k(p), with ψ_k the functions of `basis`.
+    basis : Basis
+    box : Scheduling
+        Range and rate bounds [units per second]; a variable read at several times has an entry for each.
+    inputs, outputs : tuple of str
+        Signals it speaks of.
+    """
+
+    JSON = (("schema", "SCHEMA"), "claim", ..., "order")
+
+    matrices: np.ndarray
+    basis: Basis
+    box: Scheduling
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
 
     @property
-    def matrices(self) -> np.ndarray: ...
-    @property
-    def basis(self) -> Basis: ...
-    @property
-    def box(self) -> Scheduling: ...
-    @property
-    def sample_time(self) -> float | None: ...
-    @property
-    def model_hash(self) -> str: ...
-    @property
-    def inputs(self) -> tuple[str, ...]: ...
-    @property
-    def outputs(self) -> tuple[str, ...]: ...
+    def storage(self) -> Storage:
+        """xᵀP(p)x."""
+        return Storage(self.matrices, self.basis, self.box, self.sample_time)
 
+    @property
+    def signals(self) -> str:
+        """From which inputs to which outputs, in words."""
+        return f"{', '.join(self.inputs)} to {', '.join(self.outputs)}"
 
-def misfit(certificate: Stored, system: Driven) -> str:
-    """Why a certificate cannot be one for a model; empty if it can."""
-    if certificate.model_hash != system.digest or certificate.sample_time != system.sample_time:
-        return "the certificate was made for another model"
-    if certificate.inputs != system.inputs or certificate.outputs != system.outputs:
-        return "the certificate names other signals than the model has"
-    return malformed(Storage(certificate.matrices, certificate.basis, certificate.box, certificate.sample_time), system)
+    def subject(self, model: Any) -> Driven:
+        return driven(model, tuple(n for n in self.basis.names if n in model.box.names))
+
+    def fault(self, model: Any, subject: Driven) -> str:
+        fault = super().fault(model, subject)
+        if not fault and (self.inputs, self.outputs) != (subject.inputs, subject.outputs):
+            fault = "the certificate names other signals than the model has"
+        return fault or malformed(self.storage, subject)
+
+    @property
+    def proven_kind(self) -> str:
+        """What `kind` must be, by basis and box."""
+        return certificate_kind(self.storage)
+
+    def _reproduced(self, found: Recheck) -> Recheck:
+        if found.holds and self.kind != self.proven_kind:
+            return Recheck(False, found.between_grid, found.margin, f"this is no {self.kind} certificate")
+        return super()._reproduced(found)
+
+    @classmethod
+    def array_shapes(cls, values: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+        matrices, n = values["matrices"], values.get("order")
+        return {"matrices": (len(matrices), *((n, n) if n is not None else matrices.shape[1:]))}
 
 
 def malformed(storage: Storage, system: Driven) -> str:
@@ -74,19 +258,6 @@ def malformed(storage: Storage, system: Driven) -> str:
     if any(r is not None and not r >= 0 for r in box.rate):
         return "the certificate holds a negative rate"
     return ""
-
-
-def reproduced(certificate: _Claimed, kind: str, found: Recheck) -> Recheck:
-    """The re-check, as long as it is no weaker than what the certificate states of itself."""
-    if not found.holds:
-        return found
-    if certificate.kind != kind:
-        return Recheck(False, found.between_grid, found.margin, f"this is no {certificate.kind} certificate")
-    if certificate.between_grid and not found.between_grid:
-        return Recheck(False, False, found.margin, "the claim between grid points cannot be reproduced")
-    if not certificate.margin <= found.margin * (1 + 1e-6) + 1e-12:
-        return Recheck(False, found.between_grid, found.margin, f"a margin of {certificate.margin:.3g} is claimed")
-    return found
 
 
 def describe_box(box: Scheduling, kind: str) -> str:

@@ -14,22 +14,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import EPS, Recheck
-from lpvid.lmi.certificate_common import certificate_kind, describe_box, misfit, reproduced
-from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
+from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Scheduling, basis_from_dict
-
-SCHEMA = "lpvid/gain-certificate/1"
+from lpvid.scheduling import Basis, Scheduling
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +86,7 @@ def bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class GainCertificate:
+class GainCertificate(StorageCertificate):
     """A storage function xᵀP(p)x that bounds the gain of a model from its inputs to its outputs.
 
     Parameters
@@ -130,73 +126,41 @@ class GainCertificate:
     between_grid: bool
     solver: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
-        object.__setattr__(self, "inputs", tuple(self.inputs))
-        object.__setattr__(self, "outputs", tuple(self.outputs))
-
-    @property
-    def claim(self) -> str:
-        """What the certificate states, in words."""
-        text = f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g}"
-        text += describe_box(self.box, self.kind)
-        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
-
-    def check(self, model: LPVStateSpace) -> Recheck:
-        """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
-        system = driven(model, tuple(n for n in self.basis.names if n in model.box.names))
-        fault = misfit(self, system)
-        if not fault and not 0 < self.gamma < math.inf:
-            fault = "the certificate holds a gain that is not positive"
-        if fault:
-            return Recheck(False, False, math.nan, fault)
-        storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
-        return reproduced(self, certificate_kind(storage), recheck_gain(system, storage, self.gamma))
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads; arrays as lists.
-        """
-        return {"schema": SCHEMA, "kind": self.kind, "claim": self.claim, "gamma": self.gamma,
-                "matrices": self.matrices.tolist(), "order": self.matrices.shape[1], "basis": self.basis.to_dict(),
-                "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
-                "inputs": list(self.inputs), "outputs": list(self.outputs), "margin": self.margin,
-                "between_grid": self.between_grid, "solver": self.solver}
+    SCHEMA = "lpvid/gain-certificate/1"
+    NOUN = "a gain certificate"
 
     @classmethod
-    def from_dict(cls, data: Mapping) -> GainCertificate:
-        """Inverse of `to_dict`.
+    def of(cls, system: Driven, storage: Storage, gamma: float, found: Recheck, solver: str = "") -> GainCertificate:
+        """The certificate of a storage function that was re-checked.
 
         Parameters
         ----------
-        data : mapping
-            What `to_dict` returned.
+        system : Driven
+        storage : Storage
+        gamma : float
+        found : Recheck
+            Of the three.
+        solver : str
+            What proposed the matrices.
 
         Returns
         -------
         GainCertificate
-            With the same values.
-
-        Raises
-        ------
-        InputError
-            Another schema.
         """
-        if data.get("schema") != SCHEMA:
-            raise InputError("not a gain certificate of this version", got=data.get("schema"))
-        n, matrices = data["order"], np.asarray(data["matrices"], dtype=float)
-        return cls(data["kind"], data["gamma"], matrices.reshape(len(data["matrices"]), n, n),
-                   basis_from_dict(data["basis"]), Scheduling.from_dict(data["box"]), data["sample_time"],
-                   data["model_hash"], tuple(data["inputs"]), tuple(data["outputs"]), data["margin"],
-                   data["between_grid"], data["solver"])
+        return cls(certificate_kind(storage), gamma, storage.matrices, storage.basis, storage.box, system.sample_time,
+                   system.digest, system.inputs, system.outputs, found.margin, found.between_grid, solver)
 
-    def __repr__(self) -> str:
-        return (f"certified{'' if self.between_grid else ' on a grid only'}: {self.claim}\n"
-                f"  {self.kind} storage function; margin {self.margin:.3g}, re-checked with numpy")
+    @property
+    def claim(self) -> str:
+        """What the certificate states, in words."""
+        return f"gain from {self.signals} at most {self.gamma:.6g}{describe_box(self.box, self.kind)}{self.where}"
+
+    def fault(self, model: LPVStateSpace, subject: Driven) -> str:
+        fault = super().fault(model, subject)
+        return fault or ("" if 0 < self.gamma < math.inf else "the certificate holds a gain that is not positive")
+
+    def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
+        return recheck_gain(subject, self.storage, self.gamma)
 
 
 def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None) -> Recheck:
@@ -204,6 +168,7 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
 
     Examples
     --------
+    >>> from lpvid.lmi.driven import driven
     >>> from lpvid.scheduling import Polynomial
     >>> model = LPVStateSpace([[[-2.0]]], [[[1.0]]], [[[1.0]]], [[[0.0]]], Polynomial((), 0), None)
     >>> system, still = driven(model), Scheduling((), (), ())

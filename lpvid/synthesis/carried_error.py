@@ -10,8 +10,7 @@ import numpy as np
 
 from lpvid.analysis.gain import l2_gain
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, certificate_kind, recheck_gain
-from lpvid.lmi.storage import Storage
+from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.figures import channel
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -69,14 +68,12 @@ def _rechecked(found: Synthesis, loop: LPVStateSpace) -> GainCertificate | None:
     old = found.certificate
     if not isinstance(old, GainCertificate):
         return None
-    system, storage = driven(loop), Storage(old.matrices, old.basis, old.box, old.sample_time)
+    system, storage = driven(loop), old.storage
     for share in SHARES:
         gamma = old.gamma * (1 + share)
         outcome = recheck_gain(system, storage, gamma)
         if outcome.holds:
-            return GainCertificate(certificate_kind(storage), gamma, old.matrices, old.basis, old.box, old.sample_time,
-                                   system.digest, system.inputs, system.outputs, outcome.margin, outcome.between_grid,
-                                   old.solver)
+            return GainCertificate.of(system, storage, gamma, outcome, old.solver)
     return None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.analysis.rated_certificate import RatedGainCertificate
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, certificate_kind, certify_gain, recheck_gain
+from lpvid.lmi.gain_certificate import GainCertificate, certify_gain, recheck_gain
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
@@ -60,19 +60,7 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
                 return best
             found = recheck_gain(system, storage, gamma)
             if found.holds and (best is None or found.between_grid > best.between_grid):
-                best = GainCertificate(
-                    certificate_kind(storage),
-                    gamma,
-                    matrices,
-                    basis,
-                    box,
-                    system.sample_time,
-                    system.digest,
-                    system.inputs,
-                    system.outputs,
-                    found.margin,
-                    found.between_grid,
-                )
+                best = GainCertificate.of(system, storage, gamma, found)
             if found.holds:
                 break
         if best is not None and best.between_grid:
