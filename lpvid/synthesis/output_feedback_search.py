@@ -10,9 +10,10 @@ import numpy as np
 from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant
-from lpvid.synthesis.controller_formula import ControllerFormula, Variations
+from lpvid.synthesis.controller_formula import ControllerFormula, FeedbackLaw, Variations
 from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
 from lpvid.synthesis.design_grid import tensor
+from lpvid.synthesis.fast_states import fastest_pole, without_fast_states
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.infeasibility import hopeless, obstacle
 from lpvid.synthesis.interconnection import close_loop
@@ -164,6 +165,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                 return missed, best
             found = _written(problem, formula)
             if found is not None:
+                found = _slower(problem, formula, found, wanted or (1 + back_off) * (found.gamma_verified or np.inf))
                 verified = found.gamma_verified or np.inf
                 kept = wanted is not None or verified <= (1 + SOLVED) * target
                 return replace(found, verdict="solved" if kept else "backed-off", infimum=best.gamma,
@@ -252,12 +254,29 @@ def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: Ma
             yield formula
 
 
-def _written(problem: FeedbackProblem, formula: ControllerFormula) -> Synthesis | None:
-    """The controller with its closed loop, if that keeps the formula's bound wherever it is looked at."""
+def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthesis, allowed: float) -> Synthesis:
+    """The controller without its states that are faster than the plant, where the loop keeps an allowed bound."""
+    box = problem.plant.plant
+    if box.sample_time is not None or problem.variations.moving or problem.strictly_proper:
+        return found
+    for slow in without_fast_states(formula, problem.points, allowed, problem.corners):
+        stage(f"without {len(slow.split) - slow.slow} fast states of the controller")
+        small = _written(problem, slow, allowed)
+        if small is not None and (small.gamma_verified or np.inf) <= allowed:
+            limit = fastest_pole(formula, problem.points)
+            note = (f"{len(slow.split) - slow.slow} state(s) of the controller faster than the plant's fastest pole, "
+                    f"{limit:.3g} 1/s, stand for their static gain: the verified gain was {found.gamma_verified:.6g} "
+                    f"with them, it is {small.gamma_verified:.6g}")
+            return replace(small, notes=(small.notes[0], note, *found.notes[1:]))
+    return found
+
+
+def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None = None) -> Synthesis | None:
+    """The controller with its closed loop, if that keeps the formula's bound, or a target, wherever it is looked at."""
     plant = problem.plant.plant
     stage(f"writing down and verifying a controller for {formula.gamma:.4g}")
     try:
-        found = _kept(problem, formula)
+        found = _kept(problem, formula, target)
     except np.linalg.LinAlgError:
         return None
     if found is None:
@@ -270,13 +289,14 @@ def _written(problem: FeedbackProblem, formula: ControllerFormula) -> Synthesis 
     loop = close_loop(plant, controller)
     poles = np.abs(np.linalg.eigvals(formula.at(problem.points)[0][0])).max(initial=0.0)
     note = f"the fastest pole of the controller is {poles:.3g}" + (" 1/s" if plant.sample_time is None else "")
+    coupling = _conditioning(formula, problem) if isinstance(formula, ControllerFormula) else ()
     certificate = certificate_of(formula, loop, bound)
     proven = certificate is not None and certificate.between_grid
     if certificate is not None:  # what is quoted is what the certificate lets others check
         bound = max(bound, certificate.gamma)
     return Synthesis("solved", gamma=max(formula.gamma, bound), gamma_verified=bound, gamma_lower=reached,
                      controller=controller, closed_loop=loop, certificate=certificate,
-                     between_grid=problem.corners or proven, notes=(note, *_conditioning(formula, problem)))
+                     between_grid=problem.corners or proven, notes=(note, *coupling))
 
 
 def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
@@ -295,9 +315,10 @@ def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
     return chosen
 
 
-def _kept(problem: FeedbackProblem, formula: ControllerFormula) -> tuple[LPVStateSpace, float] | None:
+def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None = None
+          ) -> tuple[LPVStateSpace, float] | None:
     """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
-    target, box = formula.gamma * (1 + SLACK), problem.plant.plant.box
+    target, box = target or formula.gamma * (1 + SLACK), problem.plant.plant.box
     if problem.corners:
         controller = table(formula, problem.axes, True)
         bound = float(bounds_at(formula, problem.points, controller).max())
