@@ -13,7 +13,6 @@ eigenvalues is that of every other controller.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from lpvid.lmi.program import Program
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
 from lpvid.synthesis.interconnection import close_loop_at
-from lpvid.synthesis.loop_check import LoopStorage
+from lpvid.synthesis.loop_check import LoopStorage, frozen_gain
 from lpvid.synthesis.projection import congruent
 from lpvid.synthesis.scaling import Matrices
 
@@ -98,8 +97,11 @@ def fastest_pole(formula: ControllerFormula, points: np.ndarray) -> float:
 
 
 def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed: float, settled: bool
-                        ) -> Iterator[SlowFormula]:
-    """Formulas without the states that are `FAST` times faster than every pole of the plant; the fewest states first.
+                        ) -> SlowFormula | None:
+    """The formula without its states that are `FAST` times faster than every pole of the plant, or as many as may go.
+
+    The fewest states are kept with which every frozen loop has an allowed gain. Only for them a storage function is
+    looked for: a semidefinite program of the loop's own size takes longer than everything before it.
 
     Parameters
     ----------
@@ -112,6 +114,11 @@ def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed:
     settled : bool
         The points cover the box: the least bound is looked for. Otherwise the storage function with the largest margin
         at a bound half way to the allowed one.
+
+    Returns
+    -------
+    SlowFormula or None
+        None where no state is fast, where none may go, or where no storage function was found.
     """
     k, plant = formula.at(points)[0], formula.plant.plant.at(points)
     mean, limit = k[0].mean(axis=0), FAST * fastest_pole(formula, points)
@@ -122,12 +129,14 @@ def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed:
             continue
         try:
             small, rest = residual(k, split, slow)
-            loops, start = close_loop_at(plant, *small), _on_manifold(formula, plant.C2, points, split, rest)
-            found = _least(loops, start, allowed, settled)
+            loops = close_loop_at(plant, *small)
+            if not frozen_gain(loops) <= allowed:
+                continue
+            found = _least(loops, _on_manifold(formula, plant.C2, points, split, rest), allowed, settled)
         except np.linalg.LinAlgError:
             continue
-        if found is not None:
-            yield SlowFormula(formula, split, slow, *found)
+        return None if found is None else SlowFormula(formula, split, slow, *found)
+    return None
 
 
 def _split(a: np.ndarray, slow: int, speeds: np.ndarray) -> np.ndarray | None:

@@ -13,14 +13,14 @@ from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, FeedbackLaw, Variations
 from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
 from lpvid.synthesis.design_grid import tensor
-from lpvid.synthesis.fast_states import fastest_pole, without_fast_states
+from lpvid.synthesis.fast_states import FAST, fastest_pole, without_fast_states
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.infeasibility import hopeless, obstacle
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.progress import remember, stage, stopped
-from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
+from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomiest
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.riccati import ROOM, central, least_gain
@@ -234,14 +234,14 @@ def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: 
         if least is not None and least.gamma * (1 + SLACK) < gamma:
             yield from _gentle(problem, noisy, least, gamma, clock)
     yield from _gentle(problem, projected, best, gamma, clock)
-    if len(projected.plant.A) == 1:
-        found = central(projected.plant, gamma)
-        if found is not None:
-            formula = ControllerFormula.gentle(problem.plant, problem.variations,
-                                               MatrixPair(found.x[None], found.y[None], gamma), gamma * (1 + SLACK),
-                                               problem.points)
-            if formula is not None:
-                yield formula
+    pairs = [roomiest(projected, best, gamma, clock, solvers=problem.solvers)]
+    found = central(projected.plant, gamma) if len(projected.plant.A) == 1 else None
+    pairs += [] if found is None else [MatrixPair(found.x[None], found.y[None], gamma)]
+    for pair in pairs:
+        formula = None if pair is None else ControllerFormula.gentle(
+            problem.plant, problem.variations, pair, gamma * (1 + SLACK), problem.points)
+        if formula is not None:
+            yield formula
 
 
 def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock
@@ -259,16 +259,15 @@ def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthes
     box = problem.plant.plant
     if box.sample_time is not None or problem.variations.moving or problem.strictly_proper:
         return found
-    for slow in without_fast_states(formula, problem.points, allowed, problem.corners):
-        stage(f"without {len(slow.split) - slow.slow} fast states of the controller")
-        small = _written(problem, slow, allowed)
-        if small is not None and (small.gamma_verified or np.inf) <= allowed:
-            limit = fastest_pole(formula, problem.points)
-            note = (f"{len(slow.split) - slow.slow} state(s) of the controller faster than the plant's fastest pole, "
-                    f"{limit:.3g} 1/s, stand for their static gain: the verified gain was {found.gamma_verified:.6g} "
-                    f"with them, it is {small.gamma_verified:.6g}")
-            return replace(small, notes=(small.notes[0], note, *found.notes[1:]))
-    return found
+    stage("without the fast states of the controller")
+    slow = without_fast_states(formula, problem.points, allowed, problem.corners)
+    small = None if slow is None else _written(problem, slow, allowed)
+    if slow is None or small is None or (small.gamma_verified or np.inf) > allowed:
+        return found
+    note = (f"{len(slow.split) - slow.slow} state(s) of the controller, over {FAST:g} times faster than the plant's "
+            f"fastest pole, {fastest_pole(formula, problem.points):.3g} 1/s, stand for their static gain: the verified "
+            f"gain was {found.gamma_verified:.6g} with them, it is {small.gamma_verified:.6g}")
+    return replace(small, notes=(small.notes[0], note, *found.notes[1:]))
 
 
 def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None = None) -> Synthesis | None:

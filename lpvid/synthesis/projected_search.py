@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.lmi.program import SOLVERS, available
-from lpvid.synthesis.progress import Rounds, stop_at
+from lpvid.synthesis.progress import Rounds, stage, stop_at
 from lpvid.synthesis.projection import (
     MatrixPair,
     ProjectedInequalities,
@@ -181,6 +181,30 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
             return
         pair = found
         yield pair
+
+
+def roomiest(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *,
+             solvers: Sequence[str] = SOLVERS) -> MatrixPair | None:
+    """The pair that keeps a bound with the largest common margin; None where no solver has one.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+    pair : MatrixPair
+        Whose coordinates are used.
+    gamma : float
+    clock : Clock
+    solvers : sequence of str
+
+    Returns
+    -------
+    MatrixPair or None
+    """
+    stage(f"a controller with room in every inequality for {gamma:.4g}")
+    at = replace(pair, gamma=gamma)
+    roots = roots_of(problem, at)
+    return next(_usable(problem.program(roots, sizes_at(problem, roots, at), gamma=gamma, roomy=True), clock, solvers),
+                None)
 
 
 def _usable(program: ProjectedProgram, clock: Clock, solvers: Sequence[str]) -> Iterator[MatrixPair]:

@@ -97,23 +97,26 @@ class ProjectedInequalities:
         return (Half(p.A, p.B1, p.B2, p.C1, p.D11, p.D12, self.controls, -1.0),
                 Half(t(p.A), t(p.C1), t(p.C2), t(p.B1), t(p.D11), t(p.D21), self.measurements, 1.0))
 
-    def program(self, roots: tuple[np.ndarray, np.ndarray], sizes: tuple[list, list], *, gamma: float | None
-                ) -> ProjectedProgram:
+    def program(self, roots: tuple[np.ndarray, np.ndarray], sizes: tuple[list, list], *, gamma: float | None,
+                roomy: bool = False) -> ProjectedProgram:
         """The semidefinite program in coordinates X = T X' Tᵀ, Y = U Y' Uᵀ with (T, U) = `roots`.
 
         With `gamma` left out it is minimised; given, the traces of X' and Y' are, and the coupling is kept away from
-        its limit, where the controller's matrices would be inverses of nearly singular ones.
+        its limit, where the controller's matrices would be inverses of nearly singular ones. `roomy`, it is the common
+        margin of all inequalities, in rows of size one, that is made largest: where the traces are least some of them
+        have no room at all, and rounding may then cost the proof.
         """
         program = Program()
         unknowns, n = program.unknowns, self.plant.A.shape[1]
         own = [[unknowns.symmetric(n) for _ in range(h.variation.values.shape[1])] for h in self.halves]
         bound = unknowns.scalar()
+        margin = bound if roomy else 0.0 * bound
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
             for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
                 level = bound.times(weight) if gamma is None else gamma * weight
-                program.require(congruent(level - matrix, scale))
+                program.require(congruent(level - matrix, scale) - margin.times(np.eye(len(scale))))
         cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
-        if gamma is not None:
+        if gamma is not None and not roomy:
             apart = bound
             program.require(apart - 1.0)
             program.require(2.0 - apart)
@@ -122,13 +125,15 @@ class ProjectedInequalities:
         for k in range(points):
             x, y = (_sum(v.values[k], m) for v, m in zip((self.controls, self.measurements), own, strict=True))
             if apart is None:
-                program.require(block([[x, cross], [cross.T, y]]))
+                program.require(block([[x, cross], [cross.T, y]]) - margin.times(np.eye(2 * n)))
             else:
                 pushed = apart.times(cross)
                 program.require(block([[x, pushed], [pushed.T, y]]))
         if self.strictly_proper and gamma is None:
             program.require(bound - 1.0001 * float(np.linalg.norm(self.plant.D11, 2, axis=(1, 2)).max()))
-        program.minimise(bound if gamma is None else self._spread(own, bound))
+        if roomy:  # X and Y alone have no bound
+            program.require(1.0 - bound)
+        program.minimise(-bound if roomy else bound if gamma is None else self._spread(own, bound))
         return ProjectedProgram(program, own[0], own[1], bound, roots, gamma)
 
     def _spread(self, own: list[list[Affine]], apart: Affine) -> Affine:
