@@ -225,8 +225,10 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
 def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, gamma: float, clock: Clock
               ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
-    plain = next(conditioned(projected, best, gamma, clock, rounds=1, solvers=problem.solvers), None)
-    for size in NOISE if plain is not None and singular(projected.plant) else ():
+    sizes = NOISE if singular(projected.plant) else ()
+    if sizes and next(conditioned(projected, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
+        sizes = ()
+    for size in sizes:
         noisy = replace(projected, plant=regular(projected.plant, size))
         if next(conditioned(noisy, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
             continue

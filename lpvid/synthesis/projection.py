@@ -110,11 +110,14 @@ class ProjectedInequalities:
         unknowns, n = program.unknowns, self.plant.A.shape[1]
         own = [[unknowns.symmetric(n) for _ in range(h.variation.values.shape[1])] for h in self.halves]
         bound = unknowns.scalar()
-        margin = bound if roomy else 0.0 * bound
+
+        def required(matrix: Affine) -> None:
+            program.require(matrix - bound.times(np.eye(matrix.shape[0])) if roomy else matrix)
+
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
             for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
                 level = bound.times(weight) if gamma is None else gamma * weight
-                program.require(congruent(level - matrix, scale) - margin.times(np.eye(len(scale))))
+                required(congruent(level - matrix, scale))
         cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
         if gamma is not None and not roomy:
             apart = bound
@@ -125,7 +128,7 @@ class ProjectedInequalities:
         for k in range(points):
             x, y = (_sum(v.values[k], m) for v, m in zip((self.controls, self.measurements), own, strict=True))
             if apart is None:
-                program.require(block([[x, cross], [cross.T, y]]) - margin.times(np.eye(2 * n)))
+                required(block([[x, cross], [cross.T, y]]))
             else:
                 pushed = apart.times(cross)
                 program.require(block([[x, pushed], [pushed.T, y]]))
