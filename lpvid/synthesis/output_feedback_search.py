@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.synthesis.balanced_plant import BalancedPlant
+from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes
 from lpvid.synthesis.controller_formula import ControllerFormula, FeedbackLaw, Variations
 from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
 from lpvid.synthesis.design_grid import tensor
@@ -20,7 +21,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.progress import remember, stage, stopped
-from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomiest
+from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomy
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.riccati import ROOM, central, least_gain
@@ -41,6 +42,8 @@ MISSED = 1e-3
 """share by which another route's least bound must be below that of the inequalities to take its place"""
 MORE, AT_ONCE, APART = 30, 6, 0.15
 """design points that may be added, how many at a time, and how far from each other in half widths of the box."""
+HALVED = 12
+"""How often a cell of a controller's table may be halved: to 1/4096 of a twelfth of the box."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
 """Of the splines in each variable with which a controller is written down, by the number of variables."""
 
@@ -236,12 +239,10 @@ def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: 
         if least is not None and least.gamma * (1 + SLACK) < gamma:
             yield from _gentle(problem, noisy, least, gamma, clock)
     yield from _gentle(problem, projected, best, gamma, clock)
-    pairs = [roomiest(projected, best, gamma, clock, solvers=problem.solvers)]
     found = central(projected.plant, gamma) if len(projected.plant.A) == 1 else None
-    pairs += [] if found is None else [MatrixPair(found.x[None], found.y[None], gamma)]
-    for pair in pairs:
-        formula = None if pair is None else ControllerFormula.gentle(
-            problem.plant, problem.variations, pair, gamma * (1 + SLACK), problem.points)
+    for pair in itertools.chain(roomy(projected, best, gamma, clock, solvers=problem.solvers),
+                                [] if found is None else [MatrixPair(found.x[None], found.y[None], gamma)]):
+        formula = ControllerFormula.gentle(problem.plant, problem.variations, pair, gamma * (1 + SLACK), problem.points)
         if formula is not None:
             yield formula
 
@@ -332,6 +333,32 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
         bound = float(bounds_at(formula, points, controller).max())
         if bound <= target:
             return controller, bound
+    return _adapted(problem, formula, target) if _width(problem) == 1 else None
+
+
+def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> tuple[LPVStateSpace, float] | None:
+    """A table of the controller over the one variable that moves, halved wherever the loop loses the bound.
+
+    For plants that are tables themselves, whose slope jumps, and for controllers that change fast at an end of the box.
+    """
+    plant = problem.plant.plant
+    axes, moving = list(convex_axes(plant)), int(np.argmax(plant.box.half_width))
+    ends = axes[moving][[0, -1]]
+    axes[moving] = np.union1d(axes[moving], np.linspace(*ends, SEGMENTS[1][0] + 1))
+    for _ in range(HALVED):
+        axis = axes[moving]
+        shares = np.linspace(0, 1, 5)[:-1]
+        axes[moving] = np.append((axis[:-1, None] + np.diff(axis)[:, None] * shares).ravel(), axis[-1])
+        points, axes[moving] = np.vstack([problem.points, tensor(tuple(axes))]), axis
+        controller = table(formula, tuple(axes), False)
+        bounds = bounds_at(formula, points, controller)
+        if bounds.max() <= target:
+            return controller, float(bounds.max())
+        if not bounds_at(formula, points).max() <= target:
+            return None
+        lost = np.searchsorted(axis, points[~(bounds <= target), moving], side="right") - 1
+        cells = np.unique(np.clip(np.concatenate([lost, lost - 1]), 0, len(axis) - 2))
+        axes[moving] = np.union1d(axis, 0.5 * (axis[cells] + axis[cells + 1]))
     return None
 
 

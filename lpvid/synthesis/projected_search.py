@@ -183,9 +183,10 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
         yield pair
 
 
-def roomiest(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *,
-             solvers: Sequence[str] = SOLVERS) -> MatrixPair | None:
-    """The pair that keeps a bound with the largest common margin; None where no solver has one.
+def roomy(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *,
+          solvers: Sequence[str] = SOLVERS) -> Iterator[MatrixPair]:
+    """Pairs that keep a bound with room in every inequality: half of the largest common margin, and well conditioned
+    with that; then the largest.
 
     Parameters
     ----------
@@ -196,15 +197,21 @@ def roomiest(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clo
     clock : Clock
     solvers : sequence of str
 
-    Returns
-    -------
-    MatrixPair or None
+    Yields
+    ------
+    MatrixPair
     """
     stage(f"a controller with room in every inequality for {gamma:.4g}")
     at = replace(pair, gamma=gamma)
     roots = roots_of(problem, at)
-    return next(_usable(problem.program(roots, sizes_at(problem, roots, at), gamma=gamma, roomy=True), clock, solvers),
-                None)
+    sizes = sizes_at(problem, roots, at)
+    program = problem.program(roots, sizes, gamma=gamma, roomy=True)
+    answer = next(program.program.solve(solvers=solvers), None)
+    if answer is None or answer.objective >= 0:
+        return
+    half = problem.program(roots, sizes, gamma=gamma, room=-0.5 * answer.objective)
+    yield from itertools.islice(_usable(half, clock, solvers), 1)
+    yield program.pair(answer)
 
 
 def _usable(program: ProjectedProgram, clock: Clock, solvers: Sequence[str]) -> Iterator[MatrixPair]:

@@ -98,13 +98,13 @@ class ProjectedInequalities:
                 Half(t(p.A), t(p.C1), t(p.C2), t(p.B1), t(p.D11), t(p.D21), self.measurements, 1.0))
 
     def program(self, roots: tuple[np.ndarray, np.ndarray], sizes: tuple[list, list], *, gamma: float | None,
-                roomy: bool = False) -> ProjectedProgram:
+                roomy: bool = False, room: float = 0.0) -> ProjectedProgram:
         """The semidefinite program in coordinates X = T X' Tᵀ, Y = U Y' Uᵀ with (T, U) = `roots`.
 
         With `gamma` left out it is minimised; given, the traces of X' and Y' are, and the coupling is kept away from
         its limit, where the controller's matrices would be inverses of nearly singular ones. `roomy`, it is the common
         margin of all inequalities, in rows of size one, that is made largest: where the traces are least some of them
-        have no room at all, and rounding may then cost the proof.
+        have no room at all, and rounding may then cost the proof. `room` is a margin that the inequalities must have.
         """
         program = Program()
         unknowns, n = program.unknowns, self.plant.A.shape[1]
@@ -112,7 +112,8 @@ class ProjectedInequalities:
         bound = unknowns.scalar()
 
         def required(matrix: Affine) -> None:
-            program.require(matrix - bound.times(np.eye(matrix.shape[0])) if roomy else matrix)
+            eye = np.eye(matrix.shape[0])
+            program.require(matrix - bound.times(eye) if roomy else matrix - room * eye if room else matrix)
 
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
             for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
