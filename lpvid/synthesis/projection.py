@@ -365,6 +365,37 @@ def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
     return _restrained(plant, size, np.eye(nu), np.eye(ny), count)
 
 
+def stirred(plant: PlantMatrices, size: float, *, by_controls: bool) -> PlantMatrices:
+    """The plant with a disturbance more that enters where the controls do, or a performance signal of what is measured.
+
+    Where disturbances reach only a part of what the controls move, and the measurements show them exactly, the filter's
+    Riccati equation has the solution zero: Y = γY∞⁻¹ is not bounded, and no solver ends. What bounds the gain of this
+    plant bounds that of the plant itself.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+    size : float
+        Of the disturbance, or the signal, as a share of the plant's own.
+    by_controls : bool
+
+    Returns
+    -------
+    PlantMatrices
+    """
+    own, like = (plant.B1, plant.B2) if by_controls else (plant.C1, plant.C2)
+    largest = float(np.abs(like).max(initial=0.0))
+    more = size * float(np.abs(own).max(initial=0.0)) / max(largest, 1e-300) * like
+    axis = 2 if by_controls else 1
+    through, beside = plant.D11, plant.D21 if by_controls else plant.D12
+    zeros = [np.zeros_like(m.take(range(1), axis=axis)).repeat(more.shape[axis], axis=axis) for m in (through, beside)]
+    through, beside = (np.concatenate([m, z], axis=axis) for m, z in zip((through, beside), zeros, strict=True))
+    wide = np.concatenate([own, more], axis=axis)
+    if by_controls:
+        return replace(plant, B1=wide, D11=through, D21=beside)
+    return replace(plant, C1=wide, D11=through, D12=beside)
+
+
 def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray, count: int) -> PlantMatrices:
     """Effort of, and noise in, the directions that are given as rows."""
     def wide(m: np.ndarray, more: np.ndarray, axis: int) -> np.ndarray:

@@ -70,3 +70,16 @@ def quarter_car(length: float = 1.0, force: float = 1.0) -> GeneralizedPlant:
     d12, d21 = d12 * force, d21 / length
     box = lpv.Scheduling(("spring", "damping"), (-1.0, -1.0), (1.0, 1.0))
     return plant(a, b1, b2, c1, np.zeros((3, 4, 2)), d12, c2, d21, lpv.Polynomial(("spring", "damping"), 1), box)
+
+
+def near_integrators(noise: float = 0.0) -> GeneralizedPlant:
+    """Poles at 2e-7, 1e-5 and 0.12 rad/s, one disturbance, which the measurement shows exactly; noise at the control.
+
+    Data of the test "Numerical difficulties 2" of RobustAndOptimalControl.jl, which states 4.4825150 for SLICOT.
+    """
+    a = [[0, 1, 0], [-1.2e-6, -0.12001, 0], [-11.2, 0, -2e-7]]
+    b1, b2 = np.array([[0.0], [0.0], [1.0]]), np.array([[0.0], [1.0], [0.0]])
+    d11, d12, d21 = np.array([[2 / 3], [0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0]])
+    if noise:
+        b1, d11, d21 = np.hstack([b1, noise * b2]), np.hstack([d11, noise * d12]), np.hstack([d21, [[0.0]]])
+    return plant(a, b1, b2, [[-112 / 15, 0, 19.999999866666666], [0, 0, 0]], d11, d12, [[-11.2, 0, 0]], d21)

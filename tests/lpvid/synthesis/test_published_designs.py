@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.published_plants import quarter_car, two_disks
+from helpers.published_plants import near_integrators, quarter_car, two_disks
 from helpers.synthesis_plants import column, missile, plant
 from scipy.linalg import expm, solve_continuous_lyapunov
 
@@ -64,6 +64,16 @@ def test_a_near_integrator_does_not_raise_the_bound(noise):
     optimum = _by_hamiltonians(_near_integrator(noise).at(np.zeros((1, 0))).point(0), found.gamma_verified)
     assert optimum * 0.99 <= found.gamma_verified <= 1.03 * optimum
     assert _peak(found) <= found.gamma_verified * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(("noise", "least"), [(0.0, 4.4632), (1e-3, 4.50), (1e-2, 4.67), (1e-1, 5.29)])
+def test_inequalities_without_an_answer_are_made_to_have_one(noise, least):
+    """SLICOT: 4.4825. The filter's Riccati equation has the solution zero, and the inequalities an unbounded one."""
+    found = lpv.synthesize(near_integrators(noise), lpv.OutputFeedback())
+    assert found.verdict == "solved"
+    assert found.infimum == pytest.approx(least, rel=2e-3)
+    assert _peak(found) <= found.gamma_verified * (1 + 1e-6) <= 1.015 * least
+    assert found.infimum <= found.gamma_verified
 
 
 def _by_hamiltonians(p, start):
