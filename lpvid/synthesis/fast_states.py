@@ -4,16 +4,17 @@ Where controls are cheap or measurements exact the inequalities have answers who
 plant's, which no sampled target can run. In coordinates x_K = W [s; f] that split the slow from the fast modes of the
 mean of A_K(p), the fast ones are replaced by their static gain at every p (residualisation; Fernando & Nicholson 1982),
 
-    A_r = A_ss − A_sf A_ff⁻¹ A_fs,  B_r = B_s − A_sf A_ff⁻¹ B_f,  C_r = C_s − C_f A_ff⁻¹ A_fs,  D_r = D − C_f A_ff⁻¹ B_f.
+    A_r = A_ss − A_sf A_ff⁻¹ A_fs,    B_r = B_s − A_sf A_ff⁻¹ B_f,
+    C_r = C_s − C_f A_ff⁻¹ A_fs,      D_r = D − C_f A_ff⁻¹ B_f.
 
-What the loop then keeps is not inferred: the bounded-real inequality of the new loop is solved for one storage function,
-in coordinates in which the old one, on the slow manifold f = −A_ff⁻¹(A_fs s + B_f y), is the identity. The check by
-eigenvalues is that of every other controller.
+What the loop then keeps is not inferred: its bounded-real inequality is solved for one storage function, in states in
+which the old one, on the slow manifold f = −A_ff⁻¹(A_fs s + B_f y), is the identity. The check by eigenvalues is
+that of every other controller.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import schur, solve_sylvester
@@ -80,8 +81,7 @@ class SlowFormula:
 
 
 def residual(k: Matrices, split: np.ndarray, slow: int) -> tuple[Matrices, np.ndarray]:
-    """Controllers (N, …) with the states behind `slow` of W⁻¹x_K in rest, and what these are: F (N, n_f, n_s + n_y) with
-    f = F [s; y]."""
+    """Controllers (N, …) with the states behind `slow` of W⁻¹x_K at rest, and F (N, n_f, n_s + n_y) of f = F [s; y]."""
     back = np.linalg.inv(split)
     a, b, c, d = back @ k[0] @ split, back @ k[1], k[2] @ split, k[3]
     rest = -np.linalg.solve(a[:, slow:, slow:], np.concatenate([a[:, slow:, :slow], b[:, slow:]], axis=2))
@@ -159,8 +159,9 @@ def _on_manifold(formula: ControllerFormula, c2: np.ndarray, points: np.ndarray,
     """T with ‖T⁻¹[x; s]‖² the old storage function where the fast states are at rest, at the mean of the points."""
     v, n, slow = formula.storage(points), len(formula.inner), rest.shape[2] - c2.shape[1]
     f = rest.mean(axis=0)
+    fast = split[:, slow:] @ f
     onto = np.block([[np.eye(n), np.zeros((n, slow))],
-                     [split[:, slow:] @ f[:, slow:] @ c2.mean(axis=0), split[:, :slow] + split[:, slow:] @ f[:, :slow]]])
+                     [fast[:, slow:] @ c2.mean(axis=0), split[:, :slow] + fast[:, :slow]]])
     roots = [np.linalg.cholesky(m.mean(axis=0)).T for m in (v.first, v.second)]
     back = np.linalg.solve(v.mix, onto)
     r = np.linalg.qr(np.vstack([roots[0] @ back[:n], roots[1] @ back[n:]]), mode="r")
@@ -168,7 +169,7 @@ def _on_manifold(formula: ControllerFormula, c2: np.ndarray, points: np.ndarray,
 
 
 def _least(loops: Matrices, start: np.ndarray, allowed: float, settled: bool) -> tuple[np.ndarray, float] | None:
-    """T of one storage function of all loops (N, …), and the bound that it was found for; None above the allowed one."""
+    """T of one storage function of all loops (N, …), and the bound it was found for; None above the allowed one."""
     found = _solved(loops, start, None)
     if found is None or found[1] > allowed:
         return None
