@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -77,6 +78,33 @@ class Variations:
         own = points[:, [self.box.names.index(n) for n in self.basis.names]]
         slopes = [self.basis.derivative(own, n) for n in self.moving]
         return np.stack(slopes, axis=1) if slopes else np.zeros((len(points), 0, self.basis.size))
+
+
+class FeedbackLaw(Protocol):
+    """A controller for every p, with the storage function of its closed loop and the bound that this keeps."""
+
+    @property
+    def plant(self) -> BalancedPlant:
+        """The plant."""
+        ...
+
+    @property
+    def variations(self) -> Variations:
+        """Of X and Y."""
+        ...
+
+    @property
+    def gamma(self) -> float:
+        """The bound."""
+        ...
+
+    def at(self, points: np.ndarray) -> tuple[Matrices, np.ndarray]:
+        """The controller (N, …) at ṗ = 0, and ∂A_K/∂ṗ_i."""
+        ...
+
+    def storage(self, points: np.ndarray) -> LoopStorage:
+        """Of the closed loop at (N, n_scheduling) points."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
-from lpvid.synthesis.controller_formula import ControllerFormula
+from lpvid.synthesis.controller_formula import FeedbackLaw
 from lpvid.synthesis.design_grid import columns, interpolating, over, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop_at
@@ -18,7 +18,7 @@ RATE = "_rate"
 """What a scheduling variable's name gets appended for the variable that holds its derivative."""
 
 
-def table(formula: ControllerFormula, axes: tuple[np.ndarray, ...], polynomial: bool) -> LPVStateSpace:
+def table(formula: FeedbackLaw, axes: tuple[np.ndarray, ...], polynomial: bool) -> LPVStateSpace:
     """The controller, exact at the grid of `axes` and linear in each variable between its points.
 
     With `polynomial` and two points for each variable the entries are polynomials of degree one in each variable.
@@ -36,7 +36,7 @@ def table(formula: ControllerFormula, axes: tuple[np.ndarray, ...], polynomial: 
     return _written(formula, interpolating(box, axes), np.eye(len(points)), k, slopes)
 
 
-def smooth(formula: ControllerFormula, segments: int) -> LPVStateSpace:
+def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
     """The controller with cubic splines of so many segments of each variable, fitted by least squares."""
     box = formula.plant.plant.box
     basis: Basis | None = None
@@ -71,7 +71,7 @@ def matrices_at(controller: LPVStateSpace, box: Scheduling, points: np.ndarray) 
     return a, b, c, d
 
 
-def bounds_at(formula: ControllerFormula, points: np.ndarray, controller: LPVStateSpace | None = None) -> np.ndarray:
+def bounds_at(formula: FeedbackLaw, points: np.ndarray, controller: LPVStateSpace | None = None) -> np.ndarray:
     """(N,) bounds of the closed loop's gain at points, over all corners of the rates; infinite where there is none.
 
     With the controller as written down; left out, as the formula has it at every point.
@@ -100,7 +100,7 @@ def loop_at(plant: GeneralizedPlant, controller: LPVStateSpace, points: np.ndarr
     return close_loop_at(plant.at(points), *matrices_at(controller, box, still))
 
 
-def _rated_matrices(formula: ControllerFormula, controller: LPVStateSpace, points: np.ndarray,
+def _rated_matrices(formula: FeedbackLaw, controller: LPVStateSpace, points: np.ndarray,
                     rate: np.ndarray) -> Matrices:
     box = formula.plant.plant.box
     if formula.variations.rated:
@@ -109,7 +109,7 @@ def _rated_matrices(formula: ControllerFormula, controller: LPVStateSpace, point
     return matrices_at(controller, box, points)
 
 
-def _written(formula: ControllerFormula, basis: Basis, inverse: np.ndarray, k: Matrices, slopes: np.ndarray
+def _written(formula: FeedbackLaw, basis: Basis, inverse: np.ndarray, k: Matrices, slopes: np.ndarray
              ) -> LPVStateSpace:
     """The controller over a basis whose coefficients are `inverse` times values at points."""
     plant = formula.plant.plant

@@ -13,7 +13,7 @@ from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
-from lpvid.synthesis.controller_formula import ControllerFormula
+from lpvid.synthesis.controller_formula import FeedbackLaw
 from lpvid.synthesis.controller_table import dense
 from lpvid.synthesis.design_grid import columns
 
@@ -25,7 +25,7 @@ SCREEN = {1: 13, 2: 5, 3: 3}
 """Points per variable at which a design's own storage function is looked at first."""
 
 
-def certificate_of(formula: ControllerFormula, loop: LPVStateSpace, bound: float
+def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
                    ) -> GainCertificate | RatedGainCertificate | None:
     """The loop's storage function, re-checked; None where its rounding errors, or its approximation, cost the proof.
 
@@ -108,7 +108,7 @@ def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, 
     return certify_gain(system, values(points), bound, slopes=slopes, rate=rates).holds  # type: ignore[arg-type]
 
 
-def _proposals(formula: ControllerFormula, box: Scheduling) -> Iterator[tuple[Basis, np.ndarray]]:
+def _proposals(formula: FeedbackLaw, box: Scheduling) -> Iterator[tuple[Basis, np.ndarray]]:
     own, plant = formula.variations.basis, formula.plant.plant
     if own is None or not set(own.names) <= set(box.names):
         yield Polynomial((), 0), formula.storage(plant.box.centre[None, :]).matrices()

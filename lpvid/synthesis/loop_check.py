@@ -20,10 +20,10 @@ class LoopStorage:
 
     Parameters
     ----------
-    first, second : (N, n, n) arrays
-    first_slope, second_slope : (N, T, n, n) arrays
+    first, second : (N, n, n) and (N, m, m) arrays
+    first_slope, second_slope : (N, T, n, n) and (N, T, m, m) arrays
         Derivatives [1/s].
-    mix : (2n, 2n) array
+    mix : (n + m, n + m) array
     """
 
     first: np.ndarray
@@ -33,9 +33,9 @@ class LoopStorage:
     mix: np.ndarray
 
     def matrices(self) -> np.ndarray:
-        """(N, 2n, 2n) P in terms of [x; x_K]."""
+        """(N, n + m, n + m) P in terms of [x; x_K]."""
         n, back = self.first.shape[1], np.linalg.inv(self.mix)
-        p = np.zeros((len(self.first), 2 * n, 2 * n))
+        p = np.zeros((len(self.first), *back.shape))
         p[:, :n, :n], p[:, n:, n:] = self.first, self.second
         p = back.T @ p @ back
         return 0.5 * (p + p.swapaxes(1, 2))
@@ -57,12 +57,12 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
     """
     if not all(np.all(np.isfinite(m)) for m in (*loop, v.first, v.second)):
         return np.full(len(loop[0]), np.inf)
-    n = v.first.shape[1]
+    n, size = v.first.shape[1], len(v.mix)
     try:
         roots = [np.linalg.cholesky(p) for p in (v.first, v.second)]
     except np.linalg.LinAlgError:
         return np.full(len(loop[0]), np.inf)
-    into = np.zeros((len(loop[0]), 2 * n, 2 * n))
+    into = np.zeros((len(loop[0]), size, size))
     into[:, :n, :n], into[:, n:, n:] = (np.linalg.inv(r).swapaxes(1, 2) for r in roots)
     out = np.zeros_like(into)
     out[:, :n, :n], out[:, n:, n:] = (r.swapaxes(1, 2) for r in roots)
@@ -72,21 +72,21 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
     at = a.swapaxes(1, 2)
     h = np.zeros((len(a), b.shape[2] + c.shape[1], b.shape[2] + c.shape[1]))
     if discrete:
-        m, g = np.eye(2 * n) - at @ a, np.concatenate([-at @ b, c.swapaxes(1, 2)], axis=2)
+        m, g = np.eye(size) - at @ a, np.concatenate([-at @ b, c.swapaxes(1, 2)], axis=2)
         h[:, : b.shape[2], : b.shape[2]], sign = b.swapaxes(1, 2) @ b, -1.0
     else:
         drift = np.zeros_like(into)
-        for block, slope in ((slice(0, n), v.first_slope), (slice(n, 2 * n), v.second_slope)):
+        for block, slope in ((slice(0, n), v.first_slope), (slice(n, size), v.second_slope)):
             w = into[:, block, block]
             drift[:, block, block] = w.swapaxes(1, 2) @ slope[:, corner] @ w
         m, g, sign = -(a + at) - drift, np.concatenate([b, c.swapaxes(1, 2)], axis=2), 1.0
     h[:, : b.shape[2], b.shape[2] :] = sign * d.swapaxes(1, 2)
     h[:, b.shape[2] :, : b.shape[2]] = sign * d
     m = 0.5 * (m + m.swapaxes(1, 2))
-    smallest = np.linalg.eigvalsh(m)[:, 0] if n else np.ones(len(m))
-    size = np.linalg.norm(m, axis=(1, 2)) if n else np.ones(len(m))
-    proven = smallest > 1e-12 * size
-    m = np.where(proven[:, None, None], m, np.eye(2 * n))
+    smallest = np.linalg.eigvalsh(m)[:, 0] if size else np.ones(len(m))
+    largest = np.linalg.norm(m, axis=(1, 2)) if size else np.ones(len(m))
+    proven = smallest > 1e-12 * largest
+    m = np.where(proven[:, None, None], m, np.eye(size))
     bound = np.linalg.eigvalsh(h + g.swapaxes(1, 2) @ np.linalg.solve(m, g))[:, -1]
     return np.where(proven, bound * (1 + SAFETY), np.inf)
 

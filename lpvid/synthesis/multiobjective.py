@@ -35,6 +35,13 @@ from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 VARYING = ("both", "controls", "measurements")
+EITHER = {
+    False: "X and Y do not move at once, for the controller would need the rates of the scheduling; either was designed "
+           "(for one gain OutputFeedback has such controllers)",
+    True: "X and Y cannot move at once, for the controller at p(k) would need p(k+1); either was designed",
+}
+"""Why "both" is the better of the two, in continuous and in discrete time: N(p) stands on both sides of the derivative,
+or of the sample (`moving_objectives`, `moving_feedback`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +68,8 @@ class MultiObjective:
     lyapunov : Basis, optional
         Functions of the matrix that moves; in continuous time their variables need rate bounds.
     varying : {"both", "controls", "measurements"}
-        Which matrix moves, X or Y; "both" designs with either, and keeps the lower figures. In discrete time an H2
-        criterion needs "controls".
+        Which matrix moves, X or Y; "both" designs with either, and keeps the lower figures, for with both moving at
+        once the controller would need the rates, in discrete time p(k+1). There an H2 criterion needs "controls".
 
     Examples
     --------
@@ -145,7 +152,9 @@ class MultiObjective:
         if not found:
             raise InputError("in discrete time an H2 criterion needs the X of the controls to move", got=self.varying,
                              mend="varying=\"controls\"")
-        return _lowest([*found, replace(self, lyapunov=None).solve(plant)])
+        best = _lowest([*found, replace(self, lyapunov=None).solve(plant)])
+        note = (EITHER[plant.sample_time is not None],) if self.varying == "both" else ()
+        return replace(best, notes=(*best.notes, *note))
 
     def _by_variance(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], axes: tuple[np.ndarray, ...]
                      ) -> Synthesis:

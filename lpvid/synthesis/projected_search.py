@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.lmi.program import SOLVERS, available
-from lpvid.synthesis.progress import Rounds, stop_at
+from lpvid.synthesis.progress import Rounds, stage, stop_at
 from lpvid.synthesis.projection import (
     MatrixPair,
     ProjectedInequalities,
@@ -181,6 +181,37 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
             return
         pair = found
         yield pair
+
+
+def roomy(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *,
+          solvers: Sequence[str] = SOLVERS) -> Iterator[MatrixPair]:
+    """Pairs that keep a bound with room in every inequality: half of the largest common margin, and well conditioned
+    with that; then the largest.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+    pair : MatrixPair
+        Whose coordinates are used.
+    gamma : float
+    clock : Clock
+    solvers : sequence of str
+
+    Yields
+    ------
+    MatrixPair
+    """
+    stage(f"a controller with room in every inequality for {gamma:.4g}")
+    at = replace(pair, gamma=gamma)
+    roots = roots_of(problem, at)
+    sizes = sizes_at(problem, roots, at)
+    program = problem.program(roots, sizes, gamma=gamma, roomy=True)
+    answer = next(program.program.solve(solvers=solvers), None)
+    if answer is None or answer.objective >= 0:
+        return
+    half = problem.program(roots, sizes, gamma=gamma, room=-0.5 * answer.objective)
+    yield from itertools.islice(_usable(half, clock, solvers), 1)
+    yield program.pair(answer)
 
 
 def _usable(program: ProjectedProgram, clock: Clock, solvers: Sequence[str]) -> Iterator[MatrixPair]:

@@ -97,23 +97,30 @@ class ProjectedInequalities:
         return (Half(p.A, p.B1, p.B2, p.C1, p.D11, p.D12, self.controls, -1.0),
                 Half(t(p.A), t(p.C1), t(p.C2), t(p.B1), t(p.D11), t(p.D21), self.measurements, 1.0))
 
-    def program(self, roots: tuple[np.ndarray, np.ndarray], sizes: tuple[list, list], *, gamma: float | None
-                ) -> ProjectedProgram:
+    def program(self, roots: tuple[np.ndarray, np.ndarray], sizes: tuple[list, list], *, gamma: float | None,
+                roomy: bool = False, room: float = 0.0) -> ProjectedProgram:
         """The semidefinite program in coordinates X = T X' Tᵀ, Y = U Y' Uᵀ with (T, U) = `roots`.
 
         With `gamma` left out it is minimised; given, the traces of X' and Y' are, and the coupling is kept away from
-        its limit, where the controller's matrices would be inverses of nearly singular ones.
+        its limit, where the controller's matrices would be inverses of nearly singular ones. `roomy`, it is the common
+        margin of all inequalities, in rows of size one, that is made largest: where the traces are least some of them
+        have no room at all, and rounding may then cost the proof. `room` is a margin that the inequalities must have.
         """
         program = Program()
         unknowns, n = program.unknowns, self.plant.A.shape[1]
         own = [[unknowns.symmetric(n) for _ in range(h.variation.values.shape[1])] for h in self.halves]
         bound = unknowns.scalar()
+
+        def required(matrix: Affine) -> None:
+            eye = np.eye(matrix.shape[0])
+            program.require(matrix - bound.times(eye) if roomy else matrix - room * eye if room else matrix)
+
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
             for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
                 level = bound.times(weight) if gamma is None else gamma * weight
-                program.require(congruent(level - matrix, scale))
+                required(congruent(level - matrix, scale))
         cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
-        if gamma is not None:
+        if gamma is not None and not roomy:
             apart = bound
             program.require(apart - 1.0)
             program.require(2.0 - apart)
@@ -122,13 +129,15 @@ class ProjectedInequalities:
         for k in range(points):
             x, y = (_sum(v.values[k], m) for v, m in zip((self.controls, self.measurements), own, strict=True))
             if apart is None:
-                program.require(block([[x, cross], [cross.T, y]]))
+                required(block([[x, cross], [cross.T, y]]))
             else:
                 pushed = apart.times(cross)
                 program.require(block([[x, pushed], [pushed.T, y]]))
         if self.strictly_proper and gamma is None:
             program.require(bound - 1.0001 * float(np.linalg.norm(self.plant.D11, 2, axis=(1, 2)).max()))
-        program.minimise(bound if gamma is None else self._spread(own, bound))
+        if roomy:  # X and Y alone have no bound
+            program.require(1.0 - bound)
+        program.minimise(-bound if roomy else bound if gamma is None else self._spread(own, bound))
         return ProjectedProgram(program, own[0], own[1], bound, roots, gamma)
 
     def _spread(self, own: list[list[Affine]], apart: Affine) -> Affine:
@@ -354,6 +363,37 @@ def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
     """The plant with noise of a given size in every measurement and effort of every control: gains stay moderate."""
     count, nu, ny = len(plant.A), plant.B2.shape[2], plant.C2.shape[1]
     return _restrained(plant, size, np.eye(nu), np.eye(ny), count)
+
+
+def stirred(plant: PlantMatrices, size: float, *, by_controls: bool) -> PlantMatrices:
+    """The plant with a disturbance more that enters where the controls do, or a performance signal of what is measured.
+
+    Where disturbances reach only a part of what the controls move, and the measurements show them exactly, the filter's
+    Riccati equation has the solution zero: Y = γY∞⁻¹ is not bounded, and no solver ends. What bounds the gain of this
+    plant bounds that of the plant itself.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+    size : float
+        Of the disturbance, or the signal, as a share of the plant's own.
+    by_controls : bool
+
+    Returns
+    -------
+    PlantMatrices
+    """
+    own, like = (plant.B1, plant.B2) if by_controls else (plant.C1, plant.C2)
+    largest = float(np.abs(like).max(initial=0.0))
+    more = size * float(np.abs(own).max(initial=0.0)) / max(largest, 1e-300) * like
+    axis = 2 if by_controls else 1
+    through, beside = plant.D11, plant.D21 if by_controls else plant.D12
+    zeros = [np.zeros_like(m.take(range(1), axis=axis)).repeat(more.shape[axis], axis=axis) for m in (through, beside)]
+    through, beside = (np.concatenate([m, z], axis=axis) for m, z in zip((through, beside), zeros, strict=True))
+    wide = np.concatenate([own, more], axis=axis)
+    if by_controls:
+        return replace(plant, B1=wide, D11=through, D21=beside)
+    return replace(plant, C1=wide, D11=through, D12=beside)
 
 
 def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray, count: int) -> PlantMatrices:

@@ -70,3 +70,27 @@ def quarter_car(length: float = 1.0, force: float = 1.0) -> GeneralizedPlant:
     d12, d21 = d12 * force, d21 / length
     box = lpv.Scheduling(("spring", "damping"), (-1.0, -1.0), (1.0, 1.0))
     return plant(a, b1, b2, c1, np.zeros((3, 4, 2)), d12, c2, d21, lpv.Polynomial(("spring", "damping"), 1), box)
+
+
+def near_integrators(noise: float = 0.0) -> GeneralizedPlant:
+    """Poles at 2e-7, 1e-5 and 0.12 rad/s, one disturbance, which the measurement shows exactly; noise at the control.
+
+    Data of the test "Numerical difficulties 2" of RobustAndOptimalControl.jl, which states 4.4825150 for SLICOT.
+    """
+    a = [[0, 1, 0], [-1.2e-6, -0.12001, 0], [-11.2, 0, -2e-7]]
+    b1, b2 = np.array([[0.0], [0.0], [1.0]]), np.array([[0.0], [1.0], [0.0]])
+    d11, d12, d21 = np.array([[2 / 3], [0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0]])
+    if noise:
+        b1, d11, d21 = np.hstack([b1, noise * b2]), np.hstack([d11, noise * d12]), np.hstack([d21, [[0.0]]])
+    return plant(a, b1, b2, [[-112 / 15, 0, 19.999999866666666], [0, 0, 0]], d11, d12, [[-11.2, 0, 0]], d21)
+
+
+def helicopter() -> GeneralizedPlant:
+    """HE1 of COMPleib (Leibfritz 2004; Singh & Coelho 1984): best known static gain 0.1538, full order 0.0737."""
+    r = 1 / np.sqrt(2)
+    a = [[-0.0366, 0.0271, 0.0188, -0.4555], [0.0482, -1.01, 0.0024, -4.0208], [0.1002, 0.3681, -0.707, 1.42],
+         [0, 0, 1, 0]]
+    b1 = [[4.678e-2, 0], [4.572e-2, 9.88e-3], [4.369e-2, 1.11e-3], [-2.179e-2, 0]]
+    b2 = [[0.4422, 0.1761], [3.5446, -7.5922], [-5.52, 4.49], [0, 0]]
+    return plant(a, b1, b2, r * np.array([[2.0, 0, 0, 0], [0, 1, 0, 0]]), np.zeros((2, 2)), r * np.eye(2),
+                 [[0, 1, 0, 0]], np.zeros((1, 2)))

@@ -99,3 +99,16 @@ def wu(rate):
         d12[0, 2 + i, i], d21[0, i, 3 + i] = 1 / 280, 10.0
     box = lpv.Scheduling(("rho",), (-math.pi,), (math.pi,), (rate,), ("rad",))
     return plant(a, b1, b2, c1, np.zeros((3, 4, 5)), d12, c2, d21, Fourier("rho", 1), box)
+
+
+def spring(rate=None, sample_time=None):
+    """A mass on a spring of moving stiffness, position measured; sampled with Euler's rule where a period is given."""
+    a = np.array([[[0.0, 1], [0, -0.2]], [[0, 0], [-1, 0]]])
+    b1, b2 = np.array([[[0.0, 0], [1, 0]], np.zeros((2, 2))]), np.array([[[0.0], [1]], np.zeros((2, 1))])
+    if sample_time is not None:
+        a, b1, b2 = a * sample_time, b1 * sample_time, b2 * sample_time
+        a[0] += np.eye(2)
+    c1, d12 = np.array([[[1.0, 0], [0, 0]], np.zeros((2, 2))]), np.array([[[0.0], [0.3]], np.zeros((2, 1))])
+    c2, d21 = np.array([[[1.0, 0]], [[0, 0]]]), np.array([[[0.0, 0.1]], [[0, 0]]])
+    box = lpv.Scheduling(("k",), (1.0,), (4.0,), (rate,))
+    return plant(a, b1, b2, c1, np.zeros((2, 2, 2)), d12, c2, d21, lpv.Polynomial("k", 1), box, sample_time)

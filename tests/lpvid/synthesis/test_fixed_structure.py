@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from helpers.synthesis_plants import plant, scherer
+from helpers.published_plants import helicopter
+from helpers.synthesis_plants import scherer, spring
 
 import lpvid as lpv
 from lpvid.analysis.frozen_norms import h_infinity_norm
@@ -13,30 +14,6 @@ from lpvid.synthesis.controller_structures import LowOrder, ObserverBased, Stati
 from lpvid.synthesis.design_file import design_of
 from lpvid.synthesis.frozen_descent import FrozenLoops, bfgs
 from lpvid.synthesis.interconnection import close_loop
-
-
-def helicopter():
-    """HE1 of COMPleib (Leibfritz 2004; Singh & Coelho 1984): best known static gain 0.1538, full order 0.0737."""
-    r = 1 / np.sqrt(2)
-    a = [[-0.0366, 0.0271, 0.0188, -0.4555], [0.0482, -1.01, 0.0024, -4.0208], [0.1002, 0.3681, -0.707, 1.42],
-         [0, 0, 1, 0]]
-    b1 = [[4.678e-2, 0], [4.572e-2, 9.88e-3], [4.369e-2, 1.11e-3], [-2.179e-2, 0]]
-    b2 = [[0.4422, 0.1761], [3.5446, -7.5922], [-5.52, 4.49], [0, 0]]
-    return plant(a, b1, b2, r * np.array([[2.0, 0, 0, 0], [0, 1, 0, 0]]), np.zeros((2, 2)), r * np.eye(2),
-                 [[0, 1, 0, 0]], np.zeros((1, 2)))
-
-
-def spring(rate=None, sample_time=None):
-    """A mass on a spring of moving stiffness, position measured; sampled with Euler's rule where a period is given."""
-    a = np.array([[[0.0, 1], [0, -0.2]], [[0, 0], [-1, 0]]])
-    b1, b2 = np.array([[[0.0, 0], [1, 0]], np.zeros((2, 2))]), np.array([[[0.0], [1]], np.zeros((2, 1))])
-    if sample_time is not None:
-        a, b1, b2 = a * sample_time, b1 * sample_time, b2 * sample_time
-        a[0] += np.eye(2)
-    c1, d12 = np.array([[[1.0, 0], [0, 0]], np.zeros((2, 2))]), np.array([[[0.0], [0.3]], np.zeros((2, 1))])
-    c2, d21 = np.array([[[1.0, 0]], [[0, 0]]]), np.array([[[0.0, 0.1]], [[0, 0]]])
-    box = lpv.Scheduling(("k",), (1.0,), (4.0,), (rate,))
-    return plant(a, b1, b2, c1, np.zeros((2, 2, 2)), d12, c2, d21, lpv.Polynomial("k", 1), box, sample_time)
 
 
 def largest_frozen(loop, count=60):

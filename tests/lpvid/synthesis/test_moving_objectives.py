@@ -59,3 +59,21 @@ def test_a_variance_in_discrete_time_needs_the_controls_to_move():
     with pytest.raises(lpv.InputError, match="controls"):
         lpv.synthesize(spring_mass(rate=0.1, full=False, sample_time=0.1),
                        lpv.MultiObjective(lpv.H2(), lyapunov=MOVING, varying="measurements"))
+
+
+@pytest.mark.parametrize(("sample_time", "needed"), [(0.1, "p(k+1)"), (None, "rates")])
+def test_both_is_either_and_says_why(monkeypatch, sample_time, needed):
+    """With X and Y moving at once the controller would need what nobody has at that time."""
+    from lpvid.synthesis import multiobjective
+
+    turned = []
+
+    def design(*_, **settings):
+        turned.append(settings["turned"])
+        return lpv.Synthesis("numerical", why="not looked for", mend="none")
+
+    for name in ("moving_feedback", "moving_objectives"):
+        monkeypatch.setattr(multiobjective, name, design)
+    found = lpv.synthesize(spring_mass(rate=0.1, full=False, sample_time=sample_time),
+                           lpv.MultiObjective(lpv.HInfinity(), lyapunov=MOVING, varying="both", points=2))
+    assert turned == [False, True] and needed in found.notes[-1] and found.solved
