@@ -193,6 +193,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     damping, failed = FIRST_DAMPING, False
     while damping <= MAX_DAMPING:
         if age > SECANTS:
+            del jacobian  # before another one of its size is taken
             jacobian, age = derivative(), 0
         step, promised = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
         little = promised < (ROUGHLY if rough else PROMISE) * now.cost / (worth * count)
@@ -202,6 +203,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
                 continue
             if age == 0 or rough:
                 return
+            del jacobian
             jacobian, age = derivative(), 0
             yield now
             continue
@@ -218,6 +220,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
                 break
         else:
             if age:
+                del jacobian
                 jacobian, age = derivative(), 0
             else:
                 damping, failed = damping * 8, True
