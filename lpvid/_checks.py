@@ -37,6 +37,22 @@ def _is_frozen(values: object, dtype: type) -> TypeGuard[np.ndarray]:
     return base is None or (type(base) is np.ndarray and base.nbytes == values.nbytes and _is_frozen(base, dtype))
 
 
+def owned(array: np.ndarray) -> np.ndarray:
+    """The same array, read-only from now on: one that was just made, and of which nobody has another view.
+
+    Parameters
+    ----------
+    array : ndarray
+
+    Returns
+    -------
+    ndarray
+        Which `frozen_array` takes without a copy.
+    """
+    array.setflags(write=False)
+    return array
+
+
 def read_only(array: np.ndarray) -> np.ndarray:
     """A view that cannot be written through: a kernel is compiled anew for a writable array where it had a frozen one.
 
