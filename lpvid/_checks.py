@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
+from typing import TypeGuard
 
 import numpy as np
 
@@ -11,15 +12,43 @@ from lpvid.errors import InputError
 
 
 def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: type = float) -> np.ndarray:
-    """Copy `values` into a read-only C-ordered array of `dtype`; `ndim` is checked when given."""
+    """Copy `values` into a read-only C-ordered array of `dtype`; `ndim` is checked when given.
+
+    What is such an array already, and cannot be written through another one, is not copied.
+    """
     try:
         if np.iscomplexobj(values):  # type: ignore[arg-type]
             raise TypeError("complex numbers have no place here")
-        array = np.array(values, dtype=dtype, order="C")
+        array = values if _is_frozen(values, dtype) else np.array(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must hold numbers", got=type(values).__name__, why=str(error)) from None
     if ndim is not None and array.ndim != ndim:
         raise InputError(f"{name} must have {ndim} dimension(s)", got=f"shape {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+def _is_frozen(values: object, dtype: type) -> TypeGuard[np.ndarray]:
+    """Whether nobody can write to an array. One that is a part of another is not taken: it would keep all of that."""
+    if type(values) is not np.ndarray or values.dtype != dtype or values.flags.writeable or \
+            not values.flags.c_contiguous:
+        return False
+    base = values.base
+    return base is None or (type(base) is np.ndarray and base.nbytes == values.nbytes and _is_frozen(base, dtype))
+
+
+def owned(array: np.ndarray) -> np.ndarray:
+    """The same array, read-only from now on: one that was just made, and of which nobody has another view.
+
+    Parameters
+    ----------
+    array : ndarray
+
+    Returns
+    -------
+    ndarray
+        Which `frozen_array` takes without a copy.
+    """
     array.setflags(write=False)
     return array
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from gc import collect
 from io import BytesIO
 from queue import Empty, Queue
 from threading import Lock, Thread
@@ -18,6 +19,7 @@ from types import MappingProxyType
 from typing import Any, BinaryIO, Generic, TypeVar
 
 from lpvid import _threads
+from lpvid._memory import give_back
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -315,3 +317,6 @@ def serve() -> None:
         except (TypeError, AttributeError, pickle.PicklingError) as error:
             held = _packed((False, RuntimeError(f"the result cannot be sent: {error}")))
         _send(answers, held)
+        del function, item, answer, held
+        collect()  # several workers together: what one item left is not carried through the next
+        give_back()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid import units
+from lpvid import _checks, units
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
@@ -71,7 +71,7 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     notes = list(table.notes)
     for column in signals:
         values, unit, known = units.to_si(column.values, column.unit)
-        channels[column.name] = Channel(values, unit, column.unit, known, column.fault)
+        channels[column.name] = Channel(_checks.owned(values), unit, column.unit, known, column.fault)
         if column.fault:
             notes.append(f"channel '{column.name}': {column.fault}")
     time, period = None, table.sample_time

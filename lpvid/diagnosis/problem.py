@@ -56,7 +56,13 @@ class DiagnosisProblem:
 
     def stack(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """(N,) or (N, k): per-record values inside the blocks, one record after the other."""
-        return np.concatenate([v[n >= 0] for v, n in zip(values, self.blocks.number, strict=True)])
+        out, first = np.empty((self.n_samples, *values[0].shape[1:]), dtype=values[0].dtype), 0
+        for v, n in zip(values, self.blocks.number, strict=True):
+            keep = n >= 0
+            last = first + int(np.count_nonzero(keep))
+            np.compress(keep, v, axis=0, out=out[first:last])
+            first = last
+        return out
 
     def block_sums(self, stacked: np.ndarray) -> np.ndarray:
         """(blocks,) or (blocks, k) sums of stacked values."""

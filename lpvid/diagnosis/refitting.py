@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from lpvid._memory import give_back
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.hopping import hop, hopped
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
+from lpvid.diagnosis.signals import LONG
 
 ITERATIONS = 25
 PROMISE, ROUGHLY = 0.02, 0.3
@@ -80,6 +82,8 @@ class Refit:
 def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
               errors: list[np.ndarray] | None = None) -> np.ndarray:
     """(N, P) exact (to differences) derivative, stacked."""
+    if problem.n_samples > LONG:  # it takes most; what was freed in pieces counts as used
+        give_back()
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
                                                                zip(problem.signals, errors, strict=True)]
     return _bounded(problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
@@ -102,8 +106,10 @@ def _borrowed(problem: DiagnosisProblem, composition: Composition, vector: np.nd
 
 
 def _bounded(derivatives: np.ndarray) -> np.ndarray:
-    """The same array, 0 where a law explodes."""
-    return np.where(np.abs(derivatives) < EXPLODED, derivatives, 0.0)
+    """The same array, written over: 0 where a law explodes. Column by column, as all below, for little memory."""
+    for column in derivatives.T:
+        column[~(np.abs(column) < EXPLODED)] = 0.0
+    return derivatives
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
@@ -187,6 +193,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     damping, failed = FIRST_DAMPING, False
     while damping <= MAX_DAMPING:
         if age > SECANTS:
+            del jacobian  # before another one of its size is taken
             jacobian, age = derivative(), 0
         step, promised = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
         little = promised < (ROUGHLY if rough else PROMISE) * now.cost / (worth * count)
@@ -196,6 +203,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
                 continue
             if age == 0 or rough:
                 return
+            del jacobian
             jacobian, age = derivative(), 0
             yield now
             continue
@@ -212,6 +220,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
                 break
         else:
             if age:
+                del jacobian
                 jacobian, age = derivative(), 0
             else:
                 damping, failed = damping * 8, True
@@ -249,7 +258,9 @@ def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
     scaled = step * norms
     length = float(scaled @ scaled)
     if length > 0 and np.isfinite(change).all():
-        jacobian += np.outer(change - jacobian @ step, scaled * norms / length)
+        missed = change - jacobian @ step
+        for k, share in enumerate(scaled * norms / length):
+            jacobian[:, k] += missed * share
 
 
 def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector: np.ndarray, damping: float,

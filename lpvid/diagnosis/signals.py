@@ -16,6 +16,10 @@ from lpvid import _checks
 
 REMEMBERED, REPLACED = 24, 4
 """simulations that signals keep, and what a cause makes of their channels for the last values that it was given"""
+LONG, FEWEST = 65_536, 2
+"""samples of signals from which on they keep fewer of all that, so that ten minutes hold no more than two; what the
+derivative at a point and the run beside it share stays
+"""
 STEPPED = 0.3
 """ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
@@ -165,7 +169,8 @@ class Signals:
         return self.cache[key]
 
     def remembered(self, kind: str, key: Hashable, make: Callable[[], Any], most: int = REPLACED) -> Any:
-        """What `make` returns for a key, of which the last few of one kind are kept."""
+        """What `make` returns for a key, of which the last few of one kind are kept; fewer where they are long."""
+        most = most_kept(most, self.n_samples)
         kept: OrderedDict = self.cached(kind, OrderedDict)
         found = kept.pop(key, None)  # each step by itself is safe where several threads share the signals
         if found is None:
@@ -187,6 +192,15 @@ class Signals:
             self.facts[role, key] = make(self.channels[role])
         return self.facts[role, key]
 
+    def passed(self, core: Core) -> np.ndarray:
+        """(n,) a simulation along these signals, which nothing is kept of: they were made for this one run.
+
+        What a law reads along signals refers back to them, so that they would stay until garbage is collected.
+        """
+        out = core(self)
+        self.cache.clear()
+        return out
+
     def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """(n,) what `make` finds along one channel of the record, at these samples; kept for all of these.
 
@@ -200,6 +214,17 @@ class Signals:
         if name not in self.facts:
             self.facts[name] = self.of_record(found)
         return self.facts[name]
+
+
+def most_kept(most: int, n_samples: int) -> int:
+    """How many results along so many samples are kept, of `most` along few.
+
+    Examples
+    --------
+    >>> most_kept(24, 15_360), most_kept(24, 307_200), most_kept(4, 307_200)
+    (24, 5, 2)
+    """
+    return max(min(most, most * LONG // n_samples), FEWEST)
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
@@ -323,7 +324,7 @@ class _Batch:
 
 def _joined(tail: Record, piece: Record, channels: Sequence[str]) -> Record:
     """The piece behind the samples before it."""
-    values = {n: Channel(np.concatenate([tail[n], piece[n]])) for n in channels}
+    values = {n: Channel(_checks.owned(np.concatenate([tail[n], piece[n]]))) for n in channels}
     return Record(values, sample_time=piece.sample_time, name=piece.name)
 
 

@@ -186,7 +186,7 @@ def softer(trace, element, other, out):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def tangent(trace, direct, softer, falls, element, step, parts, ends, out):
+def tangent(trace, direct, softer, falls, element, step, parts, ends, first, state, out):
     """First-order change of the force of `march` for changes of the law and of the elements, several at a time.
 
     δF = ∂F/∂w δw + ∂F/∂d δd + δ_law at each stage, D' δF + δD + h δw = δ(known part).
@@ -200,17 +200,22 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, out):
     falls : (m,) array
         Changes of the floor.
     element, step, parts, ends
-        As of the march.
+        As of the march; some consecutive samples of it, and the stages of these.
+    first : bool
+        Whether these begin with the first sample of the march.
+    state : (2, m) array
+        What is known of the deflections, and these, at the sample before; afterwards at the last one.
     out : (m, n) array
     """
     changes = direct.shape[0]
-    known, deflection = np.zeros(changes), np.zeros(changes)
+    known, deflection = state[0], state[1]
     count = 0
     for k in range(parts.size):
+        start = first and k == 0
         share = 1.0 - HEAD if ends[k] else 1.0
         full = share * step / parts[k]
-        for stage in range(2 * parts[k] + ends[k] if k else 1):
-            head = stage == 2 * parts[k] or k == 0
+        for stage in range(1 if start else 2 * parts[k] + ends[k]):
+            head = stage == 2 * parts[k] or start
             h = HEAD * step if head else GAMMA * full
             renewed = head or stage % 2 == 0
             steep, shifted = trace[count, 3], trace[count, 4]
@@ -223,7 +228,7 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, out):
                     force = falls[j]
                     moved = soft * force + softer[j, count]
                     faster = (known[j] - moved) * give
-                elif k == 0:
+                elif start:
                     force, faster = direct[j, count], 0.0
                     moved = soft * force + softer[j, count]
                 else:

@@ -208,7 +208,7 @@ class CoilLag(CurrentEffect):
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau = float(values[0])
-        return lambda s: core(s.replace(current=lagged(s, tau, tau))) if tau > 0 else core(s)
+        return lambda s: s.replace(current=lagged(s, tau, tau)).passed(core) if tau > 0 else core(s)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the lagged current", schedule_filter="lag")
@@ -238,7 +238,7 @@ class RiseFallLag(CurrentEffect):
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau, ratio = float(values[0]), float(values[1])
-        return lambda s: core(s.replace(current=lagged(s, tau * ratio, tau / ratio))) if tau > 0 else core(s)
+        return lambda s: s.replace(current=lagged(s, tau * ratio, tau / ratio)).passed(core) if tau > 0 else core(s)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on a current that rises and falls unequally", schedule_filter="rise-fall")
@@ -320,7 +320,7 @@ class CurrentSaturation(CurrentEffect):
 
         def run(s: Signals) -> np.ndarray:
             i = s["current"]
-            return core(s.replace(current=(1 - soft) * np.tanh(q * i) / q + soft * i / (1 + q * np.abs(i))))
+            return s.replace(current=(1 - soft) * np.tanh(q * i) / q + soft * i / (1 + q * np.abs(i))).passed(core)
 
         return run
 
@@ -351,7 +351,7 @@ class Remanence(CurrentEffect):
         def run(s: Signals) -> np.ndarray:
             out = np.empty(s.n_samples)
             play(np.ascontiguousarray(s["current"]), width, out)
-            return core(s.replace(current=out))
+            return s.replace(current=out).passed(core)
 
         return run if width > 0 else core
 

@@ -45,7 +45,7 @@ class SchedulingDegree(CurrentEffect):
 
         def run(s: Signals) -> np.ndarray:
             i = s["current"]
-            return core(s.replace(current=i + q * (i**2 - i) + r * (i**3 - i)))
+            return s.replace(current=i + q * (i**2 - i) + r * (i**3 - i)).passed(core)
 
         return run
 

@@ -59,7 +59,7 @@ class Quantisation(Effect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            force = core(s.replace(**{m: s[m] + share * (between_steps(s, m) - s[m]) for m in _coarse(s)}))
+            force = s.replace(**{m: s[m] + share * (between_steps(s, m) - s[m]) for m in _coarse(s)}).passed(core)
             return force + share * mean_rounding(force, step) if step > 0 else force
 
         return run

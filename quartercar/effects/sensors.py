@@ -46,7 +46,7 @@ def present(signals: tuple[Signals, ...]) -> list[float]:
 def scaled(core: Core, sensor: float, factor: float) -> Core:
     """The simulation with all that one sensor feeds multiplied."""
     channels = list(SENSORS.values())[round(sensor)]
-    return lambda s: core(in_proportion(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s))
+    return lambda s: in_proportion(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s).passed(core)
 
 
 class SensorScale(SensorEffect):

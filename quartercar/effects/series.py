@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals, most_kept
 from quartercar.effects.corners import corners
 from quartercar.effects.series_law import Law, read_law
 
@@ -105,7 +105,7 @@ class InSeries(Linearised):
         law = kept.pop(key, None) or read()
         kept[key] = law
         with suppress(KeyError):  # several threads may share the signals
-            if len(kept) > LAWS:
+            if len(kept) > most_kept(LAWS, s.n_samples):
                 kept.popitem(last=False)
         return law
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,8 @@ RUNS = 4
 PROBED, FASTER = 32, 3.0
 """stages at which a core's dependence on other stages is tested, and how much faster those others are"""
 AT_ONCE = 16384
-"""stages that a core is evaluated at together, so that its intermediate results stay in the processor's cache"""
+"""stages that a core is evaluated at together, so that its intermediate results stay in the processor's cache, and
+those of all cores in little memory"""
 
 
 def near(own: InSeries, others: Sequence[Core]) -> list[Core]:
@@ -79,7 +81,11 @@ class SeriesRuns:
 
 
 def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """(n,) a simulation in series, and the first-order changes that lead to others, where they are known."""
+    """(n,) a simulation in series, and the first-order changes that lead to others, where they are known.
+
+    The stages, several a sample, are gone through in parts, so that what the cores give along them is held for a part
+    alone: along ten minutes it would take half a gigabyte.
+    """
     from quartercar.effects import _series_kernels as kernels
 
     rigid = own.core(s)
@@ -87,27 +93,45 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
         return rigid, {}
     law = own.law(s, rigid)
     parts, ends = own.steps(s, law)
-    count = 1 + int((2 * parts + ends)[1:].sum())
+    sizes = 2 * parts + ends
+    sizes[0] = 1
+    behind = np.cumsum(sizes)
+    count = int(behind[-1])
     trace, last, place = np.empty((count, 5)), np.empty(count, dtype=np.int64), np.empty(count)
     out = own.march(s, rigid, law, trace)
     kernels.stages(parts, ends, last, place)
     stages = MarchStages(own.core, s, law, trace, last, place)
     element, found = own.elements.numbers(law.rest), []
     for j, other in enumerate(others):
-        change = stages.change(other.core) if isinstance(other, type(own)) and other.static == own.static else None
-        if change is not None:
+        moved = stages.moved(other.core) if isinstance(other, type(own)) and other.static == own.static else None
+        if moved is not None:
             beside = 0.0 if law.memory else force_at_rest(other.core, s) - law.rest
-            found.append((j, change - beside, other.elements.numbers(law.rest), beside))
-    direct, softer = np.zeros((len(found), count)), np.zeros((len(found), count))
-    falls = np.zeros(len(found))
-    for k, (_, change, numbers, _) in enumerate(found):
-        direct[k] = change
-        if numbers != element:
-            falls[k] = numbers[4] - element[4]
-            kernels.softer(trace, element, numbers, softer[k])
-    moved = np.empty((len(found), s.n_samples))
-    kernels.tangent(trace, direct, softer, falls, element, s.sample_time, parts, ends, moved)
-    return out, {j: m + beside for (j, *_, beside), m in zip(found, moved, strict=True)}
+            found.append((j, moved, other.elements.numbers(law.rest), beside))
+    falls = np.array([0.0 if numbers == element else numbers[4] - element[4] for _, _, numbers, _ in found])
+    state, changes = np.zeros((2, len(found))), np.empty((len(found), s.n_samples))
+    first = 0
+    while first < s.n_samples:
+        begin = int(behind[first - 1]) if first else 0
+        until = max(int(np.searchsorted(behind, begin + AT_ONCE, side="right")), first + 1)
+        which = slice(begin, int(behind[until - 1]))
+        part = cache(partial(stages.part, which))
+        direct, softer = np.zeros((2, len(found), which.stop - begin))
+        for k, (_, moved, numbers, beside) in enumerate(found):
+            direct[k] = moved(which, part) - beside
+            if numbers != element:
+                kernels.softer(trace[which], element, numbers, softer[k])
+        here = np.empty((len(found), until - first))
+        kernels.tangent(trace[which], direct, softer, falls, element, s.sample_time, parts[first:until],
+                        ends[first:until], first == 0, state, here)
+        changes[:, first:until] = here
+        first = until
+    for k, (*_, beside) in enumerate(found):
+        changes[k] += beside
+    return out, {j: change for (j, *_), change in zip(found, changes, strict=True)}
+
+
+Moved = Callable[[slice, Callable[[], Signals]], np.ndarray | float]
+"""Change of a law along some of the stages, whose signals are made when they are asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,65 +158,59 @@ class MarchStages:
     last: np.ndarray
     place: np.ndarray
 
-    def change(self, core: Core) -> np.ndarray | None:
-        """(stages,) change of the law for another core at the same speeds and positions; None where it has none."""
+    def moved(self, core: Core) -> Moved | None:
+        """Change of the law for another core at the same speeds and positions; None where it has none."""
         if core is self.core or (isinstance(core, Remembered) and isinstance(self.core, Remembered)
                                  and core.key == self.core.key):
-            return np.zeros(self.last.size)
+            return lambda which, part: 0.0
         if self.law.memory:
             rows = with_memory(core, self.s, core(self.s)).rows - self.law.rows
-            at = self._between(rows, rows)
-            return at[:, 0] + at[:, 1] * self.trace[:, 0] if np.isfinite(rows).all() else None
+            return (lambda which, part: self._along(rows, which)) if np.isfinite(rows).all() else None
         few, among = self._probes
         alone, beside = core(few), core(among)
         if not np.allclose(alone, beside[: alone.size], rtol=SAME, atol=SAME * np.ptp(beside)):
             return None
-        return self._asked(core) - self._here
+        return lambda which, part: core(part()) - part().cached("the march's own law", lambda: self.core(part()))
 
-    @found_once
-    def signals(self) -> tuple[Signals, ...]:
-        """A sample for each stage: the speed and position of the core's side, other channels straight in between."""
+    def part(self, which: slice) -> Signals:
+        """A sample for each of some stages: the core's side's speed and position, other channels straight in between.
+        """
         s, law = self.s, self.law
-        channels = {role: self._between(c, c) for role, c in s.channels.items() if role != "velocity"}
+        channels = {role: self._between(c, c, which) for role, c in s.channels.items() if role != "velocity"}
         if law.jumps.any():
             i = s["current"]
-            channels["current"] = self._between(i, np.where(law.jumps, np.concatenate([i[:1], i[:-1]]), i))
+            channels["current"] = self._between(i, np.where(law.jumps, np.concatenate([i[:1], i[:-1]]), i), which)
         if "displacement" in channels:
-            channels["displacement"] = channels["displacement"] - self.trace[:, 1]
-        channels["velocity"] = self.trace[:, 0].copy()
-        at, size = self._between(s.places, s.places), self.last.size
-        return tuple(self._part(channels, at, slice(k, k + AT_ONCE)) for k in range(0, size, AT_ONCE))
+            channels["displacement"] = channels["displacement"] - self.trace[which, 1]
+        channels["velocity"] = self.trace[which, 0].copy()
+        return self._signals(channels, self._between(s.places, s.places, which))
 
-    def _asked(self, core: Core) -> np.ndarray:
-        return np.concatenate([core(part) for part in self.signals])
-
-    @found_once
-    def _here(self) -> np.ndarray:
-        return self._asked(self.core)
+    def _along(self, rows: np.ndarray, which: slice) -> np.ndarray:
+        """A straight law of which the rows, (n, 2), are known at the samples."""
+        at = self._between(rows, rows, which)
+        return at[:, 0] + at[:, 1] * self.trace[which, 0]
 
     @found_once
     def _probes(self) -> tuple[Signals, Signals]:
-        """Some of the stages alone, and before the same ones at other speeds."""
-        first = self.signals[0]
+        """Some of the first stages alone, and before the same ones at other speeds."""
+        first = self.part(slice(0, min(AT_ONCE, self.last.size)))
         probed = np.linspace(0, first.n_samples - 1, min(PROBED, first.n_samples)).astype(int)
-        few = self._part(first.channels, first.places, probed)
+        few = self._signals({role: c[probed] for role, c in first.channels.items()}, first.places[probed])
         among = {role: np.tile(c, 2) for role, c in few.channels.items()}
         among["velocity"][probed.size:] *= FASTER
-        return few, self._part(among, np.tile(few.places, 2), slice(None))
+        return few, self._signals(among, np.tile(few.places, 2))
 
-    def _part(self, channels: Mapping[str, np.ndarray], at: np.ndarray, which: slice | np.ndarray) -> Signals:
-        found = {role: c[which] for role, c in channels.items()}
+    def _signals(self, channels: Mapping[str, np.ndarray], at: np.ndarray) -> Signals:
         s = self.s
-        return Signals(s.sample_time, found, np.zeros(found["velocity"].size), s.name, s.span, record=s.record or s,
-                       at=at[which])
+        return Signals(s.sample_time, channels, np.zeros(at.size), s.name, s.span, record=s.record or s, at=at)
 
-    def _between(self, values: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Values at samples, straight from each to `before` the next, at the stages."""
-        start = values[np.maximum(self.last - 1, 0)]
-        share, into = self.place, self.place > 1
+    def _between(self, values: np.ndarray, before: np.ndarray, which: slice) -> np.ndarray:
+        """Values at samples, straight from each to `before` the next, at some of the stages."""
+        last, share = self.last[which], self.place[which]
+        start, into = values[np.maximum(last - 1, 0)], share > 1
         if values.ndim == 2:
             share, into = share[:, None], into[:, None]
-        return np.where(into, values[self.last], start + share * (before[self.last] - start))
+        return np.where(into, values[last], start + share * (before[last] - start))
 
 
 def _alike(a: Signals, b: Signals) -> bool:

@@ -2,9 +2,10 @@
 
     python tests/benchmarks/memory.py FOLDER [--duration 600] [--only identify,fit] [--limit 500] [--stop 120]
 
-One record of the virtual rig (test 1, synthetic) and two more of 30 s where a command wants several. What counts is the
-resident memory of the command and all its processes together, looked at every 20 ms; the largest single process stands
-beside it. Commands are stopped after ``--stop`` seconds and marked so: their memory is that until then. Expected,
+One record of the virtual rig (test 1, synthetic) and two more of 30 s where a command wants several. What counts is
+the proportional set size (PSS of Linux's smaps_rollup: pages that several processes map count once, shared out among
+them) of the command and all its processes together, looked at every 20 ms; the largest single process stands beside
+it. Commands are stopped after ``--stop`` seconds and marked so: their memory is that until then. Expected,
 written down before the run: 500 MB at most each.
 """
 
@@ -25,7 +26,6 @@ from quartercar.rig import EXPERIMENTS, Rig, write_csv
 
 LOOK = 0.02
 """time between two looks [s]"""
-PAGE = os.sysconf("SC_PAGE_SIZE")
 MORE: dict[str, str] = {
     "simulate": "lpvid simulate model/model.json run1.csv --out simulated",
     "validate-long": "lpvid validate model/model.json run1.csv --out validated",
@@ -68,10 +68,11 @@ def family(pid: int) -> list[int]:
     return found
 
 
-def resident(pid: int) -> int:
-    """Bytes of a process that are in memory; 0 for one that has ended."""
+def held(pid: int) -> int:
+    """Bytes of a process that are in memory, its share of those that processes share; 0 for one that has ended."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE
+        text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+        return 1024 * int(text.split("Pss:")[1].split()[0])
     except (OSError, IndexError, ValueError):
         return 0
 
@@ -83,7 +84,7 @@ def watched(words: list[str], folder: Path, stop: float) -> tuple[float, float, 
     together = single = most = 0
     begun, how = time.monotonic(), ""
     while started.poll() is None:
-        sizes = [resident(p) for p in family(started.pid)]
+        sizes = [held(p) for p in family(started.pid)]
         together, single, most = max(together, sum(sizes)), max(single, *sizes), max(most, len(sizes))
         if time.monotonic() - begun > stop:
             how = f"stopped after {stop:.0f} s"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from gc import collect
 
 import numpy as np
 
@@ -100,6 +101,9 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
                                       search.channels)
     predictable = float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
+        for s in problem.signals:
+            s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
+        collect()
         report_progress("refitting the best set to all samples")
         judged = on_all_samples(judged, problem_of(records, baseline))
     whole = judged.problem
