@@ -99,7 +99,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2, remedy="lower orders")
     sample = _shortened(pieces, start)
     with single_thread():
-        parts, notes = make_folds(sample, folds, start, _excitation(structures[0]))
+        parts, notes = make_folds(sample, folds, start, _driving(structures))
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
@@ -119,7 +119,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
             if not search.screened and not search.others:
                 raise
             complete = False
-        return _concluded(search, pieces, held_out, folds, complete, notes)
+        return _concluded(search, pieces, held_out, len(parts), complete, notes)
 
 
 def _concluded(
@@ -221,8 +221,10 @@ def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -
     return spoken_for(found.replace(held_out=validate(found.model, held_out, label="held-out")), held_out)
 
 
-def _excitation(structure: Structure) -> str:
-    return structure.input[0] if isinstance(structure, ARX) else structure.channels[0]
+def _driving(structures: Sequence[Structure]) -> tuple[str, ...]:
+    """Inputs and measured scheduling variables; of what is not an ARX, its first channel, an input."""
+    found = [(*s.input, *s.basis.names) if isinstance(s, ARX) else s.channels[:1] for s in structures]
+    return tuple(dict.fromkeys(name for names in found for name in names))
 
 
 def _shortened(pieces: Sequence[Record], start: int) -> list[Record]:
