@@ -195,6 +195,14 @@ def test_a_diagnosis_has_a_small_card_with_its_figure(installed) -> None:
     assert found.extended is not None and heights == pytest.approx(expected)
 
 
+def test_an_output_that_does_not_move_is_refused() -> None:
+    moving = measured()
+    channels = {n: moving[n] for n in ("displacement", "velocity")} | {"force": np.full(moving.n_samples, 2.0)}
+    still = lpv.Record(channels, 1 / RATE, units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    with pytest.raises(InputError, match="'force' never changes in the training records"):
+        lpv.diagnose([still], Viscous(), CATALOGUE)
+
+
 def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
     found = lpv.diagnose([measured()], "viscous", CATALOGUE)
     path = lpv.save(found.extended, tmp_path / "extended_model.json")
