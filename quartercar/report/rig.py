@@ -45,7 +45,8 @@ def _steps(effects: bool) -> tuple[NextStep, ...]:
     return (NextStep("Fit damper models and rank them.", f"quartercar fit {OUT} --out fit"),
             NextStep("Identify an LPV model.", f"lpvid identify {OUT} --input velocity --output force --schedule "
                      "current --hold-out 1/3 --out model"),
-            NextStep(f"See whether the diagnosis finds {asked}.", f"lpvid diagnose {OUT} --baseline auto --out diagnosis"))
+            NextStep(f"See whether the diagnosis finds {asked}.",
+                     f"lpvid diagnose {OUT} --baseline auto --out diagnosis"))
 
 
 def _experiments(plan: Plan) -> PageTable:
