@@ -94,7 +94,7 @@ class PassivityCertificate:
         if not self.verified:
             return "no statement on the energy that the model can give"
         text = "passive: it gives back no more energy than is stored in it" + describe_box(self.box, self.kind)
-        text += f", apart from a constant force of {self.preload:.4g} in the output's unit" if self.preload else ""
+        text += f", apart from the constant output of {self.preload:.4g}" if self.preload else ""
         return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
 
     def storage_at(self, p: np.ndarray) -> np.ndarray:
