@@ -72,7 +72,7 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
             )
         )
     shown = (("verdict", s.verdict), ("promised by the inequalities", number(s.gamma)),
-             ("verified of the closed loop", number(s.gamma_verified)), ("reached at some frozen scheduling",
+             ("verified for the closed loop", number(s.gamma_verified)), ("reached at some frozen scheduling",
                                                                          number(s.gamma_lower)),
              ("holds", "on the whole box" if s.between_grid else "at grid points only"), ("found by", s.solver),
              ("method", s.method))
