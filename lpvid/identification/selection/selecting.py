@@ -53,7 +53,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     sample_rate : float, optional
         As for `identify`.
     folds : int
-        Blocks of the cross-validation.
+        Blocks of the cross-validation. One fold more holds out as large a share of the data, the stretches that go
+        furthest, where the records are long enough for it (`excursions`).
     outside : float
         Largest share of training samples at which a frozen pole may lie outside the unit circle.
     then : callable, optional
@@ -119,7 +120,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
             if not search.screened and not search.others:
                 raise
             complete = False
-        return _concluded(search, pieces, held_out, len(parts), complete, notes)
+        return _concluded(search, pieces, held_out, folds, complete, notes)
 
 
 def _concluded(
