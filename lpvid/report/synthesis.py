@@ -186,8 +186,8 @@ def _shares(signals: tuple[tuple[str, float], ...]) -> str:
     return ", ".join(f"{n} {percent(share)}" for n, share in signals if share >= 0.01)
 
 
-def gains_item(controller: LPVStateSpace) -> PageFigure:
-    """The controller's gains over frequency and scheduling.
+def gains_item(controller: LPVStateSpace) -> Item:
+    """The controller's gains over frequency and scheduling; a table where neither changes them.
 
     Parameters
     ----------
@@ -196,9 +196,16 @@ def gains_item(controller: LPVStateSpace) -> PageFigure:
 
     Returns
     -------
-    Figure
+    PageFigure or PageTable
         With its caption.
     """
+    if not controller.order and not controller.box.names:
+        d = controller.frozen(())[3]
+        heads = tuple(f"{s.name} [{s.unit or '1'}]" for s in controller.outputs)
+        rows = tuple((f"{s.name} [{s.unit or '1'}]", *(number(v, 4) for v in d[:, j]))
+                     for j, s in enumerate(controller.inputs))
+        return PageTable(("from", *heads), rows, "Gains from measurements to controls, constant.",
+                         tuple(range(1, 1 + len(heads))))
     return PageFigure.of(controller_gains(controller), "Gains from measurements to controls, the scheduling held still"
                      + ("; right, over the scheduling." if controller.box.names else "."), "Gains of the controller")
 
