@@ -203,7 +203,7 @@ class PredictionError(Structure):
             return problem, found
         campaign = Campaign(measured, measured, self._bounds(measured), self.starts, self.max_iterations,
                             self.tolerance, self.progress)
-        again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], np.inf)
+        again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], 1.0)
         return (problem, found) if again is None else (measured, again)
 
     def _problem(
