@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,9 +24,9 @@ KNEE = 0.3
 def yielding(seed: int, n: int = 1500, noise: float = 0.05, size: float = 1.0) -> Record:
     """A force that yields, behind a slow pole, with noise of the sensor."""
     rng = np.random.default_rng(seed)
-    v = size * lfilter([0.4], [1.0, -0.6], rng.standard_normal(n))
-    force = lfilter([1.0], [1.0, -0.7], 0.5 * v + 2.0 * np.tanh(v / KNEE))
-    channels = {"velocity": v, "force": force + noise * force.std() * rng.standard_normal(n)}
+    v = size * np.asarray(lfilter([0.4], [1.0, -0.6], rng.standard_normal(n)))
+    force = np.asarray(lfilter([1.0], [1.0, -0.7], 0.5 * v + 2.0 * np.tanh(v / KNEE)))
+    channels: Any = {"velocity": v, "force": force + noise * force.std() * rng.standard_normal(n)}
     return Record(channels, 0.01, name=f"run {seed}", units={"velocity": "m/s", "force": "N"})
 
 
@@ -47,7 +48,8 @@ def test_held_out_stretches_go_further_than_all_others() -> None:
 
 def test_units_and_constants_change_nothing() -> None:
     records = [yielding(1)]
-    scaled = [Record({"velocity": 1e3 * r["velocity"] + 40, "rest": np.ones(r.n_samples)}, 0.01) for r in records]
+    channels: Any = {"velocity": 1e3 * records[0]["velocity"] + 40, "rest": np.ones(records[0].n_samples)}
+    scaled = [Record(channels, 0.01)]
     parts, other = furthest(records, ["velocity"], 5, 100), furthest(scaled, ["velocity", "rest"], 5, 100)
     assert parts is not None and other is not None
     assert [r.n_samples for r in parts[1]] == [r.n_samples for r in other[1]]
@@ -55,7 +57,8 @@ def test_units_and_constants_change_nothing() -> None:
 
 def test_short_or_still_records_have_no_such_fold() -> None:
     assert furthest([yielding(1, 900)], ["velocity"], 5, 100) is None
-    assert furthest([Record({"velocity": np.ones(2000)}, 0.01)], ["velocity"], 5, 100) is None
+    still: Any = {"velocity": np.ones(2000)}
+    assert furthest([Record(still, 0.01)], ["velocity"], 5, 100) is None
     parts, notes = make_folds([yielding(1, 600)], 5, 5, ["velocity"])
     assert len(parts) == 5 and not any("furthest" in n for n in notes)
     parts, notes = make_folds([yielding(1)], 5, 5, ["velocity"])
@@ -66,8 +69,8 @@ def test_a_basis_without_support_outside_fails_where_it_is_asked() -> None:
     """A polynomial of high degree in the velocity follows most blocks as the tanh does, and the excursions not."""
     record = yielding(3)
     parts, _ = make_folds([record], 5, 5, ["velocity"])
-    shared = {"na": 1, "nb": 1, "nk": 0, "input": "velocity", "output": "force"}
-    rich = lpv.ARX(**shared, basis=lpv.Polynomial("velocity", degree=9))
+    shared: Any = {"na": 1, "nb": 1, "nk": 0, "input": "velocity", "output": "force"}
+    rich = lpv.ARX(**shared, basis=lpv.Polynomial(("velocity",), degree=9))
     true = lpv.ARX(**shared, stage="tanh")
     bent, right = (cross_validate(s, parts, [record]).esr for s in (rich, true))
     assert np.median(bent[:5]) < 2 * np.median(right[:5]) and bent[5] > 3 * right[5]
