@@ -303,5 +303,5 @@ def test_constant_gains_are_a_table_and_others_a_figure() -> None:
     table = gains_item(fixed)
     assert isinstance(table, PageTable) and [row[1] for row in table.rows] == ["3", "-4"]
     one = np.ones((2, 1, 1))
-    assert isinstance(gains_item(lpv.LPVStateSpace(-one, one, one, 0 * one, lpv.Polynomial("p", degree=1), None)),
+    assert isinstance(gains_item(lpv.LPVStateSpace(-one, one, one, 0 * one, lpv.Polynomial(("p",), degree=1), None)),
                       PageFigure)
