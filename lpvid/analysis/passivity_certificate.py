@@ -92,7 +92,7 @@ class PassivityCertificate(StorageCertificate):
         if not self.verified:
             return "no statement on the energy that the model can give"
         text = "passive: it gives back no more energy than is stored in it" + describe_box(self.box, self.kind)
-        text += f", apart from a constant force of {self.preload:.4g} in the output's unit" if self.preload else ""
+        text += f", apart from the constant output of {self.preload:.4g}" if self.preload else ""
         return text + self.where
 
     def storage_at(self, p: np.ndarray) -> np.ndarray:

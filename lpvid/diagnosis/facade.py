@@ -125,8 +125,19 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
         prepared = replace(prepared, notes=(note, *prepared.notes))
     else:
         found = _baseline(given, prepared.training, parameters)
+    _check_moving(found, prepared.training)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
     return Question(prepared, found, fitted, effects, (*training, *kept), given == AUTO)
+
+
+def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
+    """Refuse records in which the output is constant: every share of its power would be 0/0."""
+    values = [r[baseline.output] for r in records if r.has(baseline.output)]
+    if values and np.ptp(np.concatenate(values)) == 0:
+        unit = next(r.unit(baseline.output) for r in records if r.has(baseline.output))
+        raise InputError(f"'{baseline.output}' never changes in the training records, so that there is nothing to "
+                         "explain", got=f"{values[0][0]:.6g} {unit} throughout",
+                         mend="check the sensor, or leave these files out")
 
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,

@@ -140,7 +140,24 @@ class PredictionError(Structure):
         return self.arx.n_columns
 
     def estimate(self, records: Sequence[Record]) -> Identification:
-        first = self.arx.estimate(records)
+        return self.estimate_from(records, self.arx)
+
+    def estimate_from(self, records: Sequence[Record], start: ARX) -> Identification:
+        """The estimate, begun at a least-squares structure other than `arx`.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        start : ARX
+            Of the same orders. Its stages may be objects where those of this structure are names: the search then
+            begins at them, which spares their fit by least squares, and moves them.
+
+        Returns
+        -------
+        Identification
+        """
+        first = start.estimate(records)
         with single_thread():
             return self._estimate(list(records), first)
 
@@ -186,7 +203,7 @@ class PredictionError(Structure):
             return problem, found
         campaign = Campaign(measured, measured, self._bounds(measured), self.starts, self.max_iterations,
                             self.tolerance, self.progress)
-        again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], np.inf)
+        again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], 1.0)
         return (problem, found) if again is None else (measured, again)
 
     def _problem(

@@ -126,8 +126,8 @@ def _caveats(found: Diagnosis) -> tuple[str, ...]:
         stated.append("The extended model contains one of several rivals that do equally well here: it simulates these "
                     "conditions, and does not show which rival is at work.")
     if found.stand_ins:
-        stated.append(f"The extended model contains {', '.join(found.stand_ins)} as a stand-in: it simulates these "
-                    "conditions better than the baseline, and is not the cause.")
+        stated.append(f"The extended model contains {', '.join(found.stand_ins)} in place of a cause that is not "
+                    "named: with it the model simulates these conditions better.")
     return tuple(stated)
 
 
@@ -165,7 +165,8 @@ def _sets(weights: SetProbabilities) -> list[Item]:
                   "–" if s.held_out_esr is None else number(s.held_out_esr)) for s in weights.sets)
     families = tuple((n, number(p, 3)) for n, p in weights.families.items())
     return [PageTable(("set of causes", "weight", "free-run ESR, held-out"), sets, "Among the sets that were looked "
-                  "at. A weight ranks stories by their evidence; it is no frequency of being right.", (1, 2)),
+                      "at. A weight ranks sets by their evidence. It does not state how often such a set is right.",
+                      (1, 2)),
             PageTable(("family", "probability that one of it is there"), families, "", (1,)),
             Paragraph(f"What the inputs still predict of the error is {percent(weights.discrepancy)} of the output, "
                       f"above all {weights.where}. Every real law leaves one to three per cent.")]

@@ -17,20 +17,16 @@ TERMS: Mapping[str, str] = {
     "mean error": "mean of measured minus simulated: an offset that the model lacks",
     "free run": "simulation: the model is fed with its own past outputs, the measured output is used only to start",
     "one-step": "prediction one sample ahead, from measured past outputs: easier than a free run, and no simulation",
-    "one step ahead": "prediction one sample ahead, from measured past outputs: easier than a free run, and no "
-                      "simulation",
     "held-out": "data that the fit has not seen: figures on them show what the model is worth elsewhere",
     "training": "data that the model was fitted to: figures on them give little information on other data",
     "cross-validated": "judged on stretches that each fit has not seen, in turn",
     "residual": "what a prediction one sample ahead leaves of the measured output",
-    "residuals": "what predictions one sample ahead leave of the measured output",
     "whiteness": "no correlation of the residual with its own past: nothing is left that a model could predict",
     "autocorrelation": "correlation of a signal with itself at another time",
     "cross-correlation": "correlation of two signals, one of them at another time",
     "scheduling": "measured signals, such as a current, that the coefficients of the model depend on",
     "frozen": "with the scheduling variables held still at one value",
     "pole": "root of the characteristic equation: how fast the model forgets, and whether it oscillates",
-    "poles": "roots of the characteristic equation: how fast the model forgets, and whether it oscillates",
     "gamma": "largest factor by which the energy of a disturbance can reach the performance signals",
     "induced gain": "largest factor by which the energy of an input can reach the output, over all inputs and courses "
                     "of the scheduling",
@@ -39,7 +35,6 @@ TERMS: Mapping[str, str] = {
     "certificate": "matrices that prove a property for every course of the scheduling allowed; re-checked with numpy",
     "covariance": "how much estimated parameters would vary from one experiment to the next, and together",
     "standard error": "standard deviation of an estimated parameter from one experiment to the next",
-    "std. error": "standard deviation of an estimated parameter from one experiment to the next",
     "condition number": "how much worse the least determined combination of parameters is known than the best",
     "BIC": "Bayesian information criterion: badness of fit with a charge for every parameter; less is better",
     "ΔBIC": "difference of the Bayesian information criterion: how much a cause gains beyond what its parameters cost",
@@ -63,7 +58,8 @@ TERMS: Mapping[str, str] = {
 
 _BY_LOWER = {term.lower(): term for term in TERMS}
 _ALIASES = {"free-run": "free run", "free runs": "free run", "certificates": "certificate",
-            "standard errors": "standard error", "singular value": "singular values"}
+            "standard errors": "standard error", "std. error": "standard error", "poles": "pole",
+            "residuals": "residual", "one step ahead": "one-step", "singular value": "singular values"}
 _FIGURE = r"(?<=free-run )fit|fit(?= \[%\]| -?\d|, )"
 """The figure "fit", as a fit to data is something else."""
 _FOUND = re.compile(r"(?<![\w/|^-])(" + "|".join([_FIGURE, *(

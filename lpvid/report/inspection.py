@@ -38,7 +38,7 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
     facts = (("records", str(len(records))), ("samples", f"{sum(r.n_samples for r in records):,}"),
              ("duration", number(duration, 4, "s")), ("sampling", _rates(records)))
     sections = (Section("Findings", (findings_table(audit),)), Section("Records", (_records_table(records),)),
-                Section("What was measured", tuple(_figures(records, channels))))
+                Section("Channels over time", tuple(_figures(records, channels))))
     return Page(f"Audit of {listing(audit.names, 4)}", f"{audit.verdict[:1].upper()}{audit.verdict[1:]}.", mark, facts,
                 ("Nothing in the data was changed, and nothing was flipped or interpolated.",), sections, _steps(audit))
 

@@ -37,6 +37,9 @@ from lpvid.scheduling import Scheduling
 DRAWS = 300
 """Models drawn from the parameter covariance."""
 MOST_LOCI = 4
+BECOMES = {"to-stable": "becomes stable", "to-unstable": "becomes unstable", "touching": "touches the limit"}
+CROSSES = {"complex": "a complex pair", "zero": "0", "imaginary": "an imaginary pair"}
+"""words for the direction and the crossing of a critical value"""
 WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
            "unless a certificate states so.")
 
@@ -266,11 +269,12 @@ def _critical(study: StabilityStudy) -> list[Item]:
     for v in values:
         low, high = inside.get(v.variable, (-np.inf, np.inf))
         within = low <= v.value <= high
-        rows.append((v.variable, number(v.value, 6, v.unit), v.direction, v.crossing, number(v.frequency_hz, 4, "Hz"),
-                     "inside the range" if within else "outside the range"))
+        rows.append((v.variable, number(v.value, 6, v.unit), BECOMES[v.direction], CROSSES.get(v.crossing, v.crossing),
+                     number(v.frequency_hz, 4, "Hz"), "inside the range" if within else "outside the range"))
         marks.append("bad" if within else "plain")
     exact = "from guardian maps, no grid" if study.frozen.critical.exact else "searched on a grid"
-    return [PageTable(("variable", "value", "for rising values", "pole crosses at", "frequency", "where"), tuple(rows),
+    heads = ("variable", "value", "for rising values", "pole crosses the limit at", "frequency", "where")
+    return [PageTable(heads, tuple(rows),
                   f"Values at which the frozen model changes stability, over the whole real line ({exact}).",
                   (1, 4), tuple(marks))]
 

@@ -67,11 +67,12 @@ def verdict(result: Synthesis, plant: GeneralizedPlant) -> str:
     if result.gamma_verified is not None:
         where = "on the whole scheduling box" if result.between_grid else "at the points of a grid only"
         moving = " while the scheduling moves" if plant.box.names else ""
-        stated = (f"{result.verdict.capitalize()}: the gain from {', '.join(plant.disturbances)} to "
-                f"{', '.join(plant.performance)}, weighted, is at most {number(result.gamma_verified, 4)}{moving}, "
-                f"verified of the closed loop {where}"
-                + (f"; it reaches {number(result.gamma_lower, 4)}" if result.gamma_lower is not None else "")
-                + f" ({result.method or 'matrix inequalities'}).")
+        stated = (f"{result.verdict.capitalize()}: the weighted gain from {', '.join(plant.disturbances)} to "
+                f"{', '.join(plant.performance)} is at most {number(result.gamma_verified, 4)}{moving}, "
+                f"verified for the closed loop {where}."
+                + ("" if result.gamma_lower is None else f" The largest gain found in it is "
+                   f"{number(result.gamma_lower, 4)}.")
+                + f" Method: {result.method or 'matrix inequalities'}.")
     return stated + (f" What to do: {result.mend}." if result.mend else "")
 
 
@@ -112,7 +113,7 @@ def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) ->
         ),
         PageFigure.of(
             step_responses(loop),
-            "Responses to a unit step in each disturbance, with the scheduling held still, at the corners of its box.",
+            "Responses to a unit step in each disturbance, with the scheduling held still." + across,
             "Step responses of the closed loop",
         ),
     ]
@@ -129,8 +130,9 @@ def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) ->
             ),
         )
     if result.certificate is not None:
-        items.append(Paragraph(str(getattr(result.certificate, "claim", result.certificate)) + ". `lpvid verify "
-                               "certificate.json closed_loop.json` re-checks it without a solver."))
+        claim = str(getattr(result.certificate, "claim", result.certificate))
+        items.append(Paragraph(f"{claim[:1].upper()}{claim[1:]}. `lpvid verify certificate.json "
+                               "closed_loop.json` re-checks it without a solver."))
     return items
 
 
@@ -156,7 +158,7 @@ def limit_items(result: Synthesis) -> list[Item]:
     items: list[Item] = [
         Paragraph(stated[:1].upper() + stated[1:] + ".", strong=True),
         PageTable(
-            ("scheduling held at", "gain", "at", "made up of", "for the worst"),
+            ("scheduling held at", "gain", "at", "made up of", "caused by"),
             rows,
             "Shares of "
             "‖z‖² and ‖w‖² at the frequency of the largest gain: a weight is active where its "
@@ -166,8 +168,9 @@ def limit_items(result: Synthesis) -> list[Item]:
     ]
     worst = _worst(loop)
     if worst is None or worst.kind == "frozen":
-        return items + ([] if worst is None else [Paragraph(f"No moving scheduling was found with more than the worst "
-                                                            f"held one: {number(worst.gain, 4)}, {worst}.")])
+        return items + ([] if worst is None else [Paragraph(f"No moving scheduling was found that gives a larger "
+                                                            f"gain than the worst one held still: "
+                                                            f"{number(worst.gain, 4)}, {worst}.")])
     return [
         *items,
         PageFigure.of(
@@ -183,8 +186,8 @@ def _shares(signals: tuple[tuple[str, float], ...]) -> str:
     return ", ".join(f"{n} {percent(share)}" for n, share in signals if share >= 0.01)
 
 
-def gains_item(controller: LPVStateSpace) -> PageFigure:
-    """The controller's gains over frequency and scheduling.
+def gains_item(controller: LPVStateSpace) -> Item:
+    """The controller's gains over frequency and scheduling; a table where neither changes them.
 
     Parameters
     ----------
@@ -193,9 +196,16 @@ def gains_item(controller: LPVStateSpace) -> PageFigure:
 
     Returns
     -------
-    Figure
+    PageFigure or PageTable
         With its caption.
     """
+    if not controller.order and not controller.box.names:
+        d = controller.frozen(())[3]
+        heads = tuple(f"{s.name} [{s.unit or '1'}]" for s in controller.outputs)
+        rows = tuple((f"{s.name} [{s.unit or '1'}]", *(number(v, 4) for v in d[:, j]))
+                     for j, s in enumerate(controller.inputs))
+        return PageTable(("from", *heads), rows, "Gains from measurements to controls, constant.",
+                         tuple(range(1, 1 + len(heads))))
     return PageFigure.of(controller_gains(controller), "Gains from measurements to controls, the scheduling held still"
                      + ("; right, over the scheduling." if controller.box.names else "."), "Gains of the controller")
 
@@ -236,7 +246,7 @@ def _controller(result: Synthesis) -> list[Item]:
         PageTable(
             ("at", "frozen poles: frequency and damping ratio"),
             tuple(rows),
-            "Poles of the controller itself; a pair that swings counts once.",
+            "Poles of the controller itself; a complex pair counts once.",
         ),
     ]
 

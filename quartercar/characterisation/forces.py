@@ -36,7 +36,7 @@ class StandardForce:
     std : float or None
         Standard error, from the spread over cycles [N].
     hysteresis : float or None
-        Force while the speed rises less that while it falls [N].
+        Force while the speed rises minus the force while it falls [N].
     last : float or None
         Of the last complete cycle [N].
     source : str
@@ -176,7 +176,7 @@ def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, spe
                 f"force is elastic more than damping: {propose_sine(speed)}")
     peaks = [b.peak for b in own] + [float(np.quantile(np.maximum(direction * r.velocity, 0), 0.999)) for r in loose]
     fastest = max(peaks, default=0.0)
-    return f"fastest test {1e3 * fastest:.3g} mm/s: {propose_sine(speed)}"
+    return f"fastest test reaches {fastest:.3g} m/s: {propose_sine(speed)}"
 
 
 def propose_sine(speed: float) -> str:

@@ -155,7 +155,7 @@ def _forces(found: Characterisation) -> list[Item]:
                 "read from",
             ),
             detail,
-            "Branch difference: force while the speed rises less that while it falls.",
+            "Branch difference: force while the speed rises minus the force while it falls.",
             (2, 3, 4, 5, 6),
             folded=f"Where each of the {len(detail)} forces was read",
         )
@@ -202,16 +202,15 @@ def _static(found: Characterisation) -> list[Item]:
         PageTable(
             (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
             tuple(rows),
-            "Mean and half difference of the two directions at one "
-            "place. Friction still holds the damping at the test's speed, and the yield "
-            "force of a magnetorheological fluid.",
+            "Gas force: mean of the two directions at one place. Friction: half their difference, which includes the "
+            "damping at the speed of the test and the yield force of a magnetorheological fluid.",
             (2, 3, 4, 5),
             tuple(marks),
         )
     ]
     if not all(s.creep for s in found.static):
-        items.append(Paragraph("Marked rows are faster than 10 mm/s: their friction is an upper bound, and their gas "
-                               "force holds half of what the damping of the two directions differs by."))
+        items.append(Paragraph("Marked rows are faster than 10 mm/s. Their friction is an upper bound. Their gas force "
+                               "includes half the difference between the damping forces of the two directions."))
     return items
 
 

@@ -56,7 +56,7 @@ class BranchForce:
     force, std : float
         Mean of the two branches over the settled cycles [N].
     hysteresis : float
-        Force while the speed rises less that while it falls [N], positive where |F| is larger while it rises.
+        Force while the speed rises minus the force while it falls [N], positive where |F| is larger while it rises.
     last : float
         Mean of the two branches of the last complete cycle [N].
     extrapolated : bool

@@ -67,8 +67,9 @@ def verdict(found: Characterisation) -> str:
         text = f"{count}, {currents_said(found.data)}: none of the standard speeds is reached at constant current."
     else:
         low, high = min(f.speed for f in given), max(f.speed for f in given)
+        range_ = f"{high:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
         text = (f"{count}, {currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
-                f"{len(found.settings.speeds)} standard speeds, {low:g} to {high:g} m/s." + _key_figures(found))
+                f"{len(found.settings.speeds)} standard speeds, {range_}." + _key_figures(found))
     if found.checks:
         out = sum(c.inside is False for c in found.checks)
         open_ = sum(c.inside is None for c in found.checks)
@@ -79,18 +80,18 @@ def verdict(found: Characterisation) -> str:
 
 
 def _key_figures(found: Characterisation) -> str:
-    """Rebound over compression, hard over soft, switching times: each where the records hold it."""
+    """Force ratios, switching times: each where the records hold it."""
     unit, stated = found.data.current_unit, []
     top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
     if top is not None:
-        stated.append(f"rebound over compression {top.ratio:.2f} at {top.speed:g} m/s"
+        stated.append(f"force ratio rebound/compression {top.ratio:.2f} at {top.speed:g} m/s"
                     + ("" if top.current is None or len(found.data.levels) < 2 else f" and {amps(top.current, unit)}"))
     if found.spreads:
         fastest = max(s.speed for s in found.spreads)
         own = [abs(f.force) for f in found.given if f.force is not None and f.current is not None
                and (f.direction, f.speed, f.specimen) == (1, fastest, found.spreads[0].specimen)]
         if len(own) > 1 and min(own) > 0:
-            stated.append(f"hard over soft {max(own) / min(own):.2f} in rebound at {fastest:g} m/s")
+            stated.append(f"force ratio hard/soft {max(own) / min(own):.2f} in rebound at {fastest:g} m/s")
     if found.switching:
         low, high = min(s.time for s in found.switching), max(s.time for s in found.switching)
         stated.append(f"switching {1e3 * low:.3g} to {1e3 * high:.3g} ms" if len(found.switching) > 1 else

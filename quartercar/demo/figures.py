@@ -76,10 +76,11 @@ def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> 
         of_test = [c for c in shown if c.record.name.startswith(f"{name}-")]
         if of_test:
             worst = max(of_test, key=run_esr)
+            which = ("its only held-out record, free-run ESR" if len(of_test) == 1 else
+                     f"the one of {len(of_test)} held-out records with the largest free-run ESR")
             items.append(free_run_traces(worst, ("current", "velocity"), f"{name} ({description}): the whole of "
-                                         f"{worst.record.name}, of {len(of_test)} held-out records the one with the "
-                                         f"largest free-run ESR, {run_esr(worst):.4f}; shaded, the stretch with the "
-                                         "largest error."))
+                                         f"{worst.record.name}, {which}, {run_esr(worst):.4f}. Shaded: the stretch "
+                                         "with the largest error."))
     for prefix, description in (("test-7-", "multisine"), ("test-8-", "triangle")):
         chosen = [c for c in shown if c.record.name.startswith(prefix)]
         loops = damper_plot.loops_by_current(chosen)
@@ -117,5 +118,5 @@ def _width(shown: Sequence[Comparison]) -> str:
     error, power, count = (float(sum(k[i] for k in known)) for i in range(3))
     return (f"Their pooled ESR is {error / power:.4f}: an rms error of √{error / power:.4f} = "
             f"{100 * np.sqrt(error / power):.0f} % of the force's standard deviation, {np.sqrt(error / count):.0f} N. "
-            "That is the gap between the loops: small in the sum of squares, and still to be seen, where the measured "
-            "loop has its width from the spring in series and the model's from a lag.")
+            "That is the gap between the loops: the measured loop has its width from the spring in series, the model's "
+            "from a lag.")

@@ -122,8 +122,8 @@ class Demo:
         without = "diverges" if free is None else f"has {free:.4f}"
         return ("On data it has not seen, a passive fourth-order model of first degree in the current simulates the "
                 f"force with a mean free-run ESR of {self.mean_esr:.4f} over the eight experiments; without the "
-                f"constraint it {without}, but gives energy to the wheel. The thesis claims less than {TARGET:g} "
-                f"for its class{_worst_test(self.experiments)}.")
+                f"constraint it {without}, but gives energy to the wheel. The thesis that this demo follows claims "
+                f"less than {TARGET:g} for its class{_worst_test(self.experiments)}.")
 
     def to_dict(self) -> dict:
         """demo.json.

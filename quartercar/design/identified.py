@@ -97,9 +97,10 @@ class IdentifiedDesign:
             return f"No controller: {s.why}. Mend: {s.mend}."
         where = "on the whole scheduling box" if s.between_grid else "at grid points only"
         slow = f", velocities above {self.plant.slowest(self.task.slow):.3g} m/s" if self.task.slow else ""
-        return (f"{self.law.title}: gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
-                f"{s.gamma_verified:.4g} whatever share of the demand is given, verified {where}; damper about "
-                f"{self.plant.centre:.3g} A with {self.plant.order} of {self.plant.full_order} states{slow}.")
+        return (f"{self.law.title}: weighted gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
+                f"{s.gamma_verified:.4g} whatever share of the demand is given, verified {where}. The plant holds the "
+                f"damper about {self.plant.centre:.3g} A with {self.plant.order} of its {self.plant.full_order} "
+                f"states{slow}.")
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:

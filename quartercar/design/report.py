@@ -72,7 +72,7 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
             )
         )
     shown = (("verdict", s.verdict), ("promised by the inequalities", number(s.gamma)),
-             ("verified of the closed loop", number(s.gamma_verified)), ("reached at some frozen scheduling",
+             ("verified for the closed loop", number(s.gamma_verified)), ("reached at some frozen scheduling",
                                                                          number(s.gamma_lower)),
              ("holds", "on the whole box" if s.between_grid else "at grid points only"), ("found by", s.solver),
              ("method", s.method))
@@ -82,7 +82,7 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
     sections.append(Section("What the closed loop does", (*described, *curves)))
     if s.closed_loop is not None and s.controller is not None:
         sections += [Section("What limits the design", tuple(limit_items(s))),
-                     Section("The controller over its scheduling", (gains_item(s.controller),))]
+                     Section("The controller", (gains_item(s.controller),))]
     if rides is not None:
         rows = tuple((name, number(r.figures.comfort), number(r.figures.tyre_load),
                       number(1e3 * r.figures.largest_stroke, 3)) for name, r in

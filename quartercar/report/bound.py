@@ -22,7 +22,7 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
     items: list[Item] = [
         Paragraph(
             f"{obtained(first)[0].upper()}{obtained(first)[1:]}. Objective: "
-            f"{first.objective.description}; the reference of that is the passive car under the lowest "
+            f"{first.objective.description}; its reference is the passive car at the lowest "
             "current."
         )
     ]
@@ -37,9 +37,9 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
     items += [Paragraph(f"{b.road}, linear car: {floor_text(b)}.") for b in bounds if b.floor]
     shares = tuple((b.road, law, *(share_text(b.share(law, m)) for m in MEASURES)) for b in bounds for law in b.laws)
     items.append(PageTable(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
-                       "(a − law)/(a − bound at the least objective) with a of the car at the lowest current, "
-                       "nonlinear car, same roads, ± half of "
-                       "the 95 % interval. Above 100 % where a law gives away the other criterion.", (2, 3, 4)))
+                       "How far a law comes from the car at the lowest current (0 %) to the bound at the least "
+                       "objective (100 %), nonlinear car, same roads, ± half of the 95 % interval. Above 100 %: the "
+                       "law gives up the other criterion.", (2, 3, 4)))
     return tuple(items)
 
 

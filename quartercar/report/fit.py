@@ -253,8 +253,9 @@ def _remarks(found: Comparison) -> list[Item]:
     data = found.data
     stated = f"{len(data.training)} training and {len(data.held_out)} held-out records at {data.sample_rate:.6g} Hz."
     if found.first:
-        stated += (f" The first {found.first} samples of every record count for no model: the longest start takes them "
-                 "from the measurement.")
+        head = "sample" if found.first == 1 else f"{found.first} samples"
+        stated += (f" No figure includes the first {head} of a record, from which the model with the longest past "
+                   "starts.")
     lines = [n for n in found.notes if not n.startswith(GRAVE)]
     for row in found.rows:
         if row.fit is not None:

@@ -43,12 +43,12 @@ def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[D
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
     marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
               "either end (comfort at the reference's tyre load, tyre load at its comfort); no law can "
-              "reach them, for none can know the road.")
+              "reach them, as none knows the road.")
     drawn = [Drawn("pareto", plot.trade_offs(found, bounds), "Weighted acceleration against tyre load and against "
                    f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws "
                    f"that no other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
-                   "best is named at the edge of the frame. Hollow: the damper's model gave energy that it never had, "
-                   f"so that no real damper gets there.{marked}")]
+                   "best is named at the edge of the frame. Hollow: the model of the damper gave out more energy than "
+                   f"it had taken in, so that no real damper reaches this point.{marked}")]
     for k, road in enumerate(found.roads, start=1):
         averaged = spectra([(r.name, r.rides[0].run) for r in found.on(road)], LEAD)
         if averaged is not None:
@@ -173,7 +173,7 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
                          "held at the edge; what the design promises does not hold there.")
     bad = sorted({r.name for r in found.rows if r.passive is False})
     if bad:
-        lines.append(f"The damper gave energy it never had under {', '.join(bad)}.")
+        lines.append(f"The damper's model gave out more energy than it had taken in under {', '.join(bad)}.")
     if any(r.passive is None for r in found.rows):
         lines.append("No storage function of this damper model is known: passivity is judged by the share of samples "
                      "with F·v < 0 and their energy.")

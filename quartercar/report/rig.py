@@ -34,17 +34,19 @@ def rig_page(plan: Plan, audit: Audit, records: Sequence[Record]) -> Page:
                f"seed {plan.seed}; effects that are on: {effects}. Audit: {audit.verdict}.")
     sections = (Section("The plan", (_experiments(plan),)), Section("Effects that are on", tuple(_effects(plan))),
                 Section("Damper and sensors", (_numbers(plan),)), *page.sections)
-    return replace(page, title="Virtual rig", verdict=verdict, sections=sections, steps=_STEPS,
+    return replace(page, title="Virtual rig", verdict=verdict, sections=sections, steps=_steps(bool(on)),
                    facts=(*page.facts, ("effects on", str(len(on))), ("seed", str(plan.seed))),
                    caveats=("These records are simulated: they test methods, not a real damper.",
                             *page.caveats))
 
 
-_STEPS = (NextStep("Fit damper models and rank them.", f"quartercar fit {OUT} --out fit"),
-          NextStep("Identify an LPV model.", f"lpvid identify {OUT} --input velocity --output force --schedule current "
-               "--hold-out 1/3 --out model"),
-          NextStep("See whether the diagnosis finds the effects that are on.",
-               f"lpvid diagnose {OUT} --baseline auto --out diagnosis"))
+def _steps(effects: bool) -> tuple[NextStep, ...]:
+    asked = "the effects that are on" if effects else "nothing, as no effect is on"
+    return (NextStep("Fit damper models and rank them.", f"quartercar fit {OUT} --out fit"),
+            NextStep("Identify an LPV model.", f"lpvid identify {OUT} --input velocity --output force --schedule "
+                     "current --hold-out 1/3 --out model"),
+            NextStep(f"See whether the diagnosis finds {asked}.",
+                     f"lpvid diagnose {OUT} --baseline auto --out diagnosis"))
 
 
 def _experiments(plan: Plan) -> PageTable:

@@ -98,7 +98,7 @@ class EvidenceOutcome:
         spread = np.sqrt(np.diag(covariance(j.problem, final)))
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
-            "alternating blocks, each judged by the fit to the others, in which it weighs a hundredth"
+            "alternating blocks; each is judged by the fit to the others, in which it counts for a hundredth"
         in_set = {m.effect.name for m in members}
         return Diagnosis(
             verdict, reason, {**self.baseline.with_vector(j.root.vector).describe()}, before, after,

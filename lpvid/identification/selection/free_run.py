@@ -12,6 +12,9 @@ from lpvid.analysis.frozen import family
 from lpvid.condition import folds, leaks, repetition_period
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.prediction_error import PredictionError
+from lpvid.identification.result import Identification
+from lpvid.identification.selection.excursions import furthest
 from lpvid.identification.structure import Structure
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -68,14 +71,37 @@ def spread(values: np.ndarray) -> float:
     return float(np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
 
 
-def make_folds(records: Sequence[Record], count: int, start: int, channel: str) -> tuple[list[Fold], list[str]]:
+def make_folds(records: Sequence[Record], count: int, start: int,
+               channels: Sequence[str]) -> tuple[list[Fold], list[str]]:
     """Blocks for cross-validation, and notes on them.
 
     Where the excitation repeats and a stretch of its pattern is long enough to run on, folds hold out stretches of the
-    pattern; otherwise consecutive blocks.
+    pattern; otherwise consecutive blocks. One more holds out the stretches that go furthest (`furthest`), where the
+    records are long enough for it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform and finite.
+    count : int
+        Number of blocks.
+    start : int
+        Longest past of any candidate, in samples.
+    channels : sequence of str
+        Inputs and scheduling variables; the first is searched for a repetition.
+
+    Returns
+    -------
+    list of (list of Record, list of Record), list of str
+
+    Raises
+    ------
+    InputError
+        The records are too short.
     """
     notes: list[str] = []
-    sample_time = records[0].sample_time
+    channel, sample_time = channels[0], records[0].sample_time
+    length = (2 * GAP + 10) * start
     assert sample_time is not None
     found = [repetition_period(r[channel], sample_time) for r in records]
     period = None
@@ -83,12 +109,18 @@ def make_folds(records: Sequence[Record], count: int, start: int, channel: str) 
     if known and len(known) == len(found):
         longest = max(f.seconds for f in known)
         same = all(abs(f.seconds / longest - 1) < 1e-3 for f in known)
-        if same and longest / count >= (2 * GAP + 10) * start * sample_time:
+        if same and longest / count >= length * sample_time:
             period = longest
             notes.append(f"the excitation repeats every {period:.4g} s: folds hold out stretches of the pattern")
     made = folds(records, count, GAP * start * sample_time, period=period)
+    far = furthest(records, channels, count, length)
     usable = [([r for r in training if r.n_samples > start + 2], [r for r in held if r.n_samples > 2 * start + 10])
-              for training, held in made]
+              for training, held in made + ([] if far is None else [far])]
+    if far is not None and not all(usable[-1]):
+        usable.pop()
+    if len(usable) > count:
+        notes.append(f"one more fold holds out 1/{count} of the training data: the stretches in which "
+                     f"{' or '.join(channels)} goes furthest")
     if not all(training and held for training, held in usable):
         raise InputError("the records are too short for these folds", got=f"{count} folds, pasts of {start} samples",
                          mend="fewer folds, longer records, or smaller orders")
@@ -100,7 +132,8 @@ def make_folds(records: Sequence[Record], count: int, start: int, channel: str) 
 
 
 def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Sequence[Record],
-                   bar: Trial | None = None, late: Callable[[], bool] = lambda: False) -> Trial:
+                   bar: Trial | None = None, late: Callable[[], bool] = lambda: False,
+                   begin: ARX | None = None) -> Trial:
     """Fit on every fold's training part, run freely on its held-out part.
 
     An ARX without ridge keeps the normalisation and the stages it comes with; every other structure is estimated anew.
@@ -120,6 +153,8 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
         first.
     late : callable
         Whether the time is up; evaluated before every fold.
+    begin : ARX, optional
+        Where the search of a prediction-error structure begins in every fold (`PredictionError.estimate_from`).
 
     Returns
     -------
@@ -140,7 +175,7 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
             if fixed and isinstance(structure, ARX) and box is not None:
                 found = structure.regress(training, box)
             else:
-                found = structure.estimate(training)
+                found = estimated(structure, training, begin)
         except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return Trial(error, f"cannot be fitted in fold {i + 1}: {why}")
@@ -158,7 +193,19 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
 
 
 def _open(structure: ARX) -> bool:
-    return isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str) or bool(structure.ridge)
+    return open_stages(structure) or bool(structure.ridge)
+
+
+def open_stages(structure: ARX | PredictionError) -> bool:
+    """Whether a stage is given by name, to be fitted."""
+    return isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str)
+
+
+def estimated(structure: Structure, records: Sequence[Record], begin: ARX | None) -> Identification:
+    """The estimate of a structure, of prediction error from `begin` where that is given."""
+    if begin is not None and isinstance(structure, PredictionError):
+        return structure.estimate_from(records, begin)
+    return structure.estimate(records)
 
 
 def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:

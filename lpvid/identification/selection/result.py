@@ -150,6 +150,7 @@ class Selection(Shown):
     complete : bool
         False after an interruption: the ranking holds what was done until then.
     folds : int
+        Blocks of the cross-validation; a note states where one more fold held out the furthest stretches.
     notes : tuple of str
     left_out : tuple of str
         What the budget did not allow, in the order of the search; empty where it went through.

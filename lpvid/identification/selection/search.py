@@ -11,8 +11,17 @@ import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX
+from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.selection.choosing import TOLERATED, Tried, close_to_least, simplest_supported
-from lpvid.identification.selection.free_run import TIME_UP, Fold, Trial, cross_validate, unstable_share
+from lpvid.identification.selection.free_run import (
+    TIME_UP,
+    Fold,
+    Trial,
+    cross_validate,
+    estimated,
+    open_stages,
+    unstable_share,
+)
 from lpvid.identification.selection.result import CandidateRow, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.structure import Structure
@@ -91,8 +100,10 @@ class StructureSearch:
                 continue
             self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
             best = self.best
-            trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late)
-            self.others.append((structure, trial if trial.failure else self._admitted(structure, trial)))
+            begin = self.begin_of(structure)
+            trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late,
+                                   begin)
+            self.others.append((structure, trial if trial.failure else self._admitted(structure, trial, begin)))
 
     def late(self) -> bool:
         """Whether the time for the search is up; never before there is a candidate that could be taken."""
@@ -138,10 +149,32 @@ class StructureSearch:
         bound = [s for s, _ in self.ranked_among(ARX) if isinstance(s, ARX) and not s.ridge]
         return bound[0] if bound else None
 
-    def _admitted(self, structure: Structure, trial: Trial) -> Trial:
+    def asked_leader(self) -> ARX | None:
+        """The leader with its basis bound, its stages by name where they were requested by name."""
+        leader = self.leader()
+        asked = next((s.asked for s in self.screened if s.structure is leader), leader)
+        return leader if leader is None or asked is None else replace(
+            leader, stage=asked.stage, schedule_filter=asked.schedule_filter)
+
+    def begin_of(self, structure: Structure) -> ARX | None:
+        """Least squares with stages that the screening fitted, where the search of a structure with named ones begins.
+
+        None where the structure is no prediction-error estimate with a named stage, or none of these was screened.
+        """
+        if not isinstance(structure, PredictionError) or not open_stages(structure):
+            return None
+        asked = structure.arx
+        for found in self.screened:
+            fitted = found.structure
+            if (asked.basis in (fitted.basis, found.asked.basis)
+                    and (found.asked.stage, found.asked.schedule_filter) == (asked.stage, asked.schedule_filter)):
+                return replace(asked, stage=fitted.stage, schedule_filter=fitted.schedule_filter)
+        return None
+
+    def _admitted(self, structure: Structure, trial: Trial, begin: ARX | None) -> Trial:
         """A trial that could be taken, failed where its estimate on all records has frozen poles outside."""
         try:
-            share = unstable_share(structure.estimate(self.records).model, self.records)
+            share = unstable_share(estimated(structure, self.records, begin).model, self.records)
         except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return replace(trial, failure=f"cannot be fitted to all training data: {why}")

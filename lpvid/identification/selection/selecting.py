@@ -53,7 +53,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     sample_rate : float, optional
         As for `identify`.
     folds : int
-        Blocks of the cross-validation.
+        Blocks of the cross-validation. One fold more holds out as large a share of the data, the stretches that go
+        furthest, where the records are long enough for it (`excursions`).
     outside : float
         Largest share of training samples at which a frozen pole may lie outside the unit circle.
     then : callable, optional
@@ -99,7 +100,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2, remedy="lower orders")
     sample = _shortened(pieces, start)
     with single_thread():
-        parts, notes = make_folds(sample, folds, start, _excitation(structures[0]))
+        parts, notes = make_folds(sample, folds, start, _driving(structures))
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
@@ -221,8 +222,10 @@ def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -
     return spoken_for(found.replace(held_out=validate(found.model, held_out, label="held-out")), held_out)
 
 
-def _excitation(structure: Structure) -> str:
-    return structure.input[0] if isinstance(structure, ARX) else structure.channels[0]
+def _driving(structures: Sequence[Structure]) -> tuple[str, ...]:
+    """Inputs and measured scheduling variables; of what is not an ARX, its first channel, an input."""
+    found = [(*s.input, *s.basis.names) if isinstance(s, ARX) else s.channels[:1] for s in structures]
+    return tuple(dict.fromkeys(name for names in found for name in names))
 
 
 def _shortened(pieces: Sequence[Record], start: int) -> list[Record]:

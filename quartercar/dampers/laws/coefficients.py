@@ -80,7 +80,8 @@ class Controlled(Coefficient):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         p, places = self.prototype, PLACES[self.degree]
-        where = {"": "", "_at_low": " at {:g}", "_at_high": " at {:g}", "_between": ", control value between"}
+        where = {"": "", "_at_low": " at the lowest current, {:.3g}", "_at_high": " at the highest current, {:.3g}",
+                 "_between": ", control value between"}
         return tuple(
             Parameter(
                 p.name + place,

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import html
 import importlib.metadata
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -176,6 +179,28 @@ def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installe
     assert [c["name"] for c in described["cannot_tell"]] == ["heat"] and "temperature" in described["cannot_tell"][0][
         "reason"
     ]
+
+
+def test_a_diagnosis_has_a_small_card_with_its_figure(installed) -> None:
+    """Verdict as text, both errors as a figure, and colours for a dark page as for a light one."""
+    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    card = found._repr_html_()
+    assert len(card) < 150_000 and "prefers-color-scheme:dark" in card
+    assert html.escape(str(found).splitlines()[0]) in card
+    pictures = re.findall(r"base64,([^\"]+)\"", card)
+    assert len(pictures) == 1 and base64.b64decode(pictures[0]).startswith(b"\x89PNG")
+    ax = found.plot()
+    heights = [bar.get_height() for bar in ax.patches]
+    expected = [e for errors in (found.before, found.after) for e in (errors.esr_training, errors.esr_held_out)]
+    assert found.extended is not None and heights == pytest.approx(expected)
+
+
+def test_an_output_that_does_not_move_is_refused() -> None:
+    moving = measured()
+    channels = {n: moving[n] for n in ("displacement", "velocity")} | {"force": np.full(moving.n_samples, 2.0)}
+    still = lpv.Record(channels, 1 / RATE, units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    with pytest.raises(InputError, match="'force' never changes in the training records"):
+        lpv.diagnose([still], Viscous(), CATALOGUE)
 
 
 def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):

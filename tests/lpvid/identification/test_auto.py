@@ -69,7 +69,7 @@ def test_staying_below_the_ceiling_is_reported() -> None:
 
 def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
     record = lightly_damped(3)
-    parts, _ = make_folds([record], 5, 8, "u")
+    parts, _ = make_folds([record], 5, 8, ["u"])
     good = lpv.OutputError(na=2, nb=2, nk=1, input="u", output="y")
     bar = cross_validate(good, parts, [record])
     assert not bar.failure
@@ -119,7 +119,7 @@ def test_where_all_run_worse_than_the_mean_it_is_said() -> None:
 def test_what_runs_worse_than_the_mean_is_taken_only_if_nothing_else_is() -> None:
     """The better one has frozen poles outside once it is fitted to all data; it is still no reason for the other."""
     record = lightly_damped(13)
-    parts, _ = make_folds([record], 5, 8, "u")
+    parts, _ = make_folds([record], 5, 8, ["u"])
     search = StructureSearch([record], parts, 0.0, 4, None)
     good = lpv.OutputError(na=2, nb=2, nk=1, input="u", output="y")
     bad = lpv.OutputError(na=1, nb=1, nk=1, input="u", output="y")

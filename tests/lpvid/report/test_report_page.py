@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.report import Curve, NextStep, Notes, Origin, Page, PageTable, Panel, Paragraph, Section, Traces, render
 from lpvid.report.glossary import TERMS, split_terms, term_of
@@ -290,3 +291,17 @@ def test_no_grave_findings_of_accessibility(width, tmp_path):
 @pytest.mark.skipif(axe_source() is None, reason="no axe-core here")
 def test_the_search_for_findings_finds_them(tmp_path):
     assert "image-alt" in grave_findings(render(whole_page()).replace("<main>", '<main><img src="data:,">'), tmp_path)
+
+
+def test_constant_gains_are_a_table_and_others_a_figure() -> None:
+    """A state feedback without scheduling: its lines over frequency would be flat."""
+    from lpvid.report.page import PageFigure, PageTable
+    from lpvid.report.synthesis import gains_item
+
+    d = np.array([[[3.0, -4.0]]])
+    fixed = lpv.LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, 2)), np.zeros((1, 1, 0)), d, lpv.Polynomial(), None)
+    table = gains_item(fixed)
+    assert isinstance(table, PageTable) and [row[1] for row in table.rows] == ["3", "-4"]
+    one = np.ones((2, 1, 1))
+    assert isinstance(gains_item(lpv.LPVStateSpace(-one, one, one, 0 * one, lpv.Polynomial(("p",), degree=1), None)),
+                      PageFigure)
