@@ -227,7 +227,7 @@ class SetSearch:
         composition = Composition(w.fit.composition.baseline, (*w.effects, *added))
         points, near = starts(added[0], found), w.fit
         if not w.members and added[0].name in self.following:
-            points, near = [v for _, v in self.following[added[0].name][:RACED]], None  # its sensitivities are not these
+            points, near = [v for _, v in self.following[added[0].name][:RACED]], None  # it moved too early
         begun = [placed(composition, w.fit, {added[0].name: p}) for p in points]
         return self._settled(composition, begun, near, added)
 
