@@ -61,6 +61,8 @@ class SetSearch:
         By the names of their effects.
     moved : list of Move
         What the effects changed beside the baseline alone.
+    following : dict
+        By lag, the squared error at its points once the law's own numbers follow.
     enlarged : set
         Of those, the ones whose children are known.
     kept : float
@@ -79,6 +81,7 @@ class SetSearch:
     report_progress: Callable[[str], None]
     visited: dict[frozenset[str], Weighed] = field(default_factory=dict)
     moved: list[Move] = field(default_factory=list)
+    following: dict[str, list[tuple[float, np.ndarray]]] = field(default_factory=dict)
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     structured: float = 0.0
@@ -170,7 +173,24 @@ class SetSearch:
         found = [m for of_effect in in_parallel(moves, outside) for m in of_effect]
         if not w.members:
             self.moved = found
+            lags = [e for e in outside if e.path in LAGGING]
+            self.following = dict(zip([e.name for e in lags], in_parallel(lambda e: self._followed(w, e), lags),
+                                      strict=True))
         return directions(self.problem, w.fit, found)
+
+    def _followed(self, w: Weighed, e: Effect) -> list[tuple[float, np.ndarray]]:
+        """Squared error at the points of a lag once the law's own numbers follow, to first order; the least first.
+
+        A law that moves too early or too late is fitted to next to nothing, beside which no lag shows.
+        """
+        composition = Composition(w.fit.composition.baseline, (*w.effects, e))
+        own, out = slice(0, composition.own), []
+        for v in self.data.looked_at[e.name]:
+            vector = placed(composition, w.fit, {e.name: v})
+            slopes = self.problem.stack([composition.sensitivities(s, vector, free=range(composition.own))
+                                         for s in self.problem.signals])
+            out.append((self._left(composition, vector, projector(slopes[:, own])), v))
+        return sorted(out, key=lambda t: t[0])
 
     def _foremost(self, w: Weighed, outside: Sequence[Effect]) -> list[Effect]:
         """Effects worth a look beside a set."""
@@ -185,7 +205,8 @@ class SetSearch:
 
     def _promising(self, w: Weighed, found: Sequence[Direction]) -> list[Effect]:
         """Children worth a refit: the best by what they would take away, and the best of either kind."""
-        left = {}
+        left = {e: lags[0][0] / w.fit.cost for e in self.candidates if (lags := self.following.get(e.name))
+                and not w.members}
         for d in found:
             if d.visible:
                 gain = max(d.gain, d.at_face_value, 0.0)
@@ -204,11 +225,13 @@ class SetSearch:
     def _child(self, w: Weighed, added: tuple[Effect, ...], found: Sequence[Direction]) -> Refit:
         """A set with one effect more, refitted from the points that promise most."""
         composition = Composition(w.fit.composition.baseline, (*w.effects, *added))
-        points = starts(added[0], found)
+        points, near = starts(added[0], found), w.fit
+        if not w.members and added[0].name in self.following:
+            points, near = [v for _, v in self.following[added[0].name][:RACED]], None  # it moved too early
         begun = [placed(composition, w.fit, {added[0].name: p}) for p in points]
-        return self._settled(composition, begun, w.fit, added)
+        return self._settled(composition, begun, near, added)
 
-    def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit,
+    def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit | None,
                  added: Sequence[Effect] = ()) -> Refit:
         """The best of a few steps from several starts; strengths that no derivative moves by trial, if just added."""
         worth = max(self.kept, LEAST_WORTH)

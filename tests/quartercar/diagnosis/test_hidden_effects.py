@@ -11,6 +11,7 @@ import pytest
 from helpers import hidden, hidden_score, hidden_truth
 from helpers.hidden_causes import HIDEABLE, OUTSIDE, Scene
 
+from lpvid.diagnosis.evidence import engine
 from quartercar.effects import CATALOGUE
 from quartercar.rig import CAUSES
 
@@ -80,6 +81,18 @@ def test_a_clear_cause_is_named_and_measured(cause: str) -> None:
     assert row["named"] == [cause], hidden_score.line(row)
     assert row.get("relative_error", 0.0) < 0.15
     assert row["held_out_gain"] > 0.85 * row["oracle_gain"] > 0
+
+
+def test_a_lag_is_found_beside_a_law_that_was_fitted_to_nothing() -> None:
+    """Sines of 30 ms too early: Guo's law by itself takes away less than nothing, and no lag of it shows."""
+    made, _ = hidden_truth.build(2100027, CATALOGUE)
+    few = ("one-sided-filter", "displacement-delay", "fixture-inertia", "coulomb-friction", "gas-stiffness")
+    found = engine.diagnose(made.records, hidden_truth.baseline_for(made.plan, made.records),
+                            [e for e in CATALOGUE if e.name in few])
+    assert made.hidden == (("one-sided-filter", 0.03),) and found.before.esr_held_out > 0.95
+    assert [c.name for c in found.causes] == ["one-sided-filter"]
+    assert found.causes[0].parameters[0].value == pytest.approx(0.03, rel=0.05)
+    assert found.after.esr_held_out < 0.001
 
 
 @pytest.mark.parametrize("colour", [
