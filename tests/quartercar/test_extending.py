@@ -117,6 +117,7 @@ def test_a_law_of_an_installed_package_is_ridden_tuned_and_saved(installed, tmp_
     assert type(tuned.controller) is type(law)
 
 
+@pytest.mark.slow
 def test_commands_take_the_names_of_an_installed_package(installed, tmp_path):
     data = tmp_path / "rig.csv"
     made = record(np.random.default_rng(2))

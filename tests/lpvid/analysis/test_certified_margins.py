@@ -43,6 +43,7 @@ def test_a_range_that_must_shrink():
     assert found.limit == "frozen" and 0.24 < found.factor <= 0.25
 
 
+@pytest.mark.slow
 def test_jumping_narrows_what_holding_allows():
     """Alternating between ±s in the pair: A(s)A(−s) has eigenvalues size²(1 ± s)², so (1 + s)·size < 1."""
     found = largest_range(pair(0.7))

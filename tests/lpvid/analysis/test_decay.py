@@ -25,6 +25,7 @@ def test_a_time_invariant_system_decays_like_its_slowest_mode(sample_time):
     assert 0.98 * 2.5 <= found.lower < 2.5
 
 
+@pytest.mark.slow
 def test_a_rotating_system_decays_at_its_exact_rate():
     """In rotating coordinates A₀ + ωJ: the slowest decay over |ω| ≤ 0.3 is 1.25 − √(1.25² − (1.5 − ω(2 − ω)))."""
     model = rotating(np.array([[-1.0, 2.0], [0.0, -1.5]]), rate=0.3)

@@ -67,6 +67,7 @@ def test_vertices_are_those_of_the_samples():
     np.testing.assert_allclose(lpv.Hull.of(("p",), np.array([[2.0], [5.0], [3.0]])).vertices(), [[2.0], [5.0]])
 
 
+@pytest.mark.slow
 def test_gain_table_for_a_hull():
     """A corner of the box that was never measured has half the stiffness: without it the gain at rest is 1, not 2."""
     a = np.array([[[0, 1.0], [-1.5, -0.3]], [[0, 0], [0.5, 0.4]], [[0, 0], [0.5, 0.4]]])

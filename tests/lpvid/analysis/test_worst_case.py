@@ -24,7 +24,7 @@ def searched(model, rate) -> WorstCase:
     return worst_trajectory(plant, box, WorstCase.frozen(box, point, frequency, norm))
 
 
-@pytest.mark.parametrize("rate", [0.1, 1.0, 4.0])
+@pytest.mark.parametrize("rate", [1.0, *(pytest.param(r, marks=pytest.mark.slow) for r in (0.1, 4.0))])
 def test_a_triangle_keeps_the_rate_and_stays_below_the_reference(rate):
     found = searched(vanishing(), rate)
     bound = {0.1: 0.09925, 1.0: 0.66240, 4.0: 0.86630}[rate]  # synthesis sheet, section 1
@@ -92,6 +92,7 @@ def test_paths_go_uphill_beyond_triangles():
     assert turns <= 2.0 * found.period / len(found.points) * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.01, 0.03, 0.3])
 def test_what_is_owed_to_steps_of_a_slow_scheduling_is_not_reached(rate: float) -> None:
     """Two lags whose difference feeds through as d moves: the gain falls with the rate, the jumps of a grid do not."""

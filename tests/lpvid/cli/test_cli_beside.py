@@ -54,6 +54,7 @@ def test_validate_sets_another_model_beside(folder: Path) -> None:
     assert "Beside other models" in page and "b/model" in page
 
 
+@pytest.mark.slow
 def test_identify_sets_another_model_beside(folder: Path) -> None:
     done = run("identify", folder / "run.csv", *IO, "--shape", "tanh", "--held-out", folder / "new.csv", "--beside",
                folder / "b/model.json", "--out", folder / "again")

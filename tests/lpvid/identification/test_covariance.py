@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
 import lpvid as lpv
@@ -25,6 +26,7 @@ def fir_record(rng: np.random.Generator, n: int = 12_000, pole: float = 0.9) -> 
     return lpv.Record({"u": u, "y": y}, sample_time=0.01)
 
 
+@pytest.mark.slow
 def test_standard_errors_match_the_spread_where_the_white_form_does_not() -> None:
     rng = np.random.default_rng(11)
     structure = lpv.ARX(na=0, nb=2, input="u", output="y")

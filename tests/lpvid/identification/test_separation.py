@@ -50,6 +50,7 @@ def covered(found: lpv.Identification, fresh: Record, seed: int = 1) -> float:
     return float(band.contains(fresh["y"][:, None])[5:].mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "sensor"), [
     ("arx", 0.0), ("oe", 0.02), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
         ("arx", 0.02), ("oe", 0.0), ("pem-ss", 0.0), ("pem-ss", 0.02)))])

@@ -49,6 +49,7 @@ def f1(found: set[str], true: set[str]) -> float:
     return 2 * len(found & true) / (len(found) + len(true))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["garrote", pytest.param("adaptive-lasso", marks=pytest.mark.slow)])
 def test_recovers_the_support_of_random_systems(method):
     scores = []

@@ -11,6 +11,7 @@ import lpvid as lpv
 MOVING = lpv.Polynomial("stiffness", 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("varying", ["controls", "measurements"])
 def test_a_moving_matrix_lowers_the_gain_under_a_bounded_variance(varying):
     plant = spring_mass(rate=0.05, full=False)

@@ -28,7 +28,7 @@ def _examine(seed: int, paths: int) -> str:
     return found.verdict
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4, 5, 6, 7])
+@pytest.mark.parametrize("seed", [2, 3, *(pytest.param(s, marks=pytest.mark.slow) for s in (4, 5, 6, 7))])
 def test_a_few(seed):
     _examine(seed, 20)
 

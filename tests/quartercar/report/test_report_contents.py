@@ -116,7 +116,7 @@ def test_the_rig_says_what_was_run_and_what_was_on():
 
 
 @pytest.mark.skipif(BROWSER is None or axe_source() is None, reason="no Chromium or no axe-core here")
-@pytest.mark.parametrize("width", [1200, 390])
+@pytest.mark.parametrize("width", [pytest.param(1200, marks=pytest.mark.slow), 390])
 def test_no_grave_findings_of_accessibility_on_the_page_of_the_rig(width, tmp_path):
     plan = parse_plan('seed = 7\n[[experiments]]\npreset = "test-1"\nduration = 1.0\n')
     records = [Rig().run(replace(plan.experiments[0], duration=1.0), seed=7)]

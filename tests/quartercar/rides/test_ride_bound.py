@@ -57,6 +57,7 @@ def bounds():
     return found, bound_rides(car, [SHORT], found, how=BoundSettings(2, effort=QUICK))
 
 
+@pytest.mark.slow
 def test_no_law_is_better_than_the_bound(bounds):
     found, (nonlinear, linear) = bounds
     assert (nonlinear.car, linear.car) == ("nonlinear", "linear")

@@ -296,6 +296,7 @@ def test_a_comparison_says_what_it_found(comparison):
     assert comparison.verdict in str(comparison)
 
 
+@pytest.mark.slow
 def test_laws_that_were_driven_apart_have_the_figures_of_those_driven_together():
     laws = {"passive": Passive(), "skyhook": Skyhook(), "sh-add": SkyhookAccelerationDriven()}
     roads = (SHORT, IsoRoad("B", 15.0, 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import quartercar as qc
 from quartercar.controllers import law_class
@@ -12,6 +13,7 @@ from quartercar.roads.ride_roads import IsoRoad
 from quartercar.vehicle.nonlinear import Coil
 
 
+@pytest.mark.slow
 def test_the_number_of_workers_changes_nothing() -> None:
     car = qc.QuarterCar(qc.parameters.MEGANE, Guo(), coil=Coil(highest=2.5))
     trial = Trial(car, (IsoRoad("C", 20.0, 2.0),), (100,))

@@ -152,6 +152,7 @@ def test_uncertain_friction_widens_the_slopes(rng: np.random.Generator) -> None:
 
 
 # -- the choice ------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "noise"), [("series", 0.01), ("series", 0.04), ("parallel", 0.01), ("parallel", 0.03),
                                              ("mixed", 0.01), ("mixed", 0.02)])
 def test_the_right_network_is_chosen_over_twenty_draws(name: str, noise: float) -> None:
@@ -199,6 +200,7 @@ def test_the_bound_on_a_leak_holds() -> None:
     assert held >= 34
 
 
+@pytest.mark.slow
 def test_ratio_of_a_true_null_is_rarely_small() -> None:
     """p of mixed against series where series is the truth: at most uniform."""
     draws = [choose_network(characteristic("series", 0.02, np.random.default_rng(s))).ratios for s in range(40)]

@@ -56,7 +56,7 @@ def esr(damper, record: Record) -> float:
     return float(np.sum(error**2) / np.sum((force[run.start:] - force[run.start:].mean()) ** 2))
 
 
-@pytest.mark.parametrize("shape", ["tanh", "three-zone"])
+@pytest.mark.parametrize("shape", ["tanh", pytest.param("three-zone", marks=pytest.mark.slow)])
 def test_a_known_shape_and_filter(shape: str) -> None:
     found = LpvArx(shape=shape, order=1).estimate([data(0, shape, noise=0.01)], FitSettings())
     damper = found.damper
