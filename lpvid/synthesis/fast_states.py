@@ -68,12 +68,31 @@ class SlowFormula:
         return self.full.variations
 
     def at(self, points: np.ndarray) -> tuple[Matrices, np.ndarray]:
-        """The controller (N, …); its A_K does not depend on the rates."""
+        """The controller at points; its A_K does not depend on the rates.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+        (N, 0, slow, slow) array
+        """
         k, slopes = self.full.at(points)
         return residual(k, self.split, self.slow)[0], slopes[:, :, : self.slow, : self.slow]
 
     def storage(self, points: np.ndarray) -> LoopStorage:
-        """Of the closed loop with [x; s], the same at all points."""
+        """Of the closed loop with [x; s], the same at all points.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        LoopStorage
+        """
         m, corners = len(self.root), len(self.variations.corners)
         first, second = np.broadcast_to(np.eye(m), (len(points), m, m)), np.zeros((len(points), 0, 0))
         return LoopStorage(first, second, np.zeros((len(points), corners, m, m)),
@@ -81,7 +100,22 @@ class SlowFormula:
 
 
 def residual(k: Matrices, split: np.ndarray, slow: int) -> tuple[Matrices, np.ndarray]:
-    """Controllers (N, …) with the states behind `slow` of W⁻¹x_K at rest, and F (N, n_f, n_s + n_y) of f = F [s; y]."""
+    """Controllers with the states behind `slow` of W⁻¹x_K at rest.
+
+    Parameters
+    ----------
+    k : (A, B, C, D), each (N, …)
+    split : (n, n) array
+        W.
+    slow : int
+        How many states are kept.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+    (N, n − slow, slow + n_y) array
+        F of f = F [s; y], the states at rest.
+    """
     back = np.linalg.inv(split)
     a, b, c, d = back @ k[0] @ split, back @ k[1], k[2] @ split, k[3]
     rest = -np.linalg.solve(a[:, slow:, slow:], np.concatenate([a[:, slow:, :slow], b[:, slow:]], axis=2))
@@ -91,7 +125,19 @@ def residual(k: Matrices, split: np.ndarray, slow: int) -> tuple[Matrices, np.nd
 
 
 def fastest_pole(formula: ControllerFormula, points: np.ndarray) -> float:
-    """Largest modulus of the plant's frozen poles [rad/s], its weights' included."""
+    """Largest modulus of the plant's frozen poles, its weights' included.
+
+    Parameters
+    ----------
+    formula : ControllerFormula
+        With its plant.
+    points : (N, n_scheduling) array
+
+    Returns
+    -------
+    float
+        [rad/s]
+    """
     a = formula.plant.plant.at(points).A
     return float(np.abs(np.linalg.eigvals(a)).max(initial=0.0))
 
@@ -144,7 +190,8 @@ def _split(a: np.ndarray, slow: int, speeds: np.ndarray) -> np.ndarray | None:
     if slow and speeds[slow] <= speeds[slow - 1] * (1 + 1e-9):
         return None
     cut = np.sqrt(speeds[slow] * speeds[slow - 1]) if slow else 0.0
-    t, z, count = schur(a, sort=lambda x, y=0.0: np.hypot(x, y) < cut)
+    t, z, *counted = schur(a, sort=lambda x, y=0.0: np.hypot(x, y) < cut)
+    count = int(counted[0])
     if count != slow:
         return None
     n, part = len(a), np.eye(len(a))

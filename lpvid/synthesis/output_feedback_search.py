@@ -368,8 +368,8 @@ def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> t
     """
     plant = problem.plant.plant
     axes, moving = list(convex_axes(plant)), int(np.argmax(plant.box.half_width))
-    ends = axes[moving][[0, -1]]
-    axes[moving] = np.union1d(axes[moving], np.linspace(*ends, SEGMENTS[1][0] + 1))
+    low, high = plant.box.lower[moving], plant.box.upper[moving]
+    axes[moving] = np.union1d(axes[moving], np.linspace(low, high, SEGMENTS[1][0] + 1))
     for _ in range(HALVED):
         axis = axes[moving]
         shares = np.linspace(0, 1, 5)[:-1]
