@@ -142,12 +142,12 @@ def fastest_pole(formula: ControllerFormula, points: np.ndarray) -> float:
     return float(np.abs(np.linalg.eigvals(a)).max(initial=0.0))
 
 
-def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed: float, settled: bool
-                        ) -> SlowFormula | None:
+def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed: float, held: float,
+                        settled: bool) -> SlowFormula | None:
     """The formula without its states that are `FAST` times faster than every pole of the plant, or as many as may go.
 
-    The fewest states are kept with which every frozen loop has an allowed gain. Only for them a storage function is
-    looked for: a semidefinite program of the loop's own size takes longer than everything before it.
+    The fewest states are kept with which no frozen loop has more than the gain `held`. Only for them a storage function
+    is looked for: a semidefinite program of the loop's own size takes longer than everything before it.
 
     Parameters
     ----------
@@ -157,6 +157,8 @@ def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed:
         Where the bounded-real inequality of the loop is imposed.
     allowed : float
         The largest bound that is worth having.
+    held : float
+        The largest gain with the scheduling held: what rolls off is not given away for a bound that has room for it.
     settled : bool
         The points cover the box: the least bound is looked for. Otherwise the storage function with the largest margin
         at a bound half way to the allowed one.
@@ -176,7 +178,7 @@ def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed:
         try:
             small, rest = residual(k, split, slow)
             loops = close_loop_at(plant, *small)
-            if not frozen_gain(loops) <= allowed:
+            if not frozen_gain(loops) <= held:
                 continue
             found = _least(loops, _on_manifold(formula, plant.C2, points, split, rest), allowed, settled)
         except np.linalg.LinAlgError:
