@@ -99,11 +99,31 @@ class FeedbackLaw(Protocol):
         ...
 
     def at(self, points: np.ndarray) -> tuple[Matrices, np.ndarray]:
-        """The controller (N, …) at ṗ = 0, and ∂A_K/∂ṗ_i."""
+        """The controller at ṗ = 0, and how A_K depends on the rates.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+        (N, n_rates, n, n) array
+            ∂A_K/∂ṗ_i
+        """
         ...
 
     def storage(self, points: np.ndarray) -> LoopStorage:
-        """Of the closed loop at (N, n_scheduling) points."""
+        """Of the closed loop.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        LoopStorage
+        """
         ...
 
 

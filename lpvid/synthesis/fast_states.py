@@ -68,12 +68,31 @@ class SlowFormula:
         return self.full.variations
 
     def at(self, points: np.ndarray) -> tuple[Matrices, np.ndarray]:
-        """The controller (N, …); its A_K does not depend on the rates."""
+        """The controller at points; its A_K does not depend on the rates.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+        (N, 0, slow, slow) array
+        """
         k, slopes = self.full.at(points)
         return residual(k, self.split, self.slow)[0], slopes[:, :, : self.slow, : self.slow]
 
     def storage(self, points: np.ndarray) -> LoopStorage:
-        """Of the closed loop with [x; s], the same at all points."""
+        """Of the closed loop with [x; s], the same at all points.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        LoopStorage
+        """
         m, corners = len(self.root), len(self.variations.corners)
         first, second = np.broadcast_to(np.eye(m), (len(points), m, m)), np.zeros((len(points), 0, 0))
         return LoopStorage(first, second, np.zeros((len(points), corners, m, m)),
@@ -81,7 +100,22 @@ class SlowFormula:
 
 
 def residual(k: Matrices, split: np.ndarray, slow: int) -> tuple[Matrices, np.ndarray]:
-    """Controllers (N, …) with the states behind `slow` of W⁻¹x_K at rest, and F (N, n_f, n_s + n_y) of f = F [s; y]."""
+    """Controllers with the states behind `slow` of W⁻¹x_K at rest.
+
+    Parameters
+    ----------
+    k : (A, B, C, D), each (N, …)
+    split : (n, n) array
+        W.
+    slow : int
+        How many states are kept.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+    (N, n − slow, slow + n_y) array
+        F of f = F [s; y], the states at rest.
+    """
     back = np.linalg.inv(split)
     a, b, c, d = back @ k[0] @ split, back @ k[1], k[2] @ split, k[3]
     rest = -np.linalg.solve(a[:, slow:, slow:], np.concatenate([a[:, slow:, :slow], b[:, slow:]], axis=2))
@@ -91,17 +125,29 @@ def residual(k: Matrices, split: np.ndarray, slow: int) -> tuple[Matrices, np.nd
 
 
 def fastest_pole(formula: ControllerFormula, points: np.ndarray) -> float:
-    """Largest modulus of the plant's frozen poles [rad/s], its weights' included."""
+    """Largest modulus of the plant's frozen poles, its weights' included.
+
+    Parameters
+    ----------
+    formula : ControllerFormula
+        With its plant.
+    points : (N, n_scheduling) array
+
+    Returns
+    -------
+    float
+        [rad/s]
+    """
     a = formula.plant.plant.at(points).A
     return float(np.abs(np.linalg.eigvals(a)).max(initial=0.0))
 
 
-def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed: float, settled: bool
-                        ) -> SlowFormula | None:
+def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed: float, held: float,
+                        settled: bool) -> SlowFormula | None:
     """The formula without its states that are `FAST` times faster than every pole of the plant, or as many as may go.
 
-    The fewest states are kept with which every frozen loop has an allowed gain. Only for them a storage function is
-    looked for: a semidefinite program of the loop's own size takes longer than everything before it.
+    The fewest states are kept with which no frozen loop has more than the gain `held`. Only for them a storage function
+    is looked for: a semidefinite program of the loop's own size takes longer than everything before it.
 
     Parameters
     ----------
@@ -111,6 +157,8 @@ def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed:
         Where the bounded-real inequality of the loop is imposed.
     allowed : float
         The largest bound that is worth having.
+    held : float
+        The largest gain with the scheduling held: what rolls off is not given away for a bound that has room for it.
     settled : bool
         The points cover the box: the least bound is looked for. Otherwise the storage function with the largest margin
         at a bound half way to the allowed one.
@@ -130,7 +178,7 @@ def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed:
         try:
             small, rest = residual(k, split, slow)
             loops = close_loop_at(plant, *small)
-            if not frozen_gain(loops) <= allowed:
+            if not frozen_gain(loops) <= held:
                 continue
             found = _least(loops, _on_manifold(formula, plant.C2, points, split, rest), allowed, settled)
         except np.linalg.LinAlgError:
@@ -144,7 +192,8 @@ def _split(a: np.ndarray, slow: int, speeds: np.ndarray) -> np.ndarray | None:
     if slow and speeds[slow] <= speeds[slow - 1] * (1 + 1e-9):
         return None
     cut = np.sqrt(speeds[slow] * speeds[slow - 1]) if slow else 0.0
-    t, z, count = schur(a, sort=lambda x, y=0.0: np.hypot(x, y) < cut)
+    t, z, *counted = schur(a, sort=lambda x, y=0.0: np.hypot(x, y) < cut)
+    count = int(counted[0])
     if count != slow:
         return None
     n, part = len(a), np.eye(len(a))

@@ -36,12 +36,12 @@ from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant,
 
 VARYING = ("both", "controls", "measurements")
 EITHER = {
-    False: "X and Y do not move at once, for the controller would need the rates of the scheduling; either was designed "
-           "(for one gain OutputFeedback has such controllers)",
+    False: "X and Y do not move at once, for the controller would need the rates of the scheduling; either was "
+           "designed (for one gain OutputFeedback has such controllers)",
     True: "X and Y cannot move at once, for the controller at p(k) would need p(k+1); either was designed",
 }
-"""Why "both" is the better of the two, in continuous and in discrete time: N(p) stands on both sides of the derivative,
-or of the sample (`moving_objectives`, `moving_feedback`)."""
+"""Why "both" is either: N(p) stands on both sides of the derivative, or of the sample (`moving_objectives`,
+`moving_feedback`)."""
 
 
 @dataclass(frozen=True, eq=False)

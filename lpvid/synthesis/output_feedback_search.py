@@ -178,7 +178,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                 return missed, best
             found = _written(problem, formula)
             if found is not None:
-                found = _slower(problem, formula, found, wanted or (1 + back_off) * (found.gamma_verified or np.inf))
+                found = _slower(problem, formula, found, wanted, 1 + back_off)
                 verified = found.gamma_verified or np.inf
                 kept = wanted is not None or verified <= (1 + SOLVED) * target
                 return replace(found, verdict="solved" if kept else "backed-off", infimum=min(best.gamma, verified),
@@ -282,15 +282,18 @@ def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: Ma
             yield formula
 
 
-def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthesis, allowed: float) -> Synthesis:
-    """The controller without its states that are faster than the plant, where the loop keeps an allowed bound."""
+def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthesis, wanted: float | None,
+            factor: float) -> Synthesis:
+    """The controller without its states that are faster than the plant, where neither the verified gain nor the one
+    with the scheduling held is more than a factor above what they are with them."""
     box = problem.plant.plant
     if box.sample_time is not None or problem.variations.moving or problem.strictly_proper:
         return found
+    allowed, held = wanted or factor * (found.gamma_verified or np.inf), factor * (found.gamma_lower or np.inf)
     stage("without the fast states of the controller")
-    slow = without_fast_states(formula, problem.points, allowed, problem.corners)
+    slow = without_fast_states(formula, problem.points, allowed, min(allowed, held), problem.corners)
     small = None if slow is None else _written(problem, slow, allowed)
-    if slow is None or small is None or (small.gamma_verified or np.inf) > allowed:
+    if slow is None or small is None or (small.gamma_verified or np.inf) > allowed or (small.gamma_lower or 0.0) > held:
         return found
     note = (f"{len(slow.split) - slow.slow} state(s) of the controller, over {FAST:g} times faster than the plant's "
             f"fastest pole, {fastest_pole(formula, problem.points):.3g} 1/s, stand for their static gain: the verified "
@@ -368,8 +371,8 @@ def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> t
     """
     plant = problem.plant.plant
     axes, moving = list(convex_axes(plant)), int(np.argmax(plant.box.half_width))
-    ends = axes[moving][[0, -1]]
-    axes[moving] = np.union1d(axes[moving], np.linspace(*ends, SEGMENTS[1][0] + 1))
+    low, high = plant.box.lower[moving], plant.box.upper[moving]
+    axes[moving] = np.union1d(axes[moving], np.linspace(low, high, SEGMENTS[1][0] + 1))
     for _ in range(HALVED):
         axis = axes[moving]
         shares = np.linspace(0, 1, 5)[:-1]

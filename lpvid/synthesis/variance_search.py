@@ -113,7 +113,8 @@ class VarianceProblem:
         return best
 
     def gentle(self, least: VarianceAnswer, level: float, solvers: Sequence[str]) -> Iterator[VarianceAnswer]:
-        """Answers at a level above the least, each better conditioned than the last.
+        """Answers at a level above the least, each better conditioned than the last; where no solver finds one, that of
+        the least level, which then has room.
 
         Parameters
         ----------
@@ -130,9 +131,11 @@ class VarianceProblem:
             At most two.
         """
         known = replace(least, level=level)
-        for _ in range(2):
+        for attempt in range(2):
             found = self._solved(known, level, solvers)
             if found is None:
+                if not attempt:
+                    yield known
                 return
             known = found
             yield found

@@ -19,8 +19,9 @@ from lpvid.synthesis.projection import ProjectedInequalities, Variation, raised,
 from lpvid.synthesis.riccati import least_gain
 
 SLOW = pytest.mark.slow
-# 90: a solver called matrices optimal that miss their inequalities by a third; 141: so that 53 counted as far from 3.7
-SEEDS = [86, 89, 88, pytest.param(84, marks=SLOW), pytest.param(90, marks=SLOW), pytest.param(141, marks=SLOW)]
+# 90: a solver called matrices optimal that miss their inequalities by a third; 141: so that 53 counted as far from 3.7;
+# 130: a controller that no spline follows at an end of the box; 1001, 1017: least traces that leave rounding no room
+SEEDS = [86, 89, 88, *(pytest.param(s, marks=SLOW) for s in (84, 90, 130, 141, 1001, 1017))]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
