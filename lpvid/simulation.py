@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -286,8 +286,7 @@ def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.nd
 def _spans(model: LPVTransferFunction, a: np.ndarray, b: np.ndarray, first_lag: int, p: np.ndarray, driven: np.ndarray,
            out: np.ndarray, start: int, limit: float) -> int | None:
     """The recursion with these coefficients over spans of samples; the diverging one or None."""
-    from lpvid import _kernels
-
+    run = _recursion(out.shape[1], len(out) - start)
     driven = driven.view()
     driven.setflags(write=False)  # one kind of array, one compilation
     n, local = len(out), model.basis.lags == (0, 0)
@@ -296,10 +295,21 @@ def _spans(model: LPVTransferFunction, a: np.ndarray, b: np.ndarray, first_lag: 
         last = min(first + span, n)
         low = first - start if local else 0
         phi = np.ascontiguousarray(model.basis.evaluate(p[low:last] if local else p).T)
-        code = _kernels.free_run_io(a, b, model.c, first_lag, model.lagged, phi, low, driven, out, first, last, limit)
+        code = run(a, b, model.c, first_lag, model.lagged, phi, low, driven, out, first, last, limit)
         if code >= 0:
             return int(code)
     return None
+
+
+def _recursion(outputs: int, samples: int) -> Callable[..., int]:
+    """What runs a recursion: compiled, but for one output over few samples, which need not wait for a compiler."""
+    from lpvid._banded_run import SHORT, free_run_banded
+
+    if outputs == 1 and samples <= SHORT:
+        return free_run_banded
+    from lpvid._kernels import free_run_io
+
+    return free_run_io
 
 
 def _estimate_past(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, y: np.ndarray, start: int) -> np.ndarray:

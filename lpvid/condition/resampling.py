@@ -19,6 +19,8 @@ _LARGEST = 2**28
 _HALF_WIDTH = 25
 _KAISER_BETA = 7.857
 _TABLE = 1024
+WEIGHTS = 131_072
+"""weights of the interpolation at a time, 1 MB an array: as many as stay in a processor's cache"""
 
 
 def resample(record: Record, sample_rate: float) -> Record:
@@ -177,14 +179,14 @@ def _on_grid(padded: np.ndarray, step: int, half: int, width: float, cutoff: flo
 
 
 def _off_grid(padded: np.ndarray, positions: np.ndarray, half: int, width: float, cutoff: float) -> np.ndarray:
-    """Any instants: a sparse matrix of kernel weights, a few thousand rows at a time."""
+    """Any instants: a sparse matrix of kernel weights, so many rows at a time as have `WEIGHTS` of them."""
     from scipy.sparse import csr_array
 
     grid = np.arange(-half - 1, half + 1 + 0.5 / _TABLE, 1.0 / _TABLE)
     table = _kernel(grid, width, cutoff)
     taps = 2 * half
     result = np.empty((positions.size, padded.shape[1]))
-    chunk = max(1, 2_000_000 // taps)
+    chunk, padded = max(1, WEIGHTS // taps), np.vstack((padded, padded[-1:]))
     for begin in range(0, positions.size, chunk):
         at = positions[begin:begin + chunk]
         base = np.floor(at).astype(np.int64)
@@ -193,6 +195,6 @@ def _off_grid(padded: np.ndarray, positions: np.ndarray, half: int, width: float
         weights = np.interp(offsets, grid, table)
         weights /= weights.sum(axis=1, keepdims=True)
         matrix = csr_array((weights.ravel(), columns.ravel(), np.arange(0, at.size * taps + 1, taps)),
-                           shape=(at.size, padded.shape[0] + 1))
-        result[begin:begin + chunk] = matrix @ np.vstack((padded, padded[-1:]))
+                           shape=(at.size, padded.shape[0]))
+        result[begin:begin + chunk] = matrix @ padded
     return result

@@ -196,6 +196,15 @@ class Signals:
         """(n,) a simulation along these signals, which nothing is kept of: they were made for this one run.
 
         What a law reads along signals refers back to them, so that they would stay until garbage is collected.
+
+        Parameters
+        ----------
+        core : Core
+
+        Returns
+        -------
+        (n,) array
+            Output, in its unit.
         """
         out = core(self)
         self.cache.clear()
@@ -218,6 +227,15 @@ class Signals:
 
 def most_kept(most: int, n_samples: int) -> int:
     """How many results along so many samples are kept, of `most` along few.
+
+    Parameters
+    ----------
+    most, n_samples : int
+
+    Returns
+    -------
+    int
+        In proportion to 1/samples from `LONG` on, `FEWEST` at least.
 
     Examples
     --------

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._memory import keep_for_reuse
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage
@@ -171,6 +172,7 @@ def factorize(records: Sequence[Record], data: RegressionData) -> Factor:
     """
     from lpvid._kernels import ChunkedQR
 
+    keep_for_reuse()
     qr = ChunkedQR(data.columns.size + len(data.outputs), CHUNK)
     with single_thread():
         for record in records:

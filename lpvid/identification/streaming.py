@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid._memory import keep_for_reuse
 from lpvid._threads import single_thread
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
@@ -102,6 +103,7 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
             report_progress: Callable[[str], None],
             ) -> tuple[_Batch | _Running, Facts]:
     """Everything from the last checkpoint on, folded into one estimate; without a box, R follows the scheduling."""
+    keep_for_reuse()
     facts, cutter, place = Facts(arx), Cutter(), None
     fold: _Batch | _Running | None = None
 

@@ -159,7 +159,18 @@ class MarchStages:
     place: np.ndarray
 
     def moved(self, core: Core) -> Moved | None:
-        """Change of the law for another core at the same speeds and positions; None where it has none."""
+        """Change of the law for another core at the same speeds and positions.
+
+        Parameters
+        ----------
+        core : Core
+
+        Returns
+        -------
+        callable or None
+            Of some of the stages and what makes their signals: (stages,) change [N]. None where it depends on other
+            stages.
+        """
         if core is self.core or (isinstance(core, Remembered) and isinstance(self.core, Remembered)
                                  and core.key == self.core.key):
             return lambda which, part: 0.0
@@ -174,6 +185,15 @@ class MarchStages:
 
     def part(self, which: slice) -> Signals:
         """A sample for each of some stages: the core's side's speed and position, other channels straight in between.
+
+        Parameters
+        ----------
+        which : slice
+            Of the stages.
+
+        Returns
+        -------
+        Signals
         """
         s, law = self.s, self.law
         channels = {role: self._between(c, c, which) for role, c in s.channels.items() if role != "velocity"}

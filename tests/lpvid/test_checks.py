@@ -96,3 +96,15 @@ def test_a_near_miss_is_pointed_out() -> None:
         _checks.known_name("x", [], "channel")
     with pytest.raises(InputError, match=r"form must be one of a, bcd: got 'bc'\. Mend: did you mean 'bcd'"):
         _checks.one_of("bc", ("a", "bcd"), "form")
+
+
+def test_an_array_that_nobody_can_write_to_is_not_copied() -> None:
+    frozen = _checks.owned(np.arange(6.0))
+    assert _checks.frozen_array(frozen, "m") is frozen
+    assert _checks.frozen_array(frozen[:], "m").base is frozen  # the whole of it under another name
+    part = _checks.frozen_array(frozen[:3], "m")  # a part would keep all of it
+    mine = np.arange(6.0)
+    seen = _checks.frozen_array(_checks.read_only(mine), "m")  # the array behind that view can be written to
+    mine[0] = 7.0
+    assert part.base is None and seen[0] == 0.0
+    assert _checks.frozen_array(_checks.owned(np.arange(3)), "m").dtype == float

@@ -39,3 +39,29 @@ def test_without_such_a_way_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> 
     _memory.give_back()
     assert _memory._trim() is None
     _memory._trim.cache_clear()
+
+
+FAULTS = """
+import resource
+import numpy as np
+from lpvid._memory import keep_for_reuse
+
+def faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(50):
+        np.ones(100_000)  # 0.8 MB, 195 pages
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+if {asked}:
+    keep_for_reuse()
+np.ones(100_000)
+print(faults())
+"""
+
+
+@pytest.mark.skipif(_memory._of_library("mallopt") is None, reason="another C library")
+def test_arrays_that_come_and_go_are_taken_from_what_is_held() -> None:
+    programs = [[sys.executable, "-c", FAULTS.format(asked=asked)] for asked in (False, True)]
+    plain, kept = (int(subprocess.run(p, capture_output=True, text=True, check=True).stdout) for p in programs)
+    assert kept < 400  # pages of two of the fifty arrays
+    assert plain >= kept

@@ -92,3 +92,13 @@ def test_what_differs_in_kind_is_simulated_itself() -> None:
     assert np.array_equal(near[0](s), law(s))
     assert np.array_equal(near[1](s), InSeries(looks_around, own.elements)(s))
     assert np.array_equal(near[2](s), own(s))
+
+
+@pytest.mark.parametrize("hysteresis", [True, False])
+def test_parts_of_the_march_change_nothing(hysteresis: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The derivatives are gone through in parts; where these end is no matter."""
+    composition, vector = made(("series-compliance", "coil-lag"), hysteresis)
+    whole = composition.sensitivities(signals("swinging"), vector)
+    monkeypatch.setattr("quartercar.effects.series_tangent.AT_ONCE", 100)
+    parted = composition.sensitivities(signals("swinging"), vector)
+    assert np.abs(parted - whole).max() <= 1e-12 * np.abs(whole).max()
