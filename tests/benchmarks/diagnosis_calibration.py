@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -160,7 +160,7 @@ def claims(rows: list[Row], least: float = LISTED) -> list[Claim]:
     out = []
     for row in rows:
         for name, values in row.get("support", {}).items():
-            support = Support(*values[: len(fields(Support))])  # earlier rows hold more
+            support = Support(*values)
             there = judged(name, row) if support.weight >= least else None
             if there is not None:
                 out.append(Claim(row["rig"], number(row), support, there))

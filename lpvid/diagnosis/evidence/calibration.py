@@ -10,9 +10,8 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.weighing import Weighed
 
-COEFFICIENTS = (-0.8, 0.6, 0.5)
-"""a to c of the map, by logistic regression (Platt 1999) on 195 cases of both rigs, 287 components: to one digit, and
-within one unit of log-likelihood of the most probable (−0.93, 0.61, 0.35).
+COEFFICIENTS = (-1.93, 0.55, 0.61, 1.33, -0.56)
+"""a to e of the map, by logistic regression (Platt 1999) on 195 cases of both rigs, 318 components.
 `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis.md says how far they hold"""
 MOST = 2.0
 """logarithm of an error's reduction beyond which more proves no more: to a seventh of its square"""
@@ -32,14 +31,21 @@ class Support:
     reduction : float
         ln(E₋/E₊): E₊ is the squared error of the foremost of them, E₋ that of the best of the others. What nothing
         else in the catalogue takes away.
+    structured : float
+        Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
+        the law gets wrong by less than the noise is taken for a cause.
+    flexible : bool
+        Whether it is a flexible form rather than a component, or another form of one.
     """
 
     weight: float
     against: float
     reduction: float
+    structured: float
+    flexible: bool = False
 
     @classmethod
-    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding) -> Support:
+    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding, structured: float) -> Support:
         """From all visited sets.
 
         Parameters
@@ -48,24 +54,29 @@ class Support:
             With their weights, which add up to one.
         finding : callable
             The effect of a set by which it holds it; None where it does not.
+        structured : float
+            Share of the error of the best set beyond the noise floor.
 
         Returns
         -------
         Support
         """
-        inside = [(p, w.fit.cost) for w, p in sets if finding(w) is not None]
+        inside = [(p, w.fit.cost, e) for w, p in sets if (e := finding(w)) is not None]
         outside = [(p, w.fit.cost) for w, p in sets if finding(w) is None]
         if not inside:
-            return cls(0.0, 1.0, 0.0)
-        _, cost = max(inside, key=lambda t: t[0])
+            return cls(0.0, 1.0, 0.0, structured)
+        _, cost, effect = max(inside, key=lambda t: t[0])
         reduction = float(np.log(max(min(c for _, c in outside), TINY) / max(cost, TINY))) if outside else MOST
-        return cls(float(sum(p for p, _ in inside)), float(sum(p for p, _ in outside)), reduction)
+        return cls(float(sum(t[0] for t in inside)), float(sum(p for p, _ in outside)), reduction, structured,
+                   effect.flexible and effect.component == effect.name)
 
     @property
     def features(self) -> tuple[float, ...]:
-        """1, ±ln(1 + |l|) of the logarithm l of the odds, and the reduction between 0 and `MOST`."""
+        """1, ±ln(1 + |l|) of the logarithm l of the odds, the reduction between 0 and `MOST`, the structured share, and
+        1 for a flexible form."""
         odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
-        return (1.0, float(np.sign(odds) * np.log1p(abs(odds))), float(np.clip(self.reduction, 0.0, MOST)))
+        return (1.0, float(np.sign(odds) * np.log1p(abs(odds))), float(np.clip(self.reduction, 0.0, MOST)),
+                self.structured, float(self.flexible))
 
     @property
     def probability(self) -> float:
@@ -73,8 +84,10 @@ class Support:
 
         Examples
         --------
-        >>> faint, strong = Support(0.5, 0.5, 0.0), Support(0.99, 0.01, 1.0)
-        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 1e-4, 3.0).probability < 1
+        >>> faint, strong = Support(0.5, 0.5, 0.0, 0.9), Support(0.99, 0.01, 1.0, 0.9)
+        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 1e-4, 3.0, 0.9).probability < 1
+        True
+        >>> Support(0.99, 0.01, 1.0, 0.9, flexible=True).probability < strong.probability
         True
         """
         if not self.weight > 0:
@@ -112,17 +125,19 @@ def family(name: str) -> Finding:
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
-def components(sets: Sequence[tuple[Weighed, float]]) -> dict[str, Support]:
+def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict[str, Support]:
     """What speaks for every component that some set holds, in whatever form; the most probable first.
 
     Parameters
     ----------
     sets : sequence of (Weighed, float)
         All visited, with weights that add up to one.
+    structured : float
+        Share of the error of the best set beyond the noise floor.
 
     Returns
     -------
     dict of str to Support
     """
-    found = {k: Support.of(sets, component(k)) for k in {k for w, _ in sets for k in w.kinds}}
+    found = {k: Support.of(sets, component(k), structured) for k in {k for w, _ in sets for k in w.kinds}}
     return dict(sorted(found.items(), key=lambda t: (-t[1].probability, t[0])))

@@ -119,7 +119,7 @@ def best_of(search: SetSearch) -> BestSoFar:
     nothing = sum(p for w, p in sets if not w.members)
     weights = SetProbabilities({}, float(nothing), 0.0, "not looked at", tuple(
         VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]),
-        components(sets))
+        components(sets, search.structured))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 
 

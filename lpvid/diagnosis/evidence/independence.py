@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.problem import DiagnosisProblem
 
 WORTH = 25.0
@@ -74,13 +73,7 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     p is the share beyond the noise floor: what the error holds in the band where nothing moves, as white noise, which
     is not free to take up more than that. All else is a misfit of the law, or noise so slow that nothing tells it from
     one. White noise is worth its samples, a misfit α in all. Repeats are no floor: where their inputs differ by a per
-    cent, so do their outputs. Nor is a flat spectrum one by itself, a misfit at a low clock has it too: of the white
-    part, what the usual misfit of a good law, (τ₀F)², has in the whole error is taken for misfit, so that in an error
-    as small as that not every sample counts.
-
-    Why 1/κ is linear: e'e of a Gaussian error of correlation R, tr R = N, has the relative variance 2 tr R²/N², as of
-    N²/tr R² independent samples. R = (1 − p) R_noise + p R_misfit, and tr R² is convex in R, so that
-    1/κ = tr R²/N ≤ (1 − p) 1 + p N/α.
+    cent, so do their outputs.
 
     Parameters
     ----------
@@ -95,8 +88,7 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     if not total > 0:
         return Independence(1.0, 0.0, 0.0)
     power, count = _spectrum(problem, stacked)
-    usual = min((USUAL * problem.spread) ** 2 / total, 1.0)
-    white = min(_lowest(power, count) / float(power.mean()), 1.0) * (1 - usual)
+    white = min(_lowest(power, count) / float(power.mean()), 1.0)
     return Independence(share_of(1 - white, problem.n_samples, worth), 1 - white, white * total)
 
 

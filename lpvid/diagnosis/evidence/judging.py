@@ -215,9 +215,9 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     before = float(np.sum(folds_of(problem, rest).plain**2))
     kind = best.kinds[best.effects.index(effect)]
     finding = component(kind) if effect.component == kind else _in_this_form(effect)
-    support = Support.of(sets, finding)
-    of_family = Support.of(sets, family(effect.family)).probability
-    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding)
+    support = Support.of(sets, finding, search.structured)
+    of_family = Support.of(sets, family(effect.family), search.structured).probability
+    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding, search.structured)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
@@ -231,8 +231,8 @@ def _in_this_form(effect: Effect) -> Finding:
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding
-             ) -> tuple[tuple[str, float], ...]:
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,
+             structured: float) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
     Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
@@ -250,8 +250,9 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, fi
                 form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
     others = [component(k) for k in listed]
-    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None))
+    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None),
+                        structured)
     if either.probability < NAMED:
         return ()
-    return tuple((form[k], Support.of(sets, component(k)).probability)
+    return tuple((form[k], Support.of(sets, component(k), structured).probability)
                  for k, _ in sorted(listed.items(), key=lambda t: -t[1]))

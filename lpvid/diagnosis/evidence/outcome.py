@@ -111,7 +111,7 @@ class EvidenceOutcome:
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
             weights=SetProbabilities(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
                             _place(rest), self._stories(after.esr_held_out),
-                            components(j.sets)))
+                            components(j.sets, self.search.structured)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]
@@ -190,7 +190,7 @@ class EvidenceOutcome:
 
     def _families(self) -> dict[str, float]:
         families = {e.family for w, _ in self.judged.sets for e in w.effects}
-        held = {f: Support.of(self.judged.sets, family(f)).probability for f in families}
+        held = {f: Support.of(self.judged.sets, family(f), self.search.structured).probability for f in families}
         return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
 
     def _stories(self, esr: float) -> tuple[VisitedSet, ...]:
