@@ -197,12 +197,32 @@ def _open(structure: ARX) -> bool:
 
 
 def open_stages(structure: ARX | PredictionError) -> bool:
-    """Whether a stage is given by name, to be fitted."""
+    """Whether a stage is given by name, to be fitted.
+
+    Parameters
+    ----------
+    structure : ARX or PredictionError
+
+    Returns
+    -------
+    bool
+    """
     return isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str)
 
 
 def estimated(structure: Structure, records: Sequence[Record], begin: ARX | None) -> Identification:
-    """The estimate of a structure, of prediction error from `begin` where that is given."""
+    """The estimate of a structure, of prediction error from `begin` where that is given.
+
+    Parameters
+    ----------
+    structure : Structure
+    records : sequence of Record
+    begin : ARX or None
+
+    Returns
+    -------
+    Identification
+    """
     if begin is not None and isinstance(structure, PredictionError):
         return structure.estimate_from(records, begin)
     return structure.estimate(records)

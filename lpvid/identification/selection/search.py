@@ -150,7 +150,12 @@ class StructureSearch:
         return bound[0] if bound else None
 
     def asked_leader(self) -> ARX | None:
-        """The leader with its basis bound, its stages by name where they were requested by name."""
+        """The leader with its basis bound, its stages by name where they were requested by name.
+
+        Returns
+        -------
+        ARX or None
+        """
         leader = self.leader()
         asked = next((s.asked for s in self.screened if s.structure is leader), leader)
         return leader if leader is None or asked is None else replace(
@@ -159,7 +164,14 @@ class StructureSearch:
     def begin_of(self, structure: Structure) -> ARX | None:
         """Least squares with stages that the screening fitted, where the search of a structure with named ones begins.
 
-        None where the structure is no prediction-error estimate with a named stage, or none of these was screened.
+        Parameters
+        ----------
+        structure : Structure
+
+        Returns
+        -------
+        ARX or None
+            None where the structure is no prediction-error estimate with a named stage, or none of these was screened.
         """
         if not isinstance(structure, PredictionError) or not open_stages(structure):
             return None

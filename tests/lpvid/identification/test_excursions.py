@@ -14,6 +14,7 @@ from lpvid.identification.selection import auto
 from lpvid.identification.selection.excursions import furthest
 from lpvid.identification.selection.free_run import cross_validate, make_folds
 from lpvid.identification.selection.search import StructureSearch
+from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.model.input_stage import TanhStage
 from lpvid.record import Record
 
@@ -102,6 +103,22 @@ def test_output_errors_of_a_search_have_stages_of_their_own() -> None:
     assert begin is not None and begin.stage == leader.stage and begin.na == 2
     assert search.begin_of(replace(named, stage=leader.stage)) is None
     assert search.begin_of(replace(named, stage="three-zone")) is None
+
+
+def test_the_cost_of_measured_starts_is_that_of_their_noise() -> None:
+    """Oracle: a pole a carries the noise of its first sample on, σ²/(1 − a²) in all, whichever sample that is."""
+    a, sigma, n = 0.9, 0.5, 20_000
+    rng = np.random.default_rng(8)
+    u = rng.standard_normal(n)
+    x = np.asarray(lfilter([0.0, 1.0], [1.0, -a], u))
+    clean: Any = {"u": u, "y": x}
+    noisy: Any = {"u": u, "y": x + sigma * rng.standard_normal(n)}
+    model = lpv.identify(Record(clean, 0.01), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y")).model
+    fit = fit_from_measured_samples(model, [Record(noisy, 0.01)], 400)
+    power = float(np.sum((noisy["y"] - noisy["y"].mean()) ** 2))
+    cost = (1 - fit / 100) ** 2 * power - float(np.sum((noisy["y"] - x)[1:] ** 2))
+    assert cost == pytest.approx(sigma**2 * a**2 / (1 - a**2), rel=0.25)  # 400 starts, standard error 7 %
+    assert fit_from_measured_samples(model, [Record(clean, 0.01)], 5) == pytest.approx(100.0, abs=1e-4)
 
 
 @pytest.mark.slow
