@@ -30,6 +30,19 @@ collect_ignore_glob = ["helpers/*", "benchmarks/[!t]*", "benchmarks/thesis_study
 """modules without a test or a doctest: their imports would only lengthen the collection"""
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default."""
+    seen: dict[str, int] = {}
+    for item in items:
+        mark = item.get_closest_marker("thinned")
+        if mark is not None:
+            name = item.nodeid.split("[")[0]
+            if seen.setdefault(name, 0) % mark.args[0]:
+                item.add_marker(pytest.mark.slow)
+            seen[name] += 1
+
+
 def _shared_data() -> Path | None:
     named = os.environ.get("LPVID_DATA")
     if named:

@@ -172,6 +172,7 @@ def test_preview(tmp_path: Path) -> None:
     assert ours[0] < theirs[0] and ours[1] < 0.95 * theirs[1]
 
 
+@pytest.mark.slow
 def test_gain_table(tmp_path: Path) -> None:
     gains = load("gain_table").main(tmp_path / "gains.csv", str(tmp_path / "gains.png"))
     assert gains["gain table"] < 1.1 * gains["full order"]

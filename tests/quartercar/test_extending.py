@@ -103,6 +103,7 @@ def test_a_damper_of_an_installed_package_through_the_chain(installed, tmp_path)
     assert named_baseline("orifice", [data]).name == "orifice"
 
 
+@pytest.mark.slow
 def test_a_law_of_an_installed_package_is_ridden_tuned_and_saved(installed, tmp_path):
     law = given_laws(["groundhook-rate"])["groundhook-rate"].with_values(rate=2e4)
     assert type(law) is law_class("groundhook-rate") and "groundhook-rate" not in DEFAULT_LAWS

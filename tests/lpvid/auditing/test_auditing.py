@@ -208,6 +208,7 @@ def test_a_backward_difference_is_recognised() -> None:
     assert x.size == smooth.size
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("channel", ["velocity", "displacement"])
 def test_a_causal_filter_on_one_motion_channel_is_found_and_one_on_all_is_not(channel: str) -> None:
     record = clean(n=12000)

@@ -40,6 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_validate_sets_another_model_beside(folder: Path) -> None:
     """The figures are those of `compare`; the page has its table and both models' names."""
     out = folder / "checked"

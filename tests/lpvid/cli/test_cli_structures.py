@@ -237,6 +237,7 @@ def test_the_choice_reaches_the_ceiling(chosen):
     assert described["selection"]["best"] == selection["best"] and "identification" not in described["selection"]
 
 
+@pytest.mark.slow
 def test_held_out_data_have_no_say(chosen, tmp_path):
     """Another last third changes the held-out figures and nothing else."""
     described, selection = chosen[:2]

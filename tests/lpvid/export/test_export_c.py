@@ -43,6 +43,7 @@ def error(found, samples=120) -> float:
     return float(np.abs(run(found.program, u) - y).max() / np.abs(y).max())
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("lagged", [False, True], ids=["at k", "at k-i"])
 @pytest.mark.parametrize("basis", BASES)
 def test_every_basis_of_a_transfer_function(basis, lagged, rng):
@@ -106,6 +107,7 @@ CASES = {"transfer function": lambda rng: transfer_function(rng, "cubic", "zones
                                          0.1 * rng.normal(size=(3, 2)))}
 
 
+@pytest.mark.thinned(3)
 @needs_compiler
 @pytest.mark.parametrize("case", CASES)
 def test_compiled_as_asked_it_agrees(case, rng):

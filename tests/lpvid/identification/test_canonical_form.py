@@ -100,6 +100,7 @@ def test_the_layout_reaches_the_form_as_realised(form, affine):
     np.testing.assert_array_equal(getattr(moved, fixed), getattr(realized.model, fixed))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("form", ["controllable", "observable"])
 @pytest.mark.parametrize("stages", STAGES)
 def test_a_known_form_comes_back(form, stages):

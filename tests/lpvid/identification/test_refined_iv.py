@@ -248,6 +248,7 @@ def random_record(rng: np.random.Generator, order: int, snr: float, n: int = 120
     return Record({"u": u, "p": p, "y": x + v * x.std() / v.std() * 10 ** (-snr / 20)}, sample_time=0.01)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("seed", range(10))
 def test_never_worse_than_its_start(seed) -> None:
     rng = np.random.default_rng(1000 + seed)

@@ -130,6 +130,7 @@ def test_two_by_two_of_order_three(snr: float) -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(found.model.noise_covariance)), noise, rtol=0.06)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_stable_systems(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)

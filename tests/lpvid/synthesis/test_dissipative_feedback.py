@@ -88,6 +88,7 @@ def test_any_share_lowers_the_mean_square() -> None:
     assert max(costs[1:]) < costs[0]
 
 
+@pytest.mark.slow
 def test_without_the_control_nothing_is_worse_than_the_plant_alone() -> None:
     found = lpv.synthesize(plant(), DissipativeFeedback())
     a, _, _, _ = found.closed_loop.frozen([0.4, 0.0])

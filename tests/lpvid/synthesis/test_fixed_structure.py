@@ -114,6 +114,7 @@ def test_certified_steps_never_raise_the_bound(sample_time):
     assert bound < 0.999 * descent.proven(np.array([[[0.3]]])).gamma
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "lyapunov", "sample_time"), [
     (None, None, None), pytest.param(0.5, 1, None, marks=pytest.mark.slow),
     pytest.param(0.5, None, 0.1, marks=pytest.mark.slow)])

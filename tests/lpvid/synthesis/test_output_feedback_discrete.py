@@ -61,6 +61,7 @@ def _admissible(rng, rate, samples):
     return [np.array(walk), np.abs((np.arange(samples) * H + rng.uniform(0, period)) % period - period / 2) * rate - 1]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("varying", ["controls", "measurements"])
 def test_a_moving_matrix_keeps_its_promise_on_every_admissible_path(varying):
     rate = 0.5

@@ -29,6 +29,7 @@ def _simulated_gain(result, path, disturbance, end, steps=8000):
     return float(np.linalg.norm(z) / np.linalg.norm(w))
 
 
+@pytest.mark.slow
 def test_missile_autopilot_polytopic():
     """Published optimum 0.197 and acceptance 0.21; D21 has rank 1, which Riccati routes must refuse."""
     result = lpv.synthesize(missile(), lpv.OutputFeedback())

@@ -34,6 +34,7 @@ def worst_drawn(loop: lpv.LPVStateSpace, bound: float) -> float:
     return worst
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("poles", "share"), [((), 0.85), ((3.0,), 0.75)])
 def test_the_certified_gain_is_lower_and_no_drawn_uncertainty_exceeds_it(poles, share):
     found = lpv.RobustFeedback(lpv.Dynamic("p", "q", 0.5), poles=poles).solve(platform())

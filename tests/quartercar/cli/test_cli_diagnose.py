@@ -85,6 +85,7 @@ def test_it_names_the_cause_and_writes_its_files(written):
     assert described["audit"]["findings"]
 
 
+@pytest.mark.slow
 def test_the_extended_model_gives_the_figures_that_the_diagnosis_claims(written, files, tmp_path):
     out, _ = written
     described = json.loads((out / "diagnosis.json").read_text())

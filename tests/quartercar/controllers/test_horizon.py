@@ -160,6 +160,7 @@ def least_squares(model: Horizon, road: np.ndarray, tyre: float, stroke: float, 
     return matrix, -still
 
 
+@pytest.mark.slow
 def test_the_quadratic_program_of_a_frozen_case_is_solved(rng):
     """Against bounded least squares on an independent simulation, the terminal cost as its tail in full."""
     model, road = proportional(), uneven(rng)

@@ -178,6 +178,7 @@ def test_a_stored_controller_rides_like_the_law(tmp_path: Path) -> None:
         np.testing.assert_allclose(runs[0][signal], runs[1][signal], atol=1e-6 * np.abs(runs[0][signal]).max())
 
 
+@pytest.mark.slow
 def test_the_settings_of_the_inverse_reach_the_loop_of_a_designed_law() -> None:
     car = QuarterCar(MEGANE, identified_damper(), stops=BumpStops(), coil=Coil(0.005, 0.010, highest=2.5))
     assert InverseSettings() == InverseSettings(steps=0, lag_compensated=False)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from functools import lru_cache
 
+import pytest
 from typer.testing import CliRunner
 
 from lpvid.lmi.program import Program, SolverAnswer
@@ -15,6 +16,7 @@ from quartercar.cli.app import app
 from quartercar.controllers.designed.suspension_design import synthesized, to_the_end
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_best_controller(tmp_path, monkeypatch):
     """Once the least levels are known, while the tamest matrices are looked for, as a signal would come."""
     programs: list[Program] = []

@@ -74,6 +74,7 @@ class TestCauses:
         plain, hidden = world.run(), world.run(((cause.name, 0.0),))
         assert all(np.array_equal(plain[k], hidden[k]) for k in plain)
 
+    @pytest.mark.thinned(3)
     @pytest.mark.parametrize("cause", causes.CAUSES, ids=lambda c: c.name)
     def test_its_change_vanishes_with_its_size_and_is_reached(self, cause: causes.Cause) -> None:
         bench = truth.bench(made())

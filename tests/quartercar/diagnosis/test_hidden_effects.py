@@ -34,6 +34,7 @@ class TestGenerator:
         assert {h.name for h in HIDEABLE} <= {c.name for c in CAUSES}
         assert not {h.name for h in OUTSIDE} & {c.name for c in CAUSES}
 
+    @pytest.mark.thinned(3)
     @pytest.mark.parametrize("cause", [*HIDEABLE, *OUTSIDE], ids=lambda c: c.name)
     def test_every_law_vanishes_with_its_size(self, cause: hidden.Hideable) -> None:
         plan = hidden.draw(4, self.KNOWN, kind="nothing", **(QUIET | {"duration": 2.0}))
@@ -102,6 +103,7 @@ def test_nothing_hidden_accuses_nothing(colour: str) -> None:
     assert not row["named"], hidden_score.line(row)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", [pytest.param("cogging", marks=pytest.mark.slow), "beating-by-velocity"])
 def test_a_cause_outside_the_catalogue_is_not_explained_away(cause: str) -> None:
     row = answer(31, kind="outside", causes=(cause,), ratio=30.0)
@@ -117,6 +119,7 @@ def test_an_offset_and_a_gas_force_are_not_told_apart() -> None:
     assert any({"gas-preload", "force-offset"} <= set(group) for group in row["rivals"]), hidden_score.line(row)
 
 
+@pytest.mark.slow
 def test_a_constant_current_tells_nothing_of_its_lag() -> None:
     row = answer(51, kind="one", causes=("coil-lag",), current="constant")
     assert row["smallest"] == [np.inf]

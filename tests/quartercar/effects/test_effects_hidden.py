@@ -74,6 +74,7 @@ def test_one_hidden_cause_is_named(name: str) -> None:
         assert value(found, parameter) == pytest.approx(size, rel=0.1)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["coulomb-friction", "coil-lag", *(pytest.param(n, marks=pytest.mark.slow) for n in (
     "one-sided-filter", "force-offset", "force-clipping"))])
 def test_a_short_record_names_it_too(name: str) -> None:

@@ -87,6 +87,7 @@ RIG = {
 }
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", RIG)
 def test_the_rig_does_the_same_to_a_damper_without_memory(name: str) -> None:
     what, values, allowed = RIG[name]

@@ -88,6 +88,7 @@ def prepared(name: str) -> tuple[Signals, np.ndarray]:
     return signals, baseline(name).core(baseline(name).vector)(signals)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.name)
 @pytest.mark.parametrize("name", NAMES)
 def test_at_strength_zero_it_is_the_baseline_whatever_its_shape(name, effect):
@@ -106,6 +107,7 @@ def test_at_strength_zero_it_is_the_baseline_whatever_its_shape(name, effect):
                                    atol=1e-12 * np.abs(plain).max())
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.name)
 @pytest.mark.parametrize("name", NAMES)
 def test_away_from_zero_it_runs_and_does_something(name, effect):

@@ -105,6 +105,7 @@ def test_compiled_dampers_agree(case):
     assert single.passed and single.error < 1e-5
 
 
+@pytest.mark.thinned(3)
 @needs_compiler
 @pytest.mark.parametrize("damper", [BoucWen(**RANGE), BoucWen(scheduled=False, springs=False, free_exponent=True),
                                     BoucWen(centre=0.01, polarity=-1, **RANGE), WangKamath(),
@@ -281,6 +282,7 @@ def test_a_damper_file_is_exported_from_the_command_line(tmp_path):
     assert done.exit_code == 2 and "extended-bouc-wen" in done.stderr and not (tmp_path / "d").exists()
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("case", ["guo-7", "kwok, affine", "power-law-friction-gas", "force-map, edges",
                                   "extended-bouc-wen, full"])
 def test_dampers_in_modelica_agree(case):

@@ -87,6 +87,7 @@ def test_the_conversion_bends_the_frequencies_alone() -> None:
 
 
 # -- the plant ---------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_the_nonlinear_car_is_replayed_within_the_stated_error(embedded: EmbeddedDamper) -> None:
     assert max(embedded.replay_error.values()) < 0.03 and embedded.output_error < 1e-3
     road, current = road_and_current(1500, seed=12)  # a road and currents that the study has not seen
@@ -179,6 +180,7 @@ def test_what_cannot_be_embedded() -> None:
             type(run)(1e-3, run.signals, run.units, run.static_load, run.car))
 
 
+@pytest.mark.slow
 def test_a_centre_where_the_car_grows_is_refused() -> None:
     # the embedded damper gives energy at the knee from about half an ampere on (frozen, at small velocities)
     with pytest.raises(InputError, match=r"frozen at 1\.25 A is not stable"):

@@ -19,6 +19,7 @@ from quartercar.rides.default_damper import identified_damper
 from quartercar.vehicle.nonlinear import QuarterCar
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("slope, affine", [(0.0, 0.0), (0.008, -15.0)])
 @pytest.mark.parametrize("form", ["augmented", "observable", "controllable"])

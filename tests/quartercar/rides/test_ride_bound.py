@@ -73,6 +73,7 @@ def test_no_law_is_better_than_the_bound(bounds):
         (2 - nonlinear.values(nonlinear.laws["sh-add"], "objective").sum()) / (2 - best.sum()))
 
 
+@pytest.mark.slow
 def test_each_aim_has_the_least_of_its_figure_within_its_limits(bounds):
     _, found = bounds
     for bound in found:
@@ -86,6 +87,7 @@ def test_each_aim_has_the_least_of_its_figure_within_its_limits(bounds):
             assert best.passivity.negative_energy <= best.limits["given"] * (1 + 2 * HELD)
 
 
+@pytest.mark.slow
 def test_what_is_told_of_a_bound(bounds):
     _, (nonlinear, linear) = bounds
     data = nonlinear.to_dict()
@@ -134,6 +136,7 @@ def test_where_the_current_changes_nothing_the_certificate_closes():
     assert certified.value == pytest.approx(found.objective, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_relaxed_bound_lies_below_everything_and_is_convex_to_rounding(bounds):
     _, (_, linear) = bounds
     for certified, best in zip(linear.floor, linear.best["objective"], strict=True):

@@ -436,6 +436,7 @@ def clean():
     return Rig().run(SWITCHED, seed=5)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_cause_of_strength_zero_is_no_cause(name, clean):
     record = Rig(effects=(effect(name, strength=0.0),)).run(SWITCHED, seed=5)
@@ -443,6 +444,7 @@ def test_cause_of_strength_zero_is_no_cause(name, clean):
         np.testing.assert_array_equal(record[channel], clean[channel])
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_cause_of_strength_one_changes_the_record(name, clean):
     experiment = SWITCHED
@@ -457,6 +459,7 @@ def test_cause_of_strength_one_changes_the_record(name, clean):
     assert all(np.all(np.isfinite(record[c])) for c in record.channels)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "channel-sign"])
 def test_cause_grows_from_nothing(name, clean):
     record = Rig(effects=(effect(name, strength=1e-5),)).run(SWITCHED, seed=5)

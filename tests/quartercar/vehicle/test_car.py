@@ -145,6 +145,7 @@ def test_a_moved_mass_in_the_damper_is_an_inerter():
 
 
 # -- roads -------------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_iso_class_b_at_20_metres_per_second(rng):
     # synthesis.md, section 1: 0.81093 m/s² and 418.3 N
     squares = []

@@ -160,6 +160,7 @@ def test_the_right_network_is_chosen_over_twenty_draws(name: str, noise: float) 
     assert verdicts[name] >= 18, verdicts
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("name", "low", "high", "missing"), [
     ("series", 1e-3, 2.5e-3, "below"), ("series", 2e-5, 6e-5, "above"), ("parallel", 1e-5, 3e-5, "above|below")])
 def test_a_short_range_cannot_tell_and_names_the_missing_speeds(name: str, low: float, high: float,
