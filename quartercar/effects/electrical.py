@@ -193,8 +193,6 @@ class CoilLag(CurrentEffect):
 
     name: ClassVar[str] = "coil-lag"
     path: ClassVar[str] = "current"
-    partners: ClassVar[tuple[str, ...]] = ("series-compliance", "displacement-delay")
-    """a late current and a late motion together look like one late force"""
     title: ClassVar[str] = "the field follows the current with a first-order lag"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e"
     reference: ClassVar[str] = "equation sheet 3.12; Sename & Do, coil L/R and eddy currents"
