@@ -171,6 +171,10 @@ class Effect(ABC):
     of its own. A special case that is another component (a stop, a linear spring) is none"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
+    turns: ClassVar[str] = ""
+    """channel that it changes before the law reads it; nothing where neither the law nor another effect reads it"""
+    brings: ClassVar[tuple[str, ...]] = ()
+    """channels that a simulation reads with it though the law does not"""
 
     @property
     @abstractmethod
@@ -188,6 +192,10 @@ class Effect(ABC):
     @abstractmethod
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can."""
+
+    def determined(self, signals: tuple[Signals, ...]) -> str | None:
+        """Why these data could not show it whatever the law reads; None where they could."""
+        return None
 
     @abstractmethod
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from lpvid.diagnosis.effect import Effect
 from quartercar.effects.car import ActuatorDelay, Payload, StrutFriction, TyreDamping, TyreStiffness
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
+from quartercar.effects.controlled_force import CurrentDependence
 from quartercar.effects.electrical import CoilLag, CommandDelay, CurrentSaturation, Remanence, RiseFallLag
 from quartercar.effects.friction_gas import (
     CoulombFriction,
@@ -39,6 +40,7 @@ CATALOGUE: tuple[Effect, ...] = (
     QuadraticLoss(), ReliefValve(), SeriesOrifice(), Asymmetry(), Cavitation(), ValveDynamics(), NetworkTopology(),
     InputNonlinearity(),
     CoilLag(), CommandDelay(), RiseFallLag(), CurrentSaturation(), Remanence(),
+    CurrentDependence(),
     DisplacementDelay(), ForceDelay(), OneSidedFilter(), SharedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
     ThermalFade(), ViscousFade(), EndStop(), FixtureInertia(), FixtureResonance(),
     SchedulingDegree(), MissingScheduling(), ModelOrder(),

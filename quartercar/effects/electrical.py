@@ -171,6 +171,7 @@ class CurrentEffect(GridEffect):
     family: ClassVar[str] = "electrical"
     stage: ClassVar[str] = "current"
     needs: ClassVar[tuple[str, ...]] = ("current",)
+    turns: ClassVar[str] = "current"
     between_two: ClassVar[str] = ""
     """why it cannot be determined where the current takes two levels only; empty where it can"""
 
@@ -180,6 +181,9 @@ class CurrentEffect(GridEffect):
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if "current" not in baseline.channels:
             return f"{baseline.name} does not depend on the current"
+        return self.determined(signals)
+
+    def determined(self, signals: tuple[Signals, ...]) -> str | None:
         largest = max(float(np.abs(s["current"]).max()) for s in signals)
         if self.of_changes and all(rests(s["current"], largest) for s in signals):
             return "the current rests within every record, but for the noise of its sensor"

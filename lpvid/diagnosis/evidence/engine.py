@@ -159,11 +159,15 @@ def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: Diagnosi
               ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
     """Candidates that these data can be asked for, and why not the others."""
     usable, unusable = [], []
-    for effect in catalogue:
-        if effect.family == "noise":
-            continue
-        missing = effect.missing(problem.signals)
-        why = f"no {', '.join(missing)} was measured" if missing else effect.applies(baseline, problem.signals)
+    wanted = [e for e in catalogue if e.family != "noise"]
+    absent = {e.name: f"no {', '.join(missing)} was measured" for e in wanted if (missing := e.missing(problem.signals))}
+    refused = absent | {e.name: why for e in wanted if e.name not in absent
+                        and (why := e.applies(baseline, problem.signals)) is not None}
+    brought = {c for e in wanted if e.name not in refused for c in e.brings}
+    for effect in wanted:
+        why = refused.get(effect.name)
+        if effect.name not in absent and effect.turns in brought - {*baseline.channels}:  # beside what brings it
+            why = effect.determined(problem.signals)
         if why is None:
             usable.append(effect)
         else:

@@ -128,6 +128,10 @@ class SetSearch:
                 break
         self.shares = tuple(share_of(self.structured, self.problem.n_samples, w) for w in WORTHS)
 
+    def _together(self, effects: Sequence[Effect]) -> bool:
+        """Whether effects may be in one set beside this baseline."""
+        return together(effects, self.visited[frozenset()].fit.composition.baseline.channels)
+
     def _open(self, w: Weighed) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
         return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
@@ -158,7 +162,7 @@ class SetSearch:
         sensitivities, it is what each would take away if it acted as it did there; those that promise most, and the
         partners of the members, are simulated anew.
         """
-        outside = [e for e in self.candidates if e.name not in w.members and together((*w.effects, e))]
+        outside = [e for e in self.candidates if e.name not in w.members and self._together((*w.effects, e))]
         points = self.data.looked_at
         if w.members and self.moved:
             outside = self._foremost(w, outside)
@@ -248,7 +252,7 @@ class SetSearch:
         """Visit pairs of effects that physics links, which may act only together."""
         names = {e.name: e for e in self.candidates}
         pairs = sorted({tuple(sorted((e.name, p))) for e in self.candidates for p in e.partners if p in names
-                        and together((e, names[p]))})
+                        and self._together((e, names[p]))})
         self.report_progress(f"{len(pairs)} linked pairs")
         basis = projector(root.fit.jacobian)
 
@@ -272,7 +276,7 @@ class SetSearch:
         """Visit the set without each of its members, and with another in its place."""
         for e in w.effects:
             rest = w.members - {e.name}
-            if not together([x for x in w.effects if x is not e]):
+            if not self._together([x for x in w.effects if x is not e]):
                 continue
             if rest not in self.visited:
                 composition = Composition(w.fit.composition.baseline, tuple(x for x in w.effects if x is not e))
@@ -300,11 +304,15 @@ class SetSearch:
                 return
 
 
-def together(effects: Sequence[Effect]) -> bool:
+def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
 
-    Of lags, delays and filters on the way of motion and force a set holds one: two imitate whatever there is.
+    Of lags, delays and filters on the way of motion and force a set holds one: two imitate whatever there is. What
+    turns a channel needs something that reads it, the law (`channels`) or a member that brings it.
     """
+    read = {"", *channels, *(c for e in effects for c in e.brings)}
+    if any(e.turns not in read for e in effects):
+        return False
     components, stages = [e.component for e in effects], {e.stage for e in effects}
     return len(set(components)) == len(components) and all(not e.behind or e.behind in stages for e in effects) and \
         sum(e.path in LAGGING for e in effects) <= 1

@@ -1,0 +1,90 @@
+"""Controlled force: a damper that follows a current which the law does not read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.electrical import rests
+from quartercar.effects.friction_gas import REVERSAL, SLOW
+
+SHARE = 0.1
+"""share of its natural size at which a strength is looked at, and of the speed at which a fluid yields"""
+
+
+class CurrentDependence(Effect):
+    """The yield force and the viscous share of a damper follow a current, which the law leaves out.
+
+    The controllable part of a Bingham damper, affine in the current (Stanway, Sproston, Stevens 1987; Spencer et al.
+    1997, c_0 and α affine in the voltage), beside a law that is the same at every current. It sits in the law's place,
+    so that what is in series carries it, and the electrical causes act on its current.
+    """
+
+    name: ClassVar[str] = "current-dependence"
+    title: ClassVar[str] = "the damping follows the current, which the law does not read"
+    family: ClassVar[str] = "electrical"
+    stage: ClassVar[str] = "core"
+    layer: ClassVar[int] = 1
+    equation: ClassVar[str] = "F += i (F_y tanh(v/eps) + c_i v)"
+    reference: ClassVar[str] = "equation sheet 1.1, 1.4.6; Stanway, Sproston, Stevens 1987; Spencer et al. 1997"
+    experiment: ClassVar[str] = "one motion at constant currents over the full range; a baseline that reads the current"
+    needs: ClassVar[tuple[str, ...]] = ("velocity", "current")
+    memoryless: ClassVar[bool] = True
+    strengths: ClassVar[int] = 2
+    brings: ClassVar[tuple[str, ...]] = ("current",)
+    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("yield_force", "N/A", "F_y, dry force per ampere", 0.0, (-1e3, 1e3), (-1e7, 1e7),
+                                (-20.0, 20.0)),
+                EffectParameter("viscous", "N*s/m/A", "c_i, viscous damping per ampere", 0.0, (-1e4, 1e4), (-1e8, 1e8),
+                                (0.0,)),
+                EffectParameter("turning_speed", "m/s", "eps, over which the fluid yields", REVERSAL, (1e-5, 0.2),
+                                (1e-6, 2.0), (REVERSAL,)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        force, viscous = self.parameters[0].grid[1], 1e3
+        return [sign * np.array([*p, sign * REVERSAL]) for p in ((force, 0.0), (0.0, viscous)) for sign in (1.0, -1.0)]
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        speed = scale("m/s") or np.inf
+        sizes = [SHARE * (scale(p.unit) or 1.0) for p in self.parameters[:2]]
+        turns = sorted({min(REVERSAL, SLOW * speed), min(10 * REVERSAL, SHARE * speed)})
+        strengths = [(sizes[0], 0.0, t) for t in turns] + [(0.0, sizes[1], turns[-1]), (*sizes, turns[-1])]
+        return [np.array([sign * a, sign * b, t]) for a, b, t in strengths for sign in (1.0, -1.0)]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if baseline.output != "force":
+            return f"{baseline.name} does not simulate a force"
+        if "current" in baseline.channels:
+            return f"{baseline.name} reads the current"
+        if at_rest(signals):
+            return "the current is the same in all records, but for the noise of its sensor"
+        return None
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        force, viscous, turn = (float(v) for v in values)
+        if not force and not viscous:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            v = s["velocity"]
+            return core(s) + s["current"] * (force * np.tanh(v / turn) + viscous * v)
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on the current too", schedule=("current",))
+
+
+def at_rest(signals: Sequence[Signals]) -> bool:
+    """Whether the current is the same in all signals, but for the noise of its sensor."""
+    largest = max(float(np.abs(s["current"]).max()) for s in signals)
+    levels = np.concatenate([np.full(s.n_samples, s["current"].mean()) for s in signals])
+    return all(rests(s["current"], largest) for s in signals) and rests(levels, largest)
