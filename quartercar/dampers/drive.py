@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,10 +48,15 @@ class Drive:
         for name in ("velocity", "displacement", "current"):
             object.__setattr__(self, name, checks.read_only(getattr(self, name)))
 
-    @property
+    @cached_property
     def acceleration(self) -> np.ndarray:
-        """(n,) rate of change of the velocity [m/s²]; by central differences where it is not given."""
-        return np.gradient(self.velocity, self.sample_time) if self.rate is None else self.rate
+        """(n,) rate of change of the velocity [m/s²]; where it is not given, without the noise beyond its band."""
+        if self.rate is not None:
+            return self.rate
+        from lpvid.diagnosis.signals import Signals
+        from lpvid.diagnosis.spectra import derivative
+
+        return derivative(Signals(self.sample_time, {"velocity": self.velocity}, self.velocity), "velocity")
 
     @property
     def n_samples(self) -> int:

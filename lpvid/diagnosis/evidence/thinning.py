@@ -33,16 +33,20 @@ that dies away"""
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
     """Records decimated by a whole number, and it: 1 where stretches of them are few enough samples, or not allowed.
 
-    Not allowed where they move or jump too fast for a slower clock, and where the baseline runs at its own clock alone.
+    Not allowed where they move or jump too fast for a slower clock, and where the baseline runs at its own clock alone:
+    a law with memory, run at a rate of less than `SPARE` times the band, errs by what its causes are told from.
     """
     from lpvid.condition import segments
+    from lpvid.condition.bandwidth import SPARE, widest_band
 
     if baseline.clock is not None:
         return list(records), 1
     signals = [baseline.signals(r) for r in records]
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
     least = max(FEWEST, len(signals)) * length_of(signals) / period
-    factor = -(-round(min(total, least)) // ENOUGH)
+    factor, widest = -(-round(min(total, least)) // ENOUGH), widest_band(records)
+    if widest > 0:
+        factor = min(factor, int(1 / (period * SPARE * widest)))
     roles = list(records[0].channels)
     while factor > 1:
         if all(_quiet(s, factor) for s in signals):
