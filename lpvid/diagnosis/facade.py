@@ -291,7 +291,8 @@ def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:
     if not steps / 2 < 0.5 * float(together.var()) > np.finfo(float).eps * float(np.mean(together**2)):
         return []
     return [f"the current moves between {together.min():.3g} and {together.max():.3g} and {baseline.name} does not use "
-            f"it: what it changes counts as error here. --baseline {AUTO} looks for a law that uses it"]
+            f"it: what it changes counts as error here, or as a cause of its own. --baseline {AUTO} looks for a law "
+            "that uses it"]
 
 
 def _esr(baseline: Baseline, records: Sequence[Record]) -> float | None:

@@ -18,7 +18,7 @@ series-orifice asymmetry cavitation valve-dynamics entrained-air network-topolog
 current-saturation remanence thermal-fade viscous-fade end-stop fixture-inertia fixture-resonance displacement-delay
 force-delay one-sided-filter shared-filter force-offset force-clipping quantisation scheduling-degree missing-scheduling
 model-order input-nonlinearity strut-friction payload tyre-stiffness tyre-damping actuator-delay sensor-scale
-channel-sign coloured-noise inner-friction hysteresis cubic-spring saturating-damping force-dead-zone
+channel-sign coloured-noise inner-friction hysteresis cubic-spring saturating-damping force-dead-zone current-dependence
 """
 IDS = NAMES.split()
 FAMILIES = {"friction and gas", "compliance", "hydraulics", "electrical", "thermal", "structure", "measurement",
@@ -48,7 +48,7 @@ def on(effect: Effect, baseline: Baseline, s: Signals) -> Signals:
 
 def test_the_catalogue_is_the_list_of_names() -> None:
     assert sorted(by_name(CATALOGUE)) == sorted(IDS)
-    assert len(IDS) == len(set(IDS)) == 48
+    assert len(IDS) == len(set(IDS)) == 49
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=str)

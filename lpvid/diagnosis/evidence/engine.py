@@ -160,7 +160,8 @@ def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: Diagnosi
     """Candidates that these data can be asked for, and why not the others."""
     usable, unusable = [], []
     wanted = [e for e in catalogue if e.family != "noise"]
-    absent = {e.name: f"no {', '.join(missing)} was measured" for e in wanted if (missing := e.missing(problem.signals))}
+    absent = {e.name: f"no {', '.join(missing)} was measured" for e in wanted
+              if (missing := e.missing(problem.signals))}
     refused = absent | {e.name: why for e in wanted if e.name not in absent
                         and (why := e.applies(baseline, problem.signals)) is not None}
     brought = {c for e in wanted if e.name not in refused for c in e.brings}
