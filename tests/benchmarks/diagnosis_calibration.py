@@ -1,14 +1,16 @@
-"""Reliability of the probabilities: short blind cases of both rigs.
+"""Reliability of the probabilities: short blind cases of both rigs, and measured records with fair answers.
 
     python tests/benchmarks/diagnosis_calibration.py OUT --foreign 100 --own 100 --seed 3
+    python tests/benchmarks/diagnosis_calibration.py OUT --measured DATA
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]
 
 A claim is a component to which some set of the search gives a weight of at least `LISTED`, what speaks for it, and
 whether it is there. Forms of one component are one: breakaway friction is dry friction, air in the oil a spring. What a
 record truly has besides (the chain's filters; friction and springs of the law itself; the spring of a Bouc-Wen damper
 behind Guo's law) is neither right nor wrong and is left out, and so are names that nothing in these data keeps apart
-from what is hidden (own rig, `near`). Maps are judged on cases that they were not fitted to: tenth by tenth, and those
-of cases with even numbers on the odd ones. Foreign cases are sized as in `foreign_rig.truth`, without the comparison
+from what is hidden (own rig, `near`). Of measured records what `real_answers` accepts besides the story is left out.
+Maps are judged on cases that they were not fitted to: tenth by tenth, and those of cases with even numbers on the odd
+ones; rigs and measured records count alike. Foreign cases are sized as in `foreign_rig.truth`, without the comparison
 with every other cause, which takes longer than the diagnosis. Seeds rotate: a seed that was looked at once is a
 training seed.
 """
@@ -23,11 +25,14 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+import real_answers
+import real_records
 from foreign_scoreboard import read
 from helpers import hidden_score
 from helpers.foreign_rig import cases, truth
@@ -110,10 +115,27 @@ def own_case(seed: int) -> Row:
     return row | {"rig": "own", "support": supports(answers[0])}
 
 
+def measured_case(folder: Path, group: str, baseline: str) -> Row:
+    """One group of measured records with a fair answer; what has no file is judged like any other row."""
+    import lpvid as lpv
+
+    chosen = real_records.group(group)
+    with tempfile.TemporaryDirectory() as cut:
+        records = [r for file in real_records.written(folder, chosen.training, Path(cut)) for r in lpv.read(file)]
+    begun = time.process_time()
+    answer = lpv.diagnose(records, baseline)
+    return {"rig": "measured", "kind": group, "law": baseline, "causes": [], "verdict": answer.verdict,
+            "named": [c.name for c in answer.causes], "rivals": [list(r.names) for r in answer.rivals],
+            "support": supports(answer), "cpu": round(time.process_time() - begun, 2)}
+
+
 def run(options: argparse.Namespace) -> None:
     """The cases that no file of the folder holds."""
     done = {r["id"] for r in read(options.folder)}
-    wanted = [(f"{rig}-{options.seed}-{n}", make, options.seed * 100_000 + n)
+    wanted = [] if options.measured is None else [
+        (f"measured-0-{n}", partial(measured_case, options.measured, a.group), a.baseline)
+        for n, a in enumerate(real_answers.ANSWERS)]
+    wanted += [(f"{rig}-{options.seed}-{n}", make, options.seed * 100_000 + n)
               for rig, make, count in (("foreign", foreign_case, options.foreign), ("own", own_case, options.own))
               for n in range(count)]
     for name, make, seed in wanted:
@@ -149,10 +171,22 @@ def besides(row: Row) -> set[str]:
 
 def judged(name: str, row: Row) -> bool | None:
     """Whether a component is there; None where that is neither right nor wrong."""
+    if row["rig"] == "measured":
+        return _by_answer(name, row)
     hidden = {kind(c) for c in row["causes"]}
     if name in hidden | {SAME.get(c) for c in hidden} or any(c in parts_of(name) for c in row["causes"]):
         return True
     return None if name in besides(row) else False
+
+
+def _by_answer(name: str, row: Row) -> bool | None:
+    """The same by the fair answer of measured records."""
+    answer = real_answers.answer(row["kind"], row["law"])
+    assert answer is not None
+    parts, story = parts_of(name), {*answer.story, *(r for rivals in answer.rivals.values() for r in rivals)}
+    if parts & story:
+        return True
+    return None if parts & {*answer.kin, *answer.accepted, *real_answers.PARALLEL} else False
 
 
 def claims(rows: list[Row], least: float = LISTED) -> list[Claim]:
@@ -187,10 +221,12 @@ def fitted(found: Sequence[Claim]) -> np.ndarray:
 
     features = np.array([c.support.features for c in found])
     there = np.array([float(c.there) for c in found])
+    rigs = [c.rig for c in found]
+    share = np.array([len(found) / (len(set(rigs)) * rigs.count(r)) for r in rigs])  # each source counts alike
 
     def loss(theta: np.ndarray) -> float:
         z = features @ theta
-        return float(np.sum(np.logaddexp(0.0, z) - there * z) + RIDGE * np.sum(theta[1:] ** 2))
+        return float(share @ (np.logaddexp(0.0, z) - there * z) + RIDGE * np.sum(theta[1:] ** 2))
 
     return np.asarray(minimize(loss, np.zeros(features.shape[1])).x)
 
@@ -232,19 +268,19 @@ def table(rows: list[Row]) -> str:
              ("as given", found, np.array([c.support.probability for c in found])),
              ("tenths left out", found, left_out(found)), ("odd by even", odd, by_map(odd, fitted(even))))
     for label, part, p in kinds:
-        for rig in ("both rigs", "foreign", "own"):
-            pick = np.array([rig in ("both rigs", c.rig) for c in part])
+        for rig in ("all", "foreign", "own", "measured"):
+            pick = np.array([rig in ("all", c.rig) for c in part])
             if pick.any():
                 bins, error = reliability(p[pick], np.array([float(c.there) for c in part])[pick])
                 lines += [f"{label}, {rig}: calibration error {error:.3f} of {pick.sum()}",
-                          *(f"  {a:.3f} given, {b:.3f} there, {n}" for a, b, n in bins if rig == "both rigs")]
+                          *(f"  {a:.3f} given, {b:.3f} there, {n}" for a, b, n in bins if rig == "all")]
     return "\n".join([*lines, *named_table(good)])
 
 
 def named_table(rows: list[Row]) -> list[str]:
     """Cases by what was named."""
     lines = []
-    for rig in ("foreign", "own"):
+    for rig in ("foreign", "own", "measured"):
         marks = [mark(r) for r in rows if r["rig"] == rig]
         lines.append(f"named, {rig}: " + ", ".join(f"{marks.count(m)} {m}" for m in sorted(set(marks))))
     return lines
@@ -288,6 +324,7 @@ def main() -> None:
     parser.add_argument("--foreign", type=int, default=0)
     parser.add_argument("--own", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--measured", type=Path, default=None, help="folder of the measured records")
     parser.add_argument("--table", action="store_true")
     parser.add_argument("--picture", type=Path, default=None)
     parser.add_argument("--csv", type=Path, default=None)
