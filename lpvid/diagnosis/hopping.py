@@ -14,6 +14,9 @@ SHARES = (0.1, 0.02)
 MOST = 12
 """hops of one size in one direction"""
 
+UNMOVED = 1e-140
+"""norm of a derivative whose square is nothing"""
+
 
 def hopped(composition: Composition) -> list[tuple[int, bool]]:
     """Places of the strengths that act in whole samples or are rugged, and whether they are the latter."""
@@ -47,7 +50,8 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     clock = problem.signals[0].sample_time
     for j, rugged in hopped(composition):
         others = np.delete(np.arange(vector.size), j)
-        norms = np.maximum(np.linalg.norm(jacobian[:, others], axis=0), 1e-300)
+        norms = np.linalg.norm(jacobian[:, others], axis=0)
+        norms = np.where(norms > UNMOVED, norms, 1.0)  # what changes nothing stays
         sizes = [share * vector[j] for share in SHARES] if rugged else [size * clock for size in SIZES]
         for move in [sign * size for size in sizes for sign in (1.0, -1.0)]:
             for _ in range(MOST):

@@ -123,7 +123,8 @@ def measured_case(folder: Path, group: str, baseline: str) -> Row:
     with tempfile.TemporaryDirectory() as cut:
         records = [r for file in real_records.written(folder, chosen.training, Path(cut)) for r in lpv.read(file)]
     begun = time.process_time()
-    answer = lpv.diagnose(records, baseline)
+    rate = dict(zip(chosen.options[::2], chosen.options[1::2], strict=False)).get("--sample-rate")
+    answer = lpv.diagnose(records, baseline, sample_rate=None if rate is None else float(rate))
     return {"rig": "measured", "kind": group, "law": baseline, "causes": [], "verdict": answer.verdict,
             "named": [c.name for c in answer.causes], "rivals": [list(r.names) for r in answer.rivals],
             "support": supports(answer), "cpu": round(time.process_time() - begun, 2)}
