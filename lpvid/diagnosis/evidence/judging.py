@@ -38,9 +38,11 @@ class Member:
     Attributes
     ----------
     effect : Effect
+    name : str
+        What may be named: the effect, or its component where that is more probable than not and this form of it is not.
     values : (k,) array
     probability, of_family : float
-        That it, or what it is a special case of, is there, wherever it sits; that one of its family is. Calibrated.
+        That what is named is there, wherever it sits; that one of its family is. Calibrated.
     weight : float
         Of the sets that hold it.
     rivals : tuple of (str, float)
@@ -58,6 +60,7 @@ class Member:
     """
 
     effect: Effect
+    name: str
     values: np.ndarray
     probability: float
     of_family: float
@@ -214,17 +217,47 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     before = float(np.sum(folds_of(problem, rest).plain**2))
     kind = best.kinds[best.effects.index(effect)]
-    finding = component(kind) if effect.component == kind else _in_this_form(effect)
-    support = Support.of(sets, finding, search.structured)
+    name, finding, support = named_as(effect, kind, sets, search.structured)
     of_family = Support.of(sets, family(effect.family), search.structured).probability
     rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding, search.structured)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    return Member(effect, values, support.probability, of_family, support.weight, rivals,
+    return Member(effect, name, values, support.probability, of_family, support.weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
+
+
+def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], structured: float
+             ) -> tuple[str, Finding, Support]:
+    """What an effect is named, what finds that in a set, and what speaks for it.
+
+    A special form is named where it is more probable than not; else its component, where that is: of a current that
+    rises and falls unequally in all likely sets, the lag may be sure and that its edges differ not.
+
+    Parameters
+    ----------
+    effect : Effect
+    kind : str
+        Component of which it is a form, as its numbers stand.
+    sets : sequence of (Weighed, float)
+    structured : float
+        As for `Support.of`.
+
+    Returns
+    -------
+    name : str
+    finding : callable
+    support : Support
+    """
+    whole = Support.of(sets, component(kind), structured)
+    if effect.component == kind:
+        return effect.name, component(kind), whole
+    form = Support.of(sets, _in_this_form(effect), structured)
+    if form.probability < NAMED <= whole.probability:
+        return kind, component(kind), whole
+    return effect.name, _in_this_form(effect), form
 
 
 def _in_this_form(effect: Effect) -> Finding:

@@ -99,7 +99,7 @@ class EvidenceOutcome:
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             "alternating blocks; each is judged by the fit to the others, in which it counts for a hundredth"
-        in_set = {m.effect.name for m in members}
+        in_set = {n for m in members for n in (m.effect.name, m.name)}
         return Diagnosis(
             verdict, reason, {**self.baseline.with_vector(j.root.vector).describe()}, before, after,
             None if self.level.variance is None else float(np.sqrt(self.level.variance)), self._noise(), wrong,
@@ -118,7 +118,7 @@ class EvidenceOutcome:
                  ) -> tuple[str, str]:
         structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
         if named:
-            described = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
+            described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
             if self.of_law <= MISSED and not contested and all(m.probability >= SURE for m in named):
                 return "explained", f"{described}; {structure}, as much as a good law leaves"
             rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
@@ -157,7 +157,11 @@ class EvidenceOutcome:
         alone = (root.fit.cost - single.fit.cost) / thin if single is not None else 0.0
         place = j.fit.composition.places[j.fit.composition.effects.index(m.effect)]
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
-        return Cause(m.effect.name, m.effect.described(m.values), estimates(m.effect, m.values, spread[place]), p_value,
+        described = m.effect.described(m.values)
+        if m.name != m.effect.name:
+            title = next(e.title for e in self.search.candidates if e.name == m.name)
+            described = f"{title}; simulated as {m.effect.name}, a form that is not sure ({described})"
+        return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
                      -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
                      m.change * self.search.data.discrepancy.force, m.probability, m.effect.family, m.weight)
 

@@ -68,7 +68,7 @@ class Weighed:
     def kinds(self) -> tuple[str, ...]:
         """Per effect the component that it is a special form of, as its numbers stand."""
         places = self.fit.composition.places
-        return tuple(certificate_kind(e, self.fit.vector[p], self.data.candidates)
+        return tuple(component_of(e, self.fit.vector[p], self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
 
     def holds(self, kind: str) -> bool:
@@ -158,7 +158,7 @@ def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 
-def certificate_kind(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
+def component_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
     """Name of the candidate of which an effect is a form, as its numbers stand.
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,12 +16,12 @@ from scipy.stats import multivariate_normal
 from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import EffectParameter
+from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.evidence.calibration import components
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
-from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
+from lpvid.diagnosis.evidence.judging import LEAST, NAMED, NOTABLE, SURE, Member, named_as
 from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import posterior
@@ -30,6 +31,7 @@ from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
+from quartercar.effects.electrical import CoilLag, RiseFallLag
 
 
 def test_the_marginal_is_that_of_a_dense_normal_density():
@@ -272,10 +274,32 @@ def test_what_speaks_for_a_component_is_weight_and_the_error_that_only_it_takes_
     (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
     (0.03, 0.1, 0.05, True)])
 def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
-    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    member = Member(Dry(), "dry", np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
     stated = member.objection(left, of_law)
     assert (stated is not None) is small and (stated is None or "small print" in stated)
     assert LEAST < NOTABLE
+
+
+def test_a_component_is_named_where_only_its_form_is_unsure():
+    """Sets that hold unequal edges of a lag fit little better than those with a plain one, and both far better than
+    none: the lag is named, and unequal edges only where they alone fit."""
+    lag, edges = CoilLag(), RiseFallLag()
+
+    def weighed(effects: tuple[Effect, ...], cost: float) -> SimpleNamespace:
+        return SimpleNamespace(effects=effects, kinds=("coil-lag",) * len(effects), fit=SimpleNamespace(cost=cost))
+
+    def named(weights: tuple[float, float, float], costs: tuple[float, float, float]) -> tuple[str, float]:
+        sets = [(weighed(e, c), w) for e, c, w in zip(((edges,), (lag,), ()), costs, weights, strict=True)]
+        name, finding, support = named_as(edges, "coil-lag", sets, 0.5)
+        assert (finding(weighed((lag,), 1.0)) is None) is (name == "rise-fall-lag")
+        return name, support.probability
+
+    name, p = named((0.95, 0.0499, 0.0001), (1.0, 1.02, 9.0))
+    assert name == "coil-lag" and p >= NAMED
+    name, p = named((0.9998, 0.0001, 0.0001), (1.0, 6.0, 9.0))
+    assert name == "rise-fall-lag" and p >= NAMED
+    name, p = named((0.4, 0.1, 0.5), (1.0, 1.02, 1.05))
+    assert name == "rise-fall-lag" and p < NAMED
 
 
 class Held(Bent):
