@@ -194,7 +194,17 @@ class Effect(ABC):
         """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can."""
 
     def determined(self, signals: tuple[Signals, ...]) -> str | None:
-        """Why these data could not show it whatever the law reads; None where they could."""
+        """Why these data could not show it whatever the law reads.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+
+        Returns
+        -------
+        str or None
+            None where they could.
+        """
         return None
 
     @abstractmethod

@@ -49,10 +49,34 @@ class CurrentDependence(Effect):
                                 (1e-6, 2.0), (REVERSAL,)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        """Dry and viscous forces per ampere, either sign, at one size.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+
+        Returns
+        -------
+        list of (3,) arrays
+            N/A, N·s/m/A, m/s.
+        """
         force, viscous = self.parameters[0].grid[1], 1e3
         return [sign * np.array([*p, sign * REVERSAL]) for p in ((force, 0.0), (0.0, viscous)) for sign in (1.0, -1.0)]
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """The same at sizes that follow from the data, and both together.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+        scale : callable
+            Natural size of a number of a unit.
+
+        Returns
+        -------
+        list of (3,) arrays
+            N/A, N·s/m/A, m/s.
+        """
         speed = scale("m/s") or np.inf
         sizes = [SHARE * (scale(p.unit) or 1.0) for p in self.parameters[:2]]
         turns = sorted({min(REVERSAL, SLOW * speed), min(10 * REVERSAL, SHARE * speed)})
@@ -60,6 +84,17 @@ class CurrentDependence(Effect):
         return [np.array([sign * a, sign * b, t]) for a, b, t in strengths for sign in (1.0, -1.0)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        """Why it cannot be composed: the law reads the current, or that is the same in all records.
+
+        Parameters
+        ----------
+        baseline : Baseline
+        signals : tuple of Signals
+
+        Returns
+        -------
+        str or None
+        """
         if baseline.output != "force":
             return f"{baseline.name} does not simulate a force"
         if "current" in baseline.channels:
@@ -69,6 +104,21 @@ class CurrentDependence(Effect):
         return None
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        """The law's force and i (F_y tanh(v/ε) + c_i v) (Stanway, Sproston, Stevens 1987).
+
+        Parameters
+        ----------
+        core : callable
+            Simulation without it.
+        values : (3,) array
+            F_y [N/A], c_i [N·s/m/A], ε [m/s].
+        baseline : Baseline
+
+        Returns
+        -------
+        callable
+            Simulation with it, from signals to (n,) forces [N].
+        """
         force, viscous, turn = (float(v) for v in values)
         if not force and not viscous:
             return core
@@ -80,11 +130,27 @@ class CurrentDependence(Effect):
         return run
 
     def lpv_change(self) -> LpvChange | None:
+        """The current as a scheduling variable.
+
+        Returns
+        -------
+        LpvChange
+        """
         return LpvChange("scheduled on the current too", schedule=("current",))
 
 
 def at_rest(signals: Sequence[Signals]) -> bool:
-    """Whether the current is the same in all signals, but for the noise of its sensor."""
+    """Whether the current is the same in all signals, but for the noise of its sensor.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        With a channel ``current`` [A].
+
+    Returns
+    -------
+    bool
+    """
     largest = max(float(np.abs(s["current"]).max()) for s in signals)
     levels = np.concatenate([np.full(s.n_samples, s["current"].mean()) for s in signals])
     return all(rests(s["current"], largest) for s in signals) and rests(levels, largest)

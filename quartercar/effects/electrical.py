@@ -184,6 +184,16 @@ class CurrentEffect(GridEffect):
         return self.determined(signals)
 
     def determined(self, signals: tuple[Signals, ...]) -> str | None:
+        """Why these currents could not show it: at rest in every record, or of two levels.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+
+        Returns
+        -------
+        str or None
+        """
         largest = max(float(np.abs(s["current"]).max()) for s in signals)
         if self.of_changes and all(rests(s["current"], largest) for s in signals):
             return "the current rests within every record, but for the noise of its sensor"

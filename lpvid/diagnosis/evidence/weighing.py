@@ -163,6 +163,17 @@ def component_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
     spring. Sets that differ in the form alone share what they say of the component.
+
+    Parameters
+    ----------
+    effect : Effect
+    values : (k,) array
+        Its parameters.
+    candidates : sequence of Effect
+
+    Returns
+    -------
+    str
     """
     known = {c.name for c in candidates}
     simpler = [n for n in (*effect.comes_to(values), effect.form_of) if n in known]
