@@ -71,6 +71,18 @@ def test_the_promise_holds_for_the_function_and_not_for_its_table_alone():
     assert grid.metadata["interpolation"]["error"] > 0.02  # leaving out every second point shows it
 
 
+def test_a_loop_of_fine_tables_has_no_more_functions_than_it_needs():
+    """B2(v) D_K(v) C2(v) over tables of 61 and 15 functions: 55,815 products, 25 GB of coefficients were they all kept."""
+    def of(v):
+        return ([[-50 / v, 1 / v - 1], [20.0, -80 / v]], [[0, 0, 40 / v], [1, 0, 30]], [[0, 1], [0, 0], [5 / v, 1]],
+                [[0, 0, 0], [0, 0, 0.3], [0, 0.1, 0]])
+
+    system = lpv.from_function(of, {"v": (10.0, 40.0)}, tolerance=2e-3, **SIGNALS)
+    found = lpv.synthesize(lpv.GeneralizedPlant(system, ["force"], ["sensor"]), lpv.OutputFeedback())
+    assert found.solved and found.closed_loop.basis.size < 1000
+    assert lpv.verify(found.certificate, found.closed_loop).holds
+
+
 def test_the_finer_table_comes_along_through_connections():
     system = lpv.from_function(_matrices, {"p": (0.2, 2.0)}, tolerance=0.05, **SIGNALS)
     whole = lpv.connect([system], ["push", "noise", "force"], ["stroke", "effort", "sensor", "gap = stroke - sensor"])
