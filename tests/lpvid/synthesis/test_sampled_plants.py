@@ -9,6 +9,7 @@ import lpvid as lpv
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.interconnection import close_loop_at
+from lpvid.synthesis.joining import gain
 
 SIGNALS = {"inputs": ["push", "noise", "force"], "outputs": ["stroke", "effort", "sensor"]}
 
@@ -92,6 +93,23 @@ def test_the_finer_table_comes_along_through_connections():
     assert np.abs(finer.frozen([p])[0] - _matrices(p)[0]).max() < np.abs(system.frozen([p])[0] - _matrices(p)[0]).max()
 
 
+def test_the_finer_table_bears_the_names_that_a_connection_gives():
+    """Weights rename the plant's own signals, and series, parallel and append those of every block."""
+    system = lpv.from_function(_matrices, {"p": (0.2, 2.0)}, tolerance=0.05, **SIGNALS)
+    plant = lpv.GeneralizedPlant(system, ["force"], ["sensor"])
+    weighed = lpv.weigh(plant, {"push": 0.5}, {"stroke": 2.0, "sensor": 1.0}).system
+    chain = lpv.series(system, gain(np.eye(3), ["a", "b", "c"], ["d", "e", "f"]))
+    for made, stroke in ((weighed, 1.0), (chain, 1.0), (lpv.parallel(system, system), 2.0), (lpv.append(system), 1.0)):
+        about = made.metadata["interpolation"]
+        finer = lpv.LPVStateSpace.from_dict(about["finer"])
+        for p in (0.2, 0.21, 0.33, 2.0):
+            a, b, c, d = finer.frozen([p])
+            want = _matrices(p)
+            got = c @ np.linalg.solve(2j * np.eye(len(a)) - a, b) + d
+            true = want[2] @ np.linalg.solve(2j * np.eye(2) - want[0], want[1]) + want[3]
+            assert abs(got[0, 0] - stroke * true[0, 0]) < 0.01 * abs(true[0, 0])
+
+
 def test_a_mat_file_as_matlab_saves_an_array_of_systems(tmp_path):
     speeds = np.linspace(1.0, 3.0, 5)
     stack = [np.stack(m, axis=-1) for m in zip(*map(_matrices, speeds), strict=True)]
@@ -109,6 +127,7 @@ def test_a_mat_file_as_matlab_saves_an_array_of_systems(tmp_path):
 @pytest.mark.parametrize(("of", "text"), [
     (lambda p: ([[1.0]], [[1.0]], [[1.0]]), "four matrices"),
     (lambda p: 3.0, "python-control system"),
+    (lambda p: ([[1 / p]], [[1.0]], [[1.0]], [[0.0]]), "division by zero at"),
     (lambda p: ([[np.inf if p > 0.4 else 1.0]], [[1.0]], [[1.0]], [[0.0]]), "not finite"),
     (lambda p: tuple(np.eye(1 if p < 0.4 else 2) for _ in range(4)), "differ in states")])
 def test_what_is_no_function_of_systems_is_refused_in_one_line(of, text):
