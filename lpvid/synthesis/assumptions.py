@@ -10,6 +10,7 @@ from scipy.linalg import matrix_balance
 from lpvid.errors import InputError
 from lpvid.scheduling import Scheduling
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.reach_between import least_reach
 
 TINY = 1e-9
 """relative size below which a signal counts as unable to reach, or to show, a mode."""
@@ -58,12 +59,18 @@ def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
                              mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
 
 
-def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) -> Fault | None:
+def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, between: bool = False) -> Fault | None:
     """A mode that does not decay and that the controls cannot reach, or the measurements do not show.
 
-    Popov-Belevitch-Hautus test at every point of the scheduling; trajectories that stay there are admissible.
+    Popov-Belevitch-Hautus test at every point of the scheduling; trajectories that stay there are admissible. With
+    `between`, also where a single control or measurement reaches a mode least on the lines between the points.
     """
     discrete = plant.sample_time is not None
+    if between:
+        inside = least_reach(plant.at, points, discrete)
+        if len(inside):
+            fault = fault_of(plant, at, points)
+            return fault_of(plant, plant.at(inside), inside) if fault is None else fault
     for k in range(len(at.A)):
         where = _where(plant.box, points[k])
         p = at.point(k)

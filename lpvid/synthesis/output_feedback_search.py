@@ -253,16 +253,9 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
 def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, gamma: float, clock: Clock
               ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
-    sizes = NOISE if singular(projected.plant) else ()
-    if sizes and next(conditioned(projected, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
-        sizes = ()
-    for size in sizes:
-        noisy = replace(projected, plant=regular(projected.plant, size))
-        if next(conditioned(noisy, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
-            continue
-        least = least_bound(noisy, clock, solvers=problem.solvers, known=best)
-        if least is not None and least.gamma * (1 + SLACK) < gamma:
-            yield from _gentle(problem, noisy, least, gamma, clock)
+    if singular(projected.plant):
+        for noisy, pair in _moderated(problem, projected, best, gamma, clock):
+            yield from _gentle(problem, noisy, pair, gamma, clock)
     yield from _gentle(problem, projected, best, gamma, clock)
     found = central(projected.plant, gamma) if len(projected.plant.A) == 1 else None
     for pair in itertools.chain(roomy(projected, best, gamma, clock, solvers=problem.solvers),
@@ -270,6 +263,30 @@ def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: 
         formula = ControllerFormula.gentle(problem.plant, problem.variations, pair, gamma * (1 + SLACK), problem.points)
         if formula is not None:
             yield formula
+
+
+def _moderated(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, gamma: float, clock: Clock
+               ) -> Iterator[tuple[ProjectedInequalities, MatrixPair]]:
+    """Plants with `NOISE` for which there is a pair at a bound, and that pair: the most noise that fits, then less.
+
+    What fits with noise fits with less, so that half of the sizes left are settled by each one that is looked at. The
+    first solver decides alone: another one would take its time over every size that is too large.
+    """
+    def fitting(size: float) -> tuple[ProjectedInequalities, MatrixPair] | None:
+        noisy = replace(projected, plant=regular(projected.plant, size))
+        pair = next(conditioned(noisy, best, gamma, clock, rounds=1, solvers=problem.solvers[:1]), None)
+        return None if pair is None else (noisy, pair)
+
+    found: dict[int, tuple[ProjectedInequalities, MatrixPair] | None] = {}
+    first, last = 0, len(NOISE)
+    while first < last:
+        middle = (first + last) // 2
+        found[middle] = fitting(NOISE[middle])
+        first, last = (first, middle) if found[middle] is not None else (middle + 1, last)
+    for k in range(first, len(NOISE)):
+        fits = found[k] if k in found else fitting(NOISE[k])
+        if fits is not None:
+            yield fits
 
 
 def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock

@@ -58,7 +58,7 @@ def test_products_of_fourier_bases_stay_fourier_bases():
 
 
 def test_products_of_splines_stay_splines():
-    """Hats on 60 and 14 pieces: the products of three such tables have as many functions as they have pieces of their own."""
+    """Hats on 60 and 14 pieces: products of three such tables have three functions for each piece, not thousands."""
     fine, coarse = (Spline("p", k, 1, tuple(np.linspace(-1, 1, k + 1))) for k in (60, 14))
     basis, table = products(fine, coarse)
     pieces = len(set(fine.knots) | set(coarse.knots)) - 1

@@ -73,7 +73,7 @@ def test_the_promise_holds_for_the_function_and_not_for_its_table_alone():
 
 
 def test_a_loop_of_fine_tables_has_no_more_functions_than_it_needs():
-    """B2(v) D_K(v) C2(v) over tables of 61 and 15 functions: 55,815 products, 25 GB of coefficients were they all kept."""
+    """B2(v) D_K(v) C2(v) over tables of 61 and 15 functions: 55,815 products, whose coefficients take 25 GB."""
     def of(v):
         return ([[-50 / v, 1 / v - 1], [20.0, -80 / v]], [[0, 0, 40 / v], [1, 0, 30]], [[0, 1], [0, 0], [5 / v, 1]],
                 [[0, 0, 0], [0, 0, 0.3], [0, 0.1, 0]])
