@@ -103,15 +103,48 @@ def remarks(plant: GeneralizedPlant, at: PlantMatrices) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool) -> complex | None:
+def slow_mode_out_of_reach(plant: GeneralizedPlant, points: np.ndarray, decay: float) -> str:
+    """Where between points the only control or measurement loses a mode that decays slowly; empty for nowhere.
+
+    The gain there is at least that of the mode by itself, however high it is.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    points : (N, n_scheduling) array
+        A full grid.
+    decay : float
+        That counts as slow [1/s, or per sample].
+
+    Returns
+    -------
+    str
+        Half a sentence.
+    """
+    discrete, found = plant.sample_time is not None, []
+    places = least_reach(plant.at, points, discrete, decay)
+    for place in places:
+        p = plant.at(place[None]).point(0)
+        for a, b, text in ((p.A, p.B2, f"no control ({', '.join(plant.controls)}) reaches"),
+                           (p.A.T, p.C2.T, f"no measurement ({', '.join(plant.measurements)}) shows")):
+            pole = _out_of_reach(a, b, discrete, decay)
+            if pole is not None:
+                found.append((1 - abs(pole) if discrete else -pole.real, f"{_where(plant.box, place)}{text}", pole))
+    if not found:
+        return ""
+    _, text, pole = min(found, key=lambda f: f[0])
+    return f"{text} the mode with pole {_say(pole)}, which decays slowly and makes up the gain there"
+
+
+def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool, decay: float = 0.0) -> complex | None:
     if not a.size:
         return None
     a, (scale, _) = matrix_balance(a, permute=False, separate=True)
     b = b / scale[:, None]
     size = max(np.linalg.norm(a, 2), 1e-300)
     for pole in np.linalg.eigvals(a):
-        nearly = max(TINY * abs(pole), 1e-13 * size)
-        if abs(pole) < 1 - TINY if discrete else pole.real < -nearly:
+        nearly = max(TINY * abs(pole), 1e-13 * size, decay)
+        if abs(pole) < 1 - max(TINY, decay) if discrete else pole.real < -nearly:
             continue
         test = np.hstack([a - pole * np.eye(len(a)), b * size / max(np.linalg.norm(b), 1e-300)])
         if np.linalg.svd(test, compute_uv=False)[-1] < TINY * size:

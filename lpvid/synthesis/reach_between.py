@@ -1,7 +1,7 @@
 """Where between the points of a grid a plant's only control, or only measurement, loses a mode that does not decay.
 
 The reach of one control on a real mode, vᵀb with the left eigenvector v, is one number that moves with the scheduling.
-It may change its sign, and where it is zero no controller stabilises the plant; a grid meets such a place by chance only.
+It may change its sign, and where it is zero no controller stabilises the plant; a grid meets such a place by chance.
 Two controls lose a mode at once only by coincidence.
 """
 
@@ -20,7 +20,8 @@ HALVINGS = 60
 """steps of the golden section: the place to 0.618⁶⁰ = 3e-13 of a part"""
 
 
-def least_reach(at: Callable[[np.ndarray], PlantMatrices], points: np.ndarray, discrete: bool) -> np.ndarray:
+def least_reach(at: Callable[[np.ndarray], PlantMatrices], points: np.ndarray, discrete: bool, decay: float = 0.0
+                ) -> np.ndarray:
     """Places on the lines between neighbours of a grid at which a mode is reached, or shown, least.
 
     Parameters
@@ -30,11 +31,13 @@ def least_reach(at: Callable[[np.ndarray], PlantMatrices], points: np.ndarray, d
     points : (N, n_scheduling) array
         A full grid.
     discrete : bool
+    decay : float
+        Modes count that decay no faster [1/s, or per sample].
 
     Returns
     -------
     (K, n_scheduling) array
-        Local minima that may be zeros; none where nothing that does not decay depends on one signal.
+        Local minima that may be zeros; none where no such mode depends on one signal.
     """
     start, end = _lines(points)
     found: list[np.ndarray] = []
@@ -47,7 +50,7 @@ def least_reach(at: Callable[[np.ndarray], PlantMatrices], points: np.ndarray, d
         a, b = _side(plant, turned)
         if b.shape[2] != 1:
             continue
-        reach = _reach(a, b, discrete).reshape(places.shape[:2])
+        reach = _reach(a, b, discrete, decay).reshape(places.shape[:2])
         for k in np.flatnonzero(np.isfinite(reach).any(axis=1)):
             j = int(np.argmin(reach[k]))
             low, high = max(j - 1, 0), min(j + 1, INSIDE)
@@ -57,7 +60,7 @@ def least_reach(at: Callable[[np.ndarray], PlantMatrices], points: np.ndarray, d
 
             def of(share: float, k: int = k, turned: bool = turned) -> float:
                 where = start[k] + share * (end[k] - start[k])
-                return float(_reach(*_side(at(where[None]), turned), discrete)[0])
+                return float(_reach(*_side(at(where[None]), turned), discrete, decay)[0])
 
             share = _golden(of, shares[low], shares[high])
             found.append(start[k] + share * (end[k] - start[k]))
@@ -86,14 +89,14 @@ def _side(plant: PlantMatrices, turned: bool) -> tuple[np.ndarray, np.ndarray]:
     return a * scale / scale[:, None], b / scale[:, None]
 
 
-def _reach(a: np.ndarray, b: np.ndarray, discrete: bool) -> np.ndarray:
-    """(N,) least |vᵀb|/(|v||b|) over the real modes that do not decay; infinite without one."""
+def _reach(a: np.ndarray, b: np.ndarray, discrete: bool, decay: float) -> np.ndarray:
+    """(N,) least |vᵀb|/(|v||b|) over the real modes that decay no faster; infinite without one."""
     if not a.shape[1]:
         return np.full(len(a), np.inf)
     poles, left = np.linalg.eig(a.swapaxes(1, 2))
     size = np.maximum(np.linalg.norm(b, axis=(1, 2)), 1e-300)
     reach = np.abs(np.einsum("kij,ki->kj", left, b[:, :, 0])) / size[:, None]
-    stays = (np.abs(poles) >= 1 if discrete else poles.real >= 0) & (poles.imag == 0)
+    stays = (np.abs(poles) >= 1 - decay if discrete else poles.real >= -decay) & (poles.imag == 0)
     return np.where(stays, reach, np.inf).min(axis=1)
 
 
