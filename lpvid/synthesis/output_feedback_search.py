@@ -111,7 +111,7 @@ class FeedbackProblem:
 
 
 class Moderated:
-    """The inequalities with `NOISE`, where controls are free or measurements exact, each with its least bound.
+    """The inequalities with `NOISE`, where controls are free or measurements exact, each with a bound near its least.
 
     That does not depend on the bound requested and rises with the noise: it is computed once per size, for half of the
     sizes left each time. A program for a bound that the noise does not admit takes a solver five times as long.
@@ -150,7 +150,7 @@ class Moderated:
     def _least(self, k: int) -> tuple[ProjectedInequalities, MatrixPair | None]:
         if k not in self.found:
             noisy = replace(self.projected, plant=regular(self.projected.plant, self.sizes[k]))
-            self.found[k] = noisy, least_bound(noisy, self.clock, solvers=self.solvers, known=self.best)
+            self.found[k] = noisy, least_bound(noisy, self.clock, solvers=self.solvers, known=self.best, roughly=True)
         return self.found[k]
 
 
