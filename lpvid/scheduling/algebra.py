@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.scheduling._families import BasisFamily, FourierFamily, PolynomialFamily
+from lpvid.scheduling._families import BasisFamily, FourierFamily, PolynomialFamily, SplineFamily
 from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.polynomial import Polynomial
 from lpvid.scheduling.product import Product
@@ -14,7 +14,7 @@ from lpvid.scheduling.stacked import Stacked
 
 ONE = Polynomial((), 0)
 """The basis of what does not move."""
-FAMILIES: tuple[BasisFamily, ...] = (PolynomialFamily(), FourierFamily())
+FAMILIES: tuple[BasisFamily, ...] = (PolynomialFamily(), FourierFamily(), SplineFamily())
 """Bases that are closed under sum and product; a new one adds its line here."""
 
 
@@ -70,7 +70,8 @@ def common(first: Basis, second: Basis) -> tuple[Basis, np.ndarray, np.ndarray]:
 def products(first: Basis, second: Basis) -> tuple[Basis, np.ndarray]:
     """A basis that spans all products φ_i ψ_j, and their coefficients over it.
 
-    Polynomials multiply to a polynomial, Fourier bases of one period to one; other pairs to a `Product`.
+    Polynomials multiply to a polynomial, Fourier bases of one period to one, splines of one variable to a spline on the
+    knots of both; other pairs to a `Product`.
 
     Returns
     -------

@@ -29,7 +29,8 @@ class Spline(Basis):
     order : int
         Degree of each piece, 1 to 5.
     knots : tuple of float, optional
-        Breakpoints in physical units, ``segments + 1`` of them; left out, equal pieces of the bound box.
+        Breakpoints in physical units, ``segments + 1`` of them; left out, equal pieces of the bound box. One that
+        stands there twice, or up to `order` times, takes away so many derivatives that are continuous there.
 
     Examples
     --------
@@ -48,9 +49,15 @@ class Spline(Basis):
         _checks.count(self.segments, "segments of a spline", at_least=1)
         if not 1 <= _checks.count(self.order, "order of a spline") <= 5:
             raise InputError("the order of a spline must lie between 1 and 5", got=self.order)
-        if self.knots and (len(self.knots) != self.segments + 1 or np.any(np.diff(self.knots) <= 0)):
+        if self.knots and not self._rising():
             raise InputError("a spline needs segments + 1 rising knots", got=self.knots)
         object.__setattr__(self, "knots", tuple(float(k) for k in self.knots))
+
+    def _rising(self) -> bool:
+        steps = np.diff(self.knots)
+        _, often = np.unique(self.knots, return_counts=True)
+        return (len(self.knots) == self.segments + 1 and not np.any(steps < 0) and often.max() <= self.order
+                and often[0] == often[-1] == 1)
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -108,7 +115,7 @@ class Spline(Basis):
         return np.ones(self.size)
 
     def readings(self, shift: int = 0) -> tuple[Reading, ...]:
-        return (Reading(self.name, shift, self.order, self.knots),)
+        return (Reading(self.name, shift, self.order, self.knots_of[self.name]),)
 
     def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(self.size), np.ones(self.size)
@@ -122,4 +129,4 @@ class Spline(Basis):
 
     @property
     def knots_of(self) -> Mapping[str, tuple[float, ...]]:
-        return {self.name: self.knots}
+        return {self.name: tuple(dict.fromkeys(self.knots))}

@@ -10,6 +10,7 @@ from scipy.linalg import matrix_balance
 from lpvid.errors import InputError
 from lpvid.scheduling import Scheduling
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.reach_between import least_reach
 
 TINY = 1e-9
 """relative size below which a signal counts as unable to reach, or to show, a mode."""
@@ -58,12 +59,18 @@ def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
                              mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
 
 
-def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) -> Fault | None:
+def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, between: bool = False) -> Fault | None:
     """A mode that does not decay and that the controls cannot reach, or the measurements do not show.
 
-    Popov-Belevitch-Hautus test at every point of the scheduling; trajectories that stay there are admissible.
+    Popov-Belevitch-Hautus test at every point of the scheduling; trajectories that stay there are admissible. With
+    `between`, also where a single control or measurement reaches a mode least on the lines between the points.
     """
     discrete = plant.sample_time is not None
+    if between:
+        inside = least_reach(plant.at, points, discrete)
+        if len(inside):
+            fault = fault_of(plant, at, points)
+            return fault_of(plant, plant.at(inside), inside) if fault is None else fault
     for k in range(len(at.A)):
         where = _where(plant.box, points[k])
         p = at.point(k)
@@ -96,15 +103,48 @@ def remarks(plant: GeneralizedPlant, at: PlantMatrices) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool) -> complex | None:
+def slow_mode_out_of_reach(plant: GeneralizedPlant, points: np.ndarray, decay: float) -> str:
+    """Where between points the only control or measurement loses a mode that decays slowly; empty for nowhere.
+
+    The gain there is at least that of the mode by itself, however high it is.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    points : (N, n_scheduling) array
+        A full grid.
+    decay : float
+        That counts as slow [1/s, or per sample].
+
+    Returns
+    -------
+    str
+        Half a sentence.
+    """
+    discrete, found = plant.sample_time is not None, []
+    places = least_reach(plant.at, points, discrete, decay)
+    for place in places:
+        p = plant.at(place[None]).point(0)
+        for a, b, text in ((p.A, p.B2, f"no control ({', '.join(plant.controls)}) reaches"),
+                           (p.A.T, p.C2.T, f"no measurement ({', '.join(plant.measurements)}) shows")):
+            pole = _out_of_reach(a, b, discrete, decay)
+            if pole is not None:
+                found.append((1 - abs(pole) if discrete else -pole.real, f"{_where(plant.box, place)}{text}", pole))
+    if not found:
+        return ""
+    _, text, pole = min(found, key=lambda f: f[0])
+    return f"{text} the mode with pole {_say(pole)}, which decays slowly and makes up the gain there"
+
+
+def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool, decay: float = 0.0) -> complex | None:
     if not a.size:
         return None
     a, (scale, _) = matrix_balance(a, permute=False, separate=True)
     b = b / scale[:, None]
     size = max(np.linalg.norm(a, 2), 1e-300)
     for pole in np.linalg.eigvals(a):
-        nearly = max(TINY * abs(pole), 1e-13 * size)
-        if abs(pole) < 1 - TINY if discrete else pole.real < -nearly:
+        nearly = max(TINY * abs(pole), 1e-13 * size, decay)
+        if abs(pole) < 1 - max(TINY, decay) if discrete else pole.real < -nearly:
             continue
         test = np.hstack([a - pole * np.eye(len(a)), b * size / max(np.linalg.norm(b), 1e-300)])
         if np.linalg.svd(test, compute_uv=False)[-1] < TINY * size:

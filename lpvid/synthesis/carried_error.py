@@ -13,6 +13,7 @@ from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.figures import channel
+from lpvid.synthesis.finer_tables import finer_of
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.result import Synthesis
@@ -35,8 +36,8 @@ def carried(plant: GeneralizedPlant, found: Synthesis) -> Synthesis:
     stated = f"the plant is a table of {knots} knots that misses it by {about['error']:.2g} of an entry's size"
     if "finer" not in about:
         return found
-    finer = LPVStateSpace.from_dict(about["finer"]).replace(scheduling=plant.box)
-    if not _same(plant.system, finer):
+    finer = finer_of(plant.system)
+    if finer is None or not _same(plant.system, finer := finer.replace(scheduling=plant.box)):
         return replace(found, notes=(f"{stated}; its matrices were changed since, and the promise is the table's",
                                      *found.notes))
     dense = GeneralizedPlant(finer, plant.controls, plant.measurements)

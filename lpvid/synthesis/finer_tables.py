@@ -15,6 +15,11 @@ def joined(systems: Sequence[LPVStateSpace], finer: LPVStateSpace) -> dict:
 
 
 def finer_of(system: LPVStateSpace) -> LPVStateSpace | None:
-    """The finer table behind a block; None where it has none."""
+    """The finer table behind a block, with the names that its signals have now; None where it has none."""
     about = system.metadata.get("interpolation") or {}
-    return LPVStateSpace.from_dict(about["finer"]) if "finer" in about else None
+    if "finer" not in about:
+        return None
+    finer = LPVStateSpace.from_dict(about["finer"])
+    if len(finer.inputs) != len(system.inputs) or len(finer.outputs) != len(system.outputs):
+        return None  # not the system that the table was taken for
+    return finer.replace(inputs=system.inputs, outputs=system.outputs)

@@ -123,7 +123,7 @@ class FixedStructure:
         started = time.perf_counter()
         plant = _rated(plant, self.rate)
         problem = _Problem.of(self, plant)
-        fault = fault_of(plant, plant.at(problem.points), problem.points)
+        fault = fault_of(plant, plant.at(problem.points), problem.points, between=True)
         if fault is not None:
             return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method=problem.method)
         joined = problem.attached.plant

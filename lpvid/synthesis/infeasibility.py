@@ -8,10 +8,14 @@ import numpy as np
 
 from lpvid.lmi.affine import he
 from lpvid.lmi.program import Program
+from lpvid.synthesis.assumptions import slow_mode_out_of_reach
+from lpvid.synthesis.balanced_plant import convex_axes
+from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.projected_search import start_roots
 from lpvid.synthesis.projection import Half, ProjectedInequalities, null_space
 from lpvid.synthesis.riccati import least_gain
+from lpvid.synthesis.scaling import pace
 
 BEYOND = 1e6
 """Norm of X ⪰ I up to which none must exist for a verdict, in coordinates in which the Riccati equations have X = I at
@@ -48,8 +52,18 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
             return "infeasible", why + " (shown by a dual matrix)", mend + (slow if scheduled else "")
     frozen = max((least_gain(problem.plant, k) for k in range(len(problem.plant.A))), default=np.inf)
     held = f"; {frozen:.4g} is the least gain with the scheduling held" if np.isfinite(frozen) and scheduled else ""
+    lost = _lost(plant)
+    held = f"; {lost}" if lost else held
     return ("numerical", f"no solver found a usable answer, and none showed that there is no controller{held}",
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
+
+
+def _lost(plant: GeneralizedPlant) -> str:
+    """Where between points a mode slower than the plant's pace is out of reach; in continuous time."""
+    if plant.sample_time is not None or not plant.box.names:
+        return ""
+    points = tensor(convex_axes(plant))
+    return slow_mode_out_of_reach(plant, points, pace(plant.at(points).A))
 
 
 def _slowly_refuted(problem: ProjectedInequalities, half: Half, root: np.ndarray) -> bool:

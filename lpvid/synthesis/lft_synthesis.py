@@ -75,7 +75,7 @@ class LFTFeedback:
         """The controller for a plant with a polynomial basis, its closed loop verified."""
         started, corners = time.perf_counter(), plant.box.grid(3)
         at = plant.at(corners)
-        fault = fault_of(plant, at, corners)
+        fault = fault_of(plant, at, corners, between=True)
         if fault is not None:
             return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method="scaled small gain")
         if at.D22.any():

@@ -110,11 +110,24 @@ class MatrixFunction:
         return total.trimmed()
 
     def _parts(self) -> list[MatrixFunction]:
-        """The function split along a stack of bases, what is zero left out."""
+        """The function split along a stack of bases, and into entries that move and entries that do not.
+
+        What is zero is left out. An entry that does not move is a constant, whatever table it is written over: products
+        of the functions of large tables would not fit into memory.
+        """
         ends = np.cumsum([0, *(a.size for a in atoms(self.basis))])
-        parts = [MatrixFunction(a, self.coefficients[i:j])
-                 for a, (i, j) in zip(atoms(self.basis), itertools.pairwise(ends), strict=True)]
+        parts = [p for a, (i, j) in zip(atoms(self.basis), itertools.pairwise(ends), strict=True)
+                 for p in MatrixFunction(a, self.coefficients[i:j])._split()]
         return [p.trimmed() for p in parts if p.coefficients.any()]
+
+    def _split(self) -> tuple[MatrixFunction, MatrixFunction]:
+        """The entries that do not move, as constants, and the others."""
+        one = np.zeros(self.basis.size) if self.basis.unity is None else self.basis.unity
+        pivot = int(np.argmax(np.abs(one)))
+        level = self.coefficients[pivot] / (one[pivot] or 1.0)
+        still = np.all(self.coefficients == one[:, None, None] * level, axis=0)
+        return (MatrixFunction.constant(np.where(still, level, 0.0)),
+                MatrixFunction(self.basis, np.where(still, 0.0, self.coefficients)))
 
     def _times_part(self, right: MatrixFunction) -> MatrixFunction:
         basis, table = products(self.basis, right.basis)

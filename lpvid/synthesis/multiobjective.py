@@ -112,7 +112,7 @@ class MultiObjective:
         steady = _steady(plant)
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
-        fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes))
+        fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes), between=True)
         variance = any(isinstance(c, CovarianceCriterion) for c in criteria)
         direct = self.feedthrough and (plant.sample_time is not None or not variance)
         if fault is not None:

@@ -107,7 +107,7 @@ class OutputFeedback:
         points = tensor(axes)
         at = plant.at(points)
         refuse_dead_signals(plant, at)
-        fault = fault_of(plant, at, points)
+        fault = fault_of(plant, at, points, between=True)
         if fault is not None:
             return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, seconds=time.perf_counter() - started,
                              method="output feedback")

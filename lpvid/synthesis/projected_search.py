@@ -54,11 +54,13 @@ def least_bound(
     solvers: Sequence[str] = SOLVERS,
     known: MatrixPair | None = None,
     hopeless: Callable[[], bool] | None = None,
+    roughly: bool = False,
 ) -> MatrixPair | None:
     """The pair of least γ, in coordinates that follow the answers until the bound settles; None if no solver answers.
 
     Those of a `known` pair, of the same problem at fewer points, come first. `hopeless` is evaluated once, where the
-    first attempt fails: whether it can be shown that there is no answer.
+    first attempt fails: whether it can be shown that there is no answer. `roughly`, the first answer is enough that
+    keeps its inequalities: its bound can be had, and may not be the least.
 
     Every solver but the first is a fallback for one that gives no plausible answer: no bound can be had that the
     Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are
@@ -68,7 +70,7 @@ def least_bound(
     for solver in (s for s in solvers if available([s])):
         for pair, roots in itertools.chain([] if known is None else [(known, roots_of(problem, known))],
                                            _starts(problem)):
-            found = _settled(problem, pair, roots, clock, (solver,))
+            found = _settled(problem, pair, roots, clock, (solver,), roughly)
             if found is not None and found.status == ROOMY:
                 rough = found
             elif found is not None and _plausible(problem, found.gamma):
@@ -131,7 +133,7 @@ def _spread(plain: MatrixPair, middle: Central) -> MatrixPair:
 
 
 def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.ndarray, np.ndarray], clock: Clock,
-             solvers: Sequence[str]) -> MatrixPair | None:
+             solvers: Sequence[str], roughly: bool = False) -> MatrixPair | None:
     """The pair of least γ from one start on.
 
     A solver calls answers optimal that miss the inequalities by far in other coordinates: only those count that keep
@@ -159,7 +161,7 @@ def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.n
         last, best = best, found if best is None or found.gamma < best.gamma else best
         settled = last is not None and found.gamma > (1 - SETTLED) * last.gamma
         stalled = stalled + 1 if settled else 0
-        if stalled and (found.status == "optimal" or stalled > 1):
+        if roughly or (stalled and (found.status == "optimal" or stalled > 1)):
             break
         pair, roots = found, roots_of(problem, found)
     return best if best is not None or rough is None else replace(rough, status=ROOMY)

@@ -170,7 +170,12 @@ class _Asked:
         if point not in self.found:
             assert self.function is not None
             value = point[0] if self.variables == 1 else np.array(point)
-            (a, b, c, d), period, labels = _plain(self.function(value))
+            try:
+                system = self.function(value)
+            except ArithmeticError as error:
+                raise InputError("the function has no value", got=f"{error} at {point}",
+                                 mend="narrow the box to where the function is defined") from error
+            (a, b, c, d), period, labels = _plain(system)
             shape = (len(a), d.shape[1], d.shape[0])
             if self.shape is None:
                 self.shape, self.period, self.labels = shape, period, labels

@@ -43,7 +43,7 @@ class Units:
 
         Time is measured so that the fastest and the slowest mode are equally far from 1.
         """
-        time = _pace(plant.A)
+        time = pace(plant.A)
         root = np.sqrt(time)
         u = 1 / _sizes(np.concatenate([plant.B2 / root, plant.D12], axis=1), 1)
         y = _sizes(np.concatenate([plant.C2 / root, plant.D21], axis=2), 2)
@@ -65,8 +65,19 @@ class Units:
         return self.time * a, root * b / self.measurements, root * u * c, u * d / self.measurements
 
 
-def _pace(a: np.ndarray) -> float:
-    """Geometric mean of the fastest and the slowest mode [1/s]; 1 for a plant without dynamics."""
+def pace(a: np.ndarray) -> float:
+    """Geometric mean of the fastest and the slowest mode; 1 for a plant without dynamics.
+
+    Parameters
+    ----------
+    a : (N, n, n) array
+        A at N points.
+
+    Returns
+    -------
+    float
+        [1/s].
+    """
     speeds = np.abs(np.linalg.eigvals(a)) if a.shape[1] else np.zeros((1, 1))
     fast = float(speeds.max(initial=0.0))
     if not fast > 0:

@@ -71,8 +71,10 @@ def test_a_realisation_saves_its_state_space_model(form, tmp_path):
 
 @pytest.mark.parametrize("stage", [TanhStage(0.1, 0.02), ThreeZoneStage(0.05, 0.01, 0.2, 0.0, 0.1, 0.03)])
 @pytest.mark.parametrize("basis", [
-    Polynomial(("p", "q"), 2), Product(Polynomial("p", 1), Spline("q", 2, 3, (0.0, 1.0, 2.5))), Polynomial((), 0),
-    Stacked((Polynomial("p", 1), Shifted(Polynomial("p", 2), -3)))], ids=["polynomial", "product", "none", "stacked"])
+    Polynomial(("p", "q"), 2), Product(Polynomial("p", 1), Spline("q", 2, 3, (0.0, 1.0, 2.5))),
+    Spline("p", 5, 2, (-1.0, -0.3, -0.3, 0.1, 0.4, 1.0)), Polynomial((), 0),
+    Stacked((Polynomial("p", 1), Shifted(Polynomial("p", 2), -3)))],
+    ids=["polynomial", "product", "doubled-knot", "none", "stacked"])
 def test_every_basis_and_stage_comes_back(stage, basis, tmp_path, rng):
     width = 2 if isinstance(stage, TanhStage) else 1
     one = LPVTransferFunction(rng.normal(size=(2, 2, 2, basis.size)), rng.normal(size=(3, 2, width, basis.size)), basis,

@@ -20,6 +20,7 @@ from lpvid.export.tangent import tangent
 
 BOX = lpv.Scheduling(("rho",), (0.0,), (1.0,))
 BASES = {"affine": lpv.Polynomial("rho", 1), "cubic": lpv.Polynomial("rho", 3), "spline": lpv.Spline("rho", 4, 3),
+         "doubled knot": lpv.Spline("rho", 5, 2, (0.0, 0.3, 0.3, 0.5, 0.9, 1.0)),
          "fourier": lpv.Fourier("rho", 2)}
 
 

@@ -50,6 +50,23 @@ def test_what_decays_too_slowly_to_be_found_is_shown_to_be_so():
     assert all(np.isfinite(least_gain(problem.plant, k)) for k in range(len(points)))
 
 
+def test_a_slow_mode_that_is_lost_between_the_points_is_named():
+    """Seed 92: at two places between the knots the one control does not reach the near-integrator, which makes up the
+    gain there (some 5e5; 538 is the largest least gain at a knot)."""
+    case, design, _ = random_case(92)
+    points = tensor(design._axes(case)[0])
+    problem = FeedbackProblem(BalancedPlant.of(case, points), Variations(None, "both", case.box),
+                              design._axes(case)[0], True, False, points[:0]).projected
+    verdict, why, _ = obstacle(case, problem)
+    assert verdict == "numerical" and "no control (u1) reaches the mode with pole -0.00034" in why
+    place = float(why.split("p = ")[1].split(",")[0])
+    m = case.at(np.array([[place]])).point(0)
+    poles, left = np.linalg.eig(m.A.T)
+    k = int(np.argmin(np.abs(poles)))
+    parts = m.B2[:, 0] * left[:, k].real
+    assert abs(parts.sum()) < 1e-5 * np.abs(parts).max()
+
+
 def test_matrices_that_break_the_coupling_are_no_bound():
     """[X, I; I, Y] ⪰ 0 is part of what an answer keeps: it fails for half of X and Y."""
     case = scherer()

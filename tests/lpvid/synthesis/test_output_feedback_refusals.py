@@ -1,13 +1,17 @@
 """What output feedback refuses, in the words of the plant's signals."""
 
+import re
+
 import numpy as np
 import pytest
+from helpers.badly_scaled_plants import random_case
 from helpers.synthesis_plants import column, plant, scherer
 from scipy.linalg import block_diag
 
 import lpvid as lpv
 from lpvid.errors import ExtrapolationWarning, InputError
 from lpvid.model.signals import Signal
+from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.interconnection import close_loop
 
 
@@ -62,6 +66,49 @@ def test_at_one_value_of_the_scheduling_only():
     b = [[[0, 0, 0], [1, 0, 1.0]], [[0, 0, 0], [0, 0, -1.0]]]
     result = lpv.synthesize(_named(A=a, B=b, C=[[1, 0], [0, 0], [1, 0]]), lpv.OutputFeedback())
     assert result.verdict == "unstabilisable" and "speed = 1" in result.why
+
+
+def _crossing(at: float, more: int = 1):
+    """x1' = 0.5 x1 + (p − at) x2 and x2' = −x2 + u: vᵀb = (p − at)/1.5, zero at one p, which no corner is."""
+    a = [[[0.5, -at], [0, -1]], [[0, 1], [0, 0]]]
+    b = np.hstack([[[1.0], [0]], np.zeros((2, 1)), [[0.0], [1]], np.full((2, more - 1), 1.0)])[None]
+    c = np.array([[[1.0, 0], [0, 0], [1, 0]]])
+    d = np.hstack([[[0.0, 0, 0], [0, 0, 0.3], [0, 0.1, 0]], np.zeros((3, more - 1))])[None]
+    forces = [f"force{k}" for k in range(more)]
+    system = lpv.LPVStateSpace(a, *(np.concatenate([m, 0 * m]) for m in (b, c, d)), lpv.Polynomial("p", 1), None,
+                               lpv.Scheduling(("p",), (-1.0,), (1.0,)), inputs=("push", "noise", *forces),
+                               outputs=("stroke", "effort", "sensor"))
+    return lpv.GeneralizedPlant(system, forces, ["sensor"])
+
+
+@pytest.mark.parametrize("design", [lpv.OutputFeedback(), lpv.MultiObjective(), lpv.LFTFeedback()],
+                         ids=["output-feedback", "multi-objective", "lft"])
+def test_a_mode_that_one_control_loses_between_the_points_of_the_grid(design):
+    found = lpv.synthesize(_crossing(0.3127), design)
+    assert found.verdict == "unstabilisable" and "p = 0.3127," in found.why and "pole 0.5" in found.why
+
+
+def test_what_two_controls_reach_and_what_is_lost_outside_the_box_is_no_fault():
+    for case in (_crossing(0.3127, more=2), _crossing(1.0001)):
+        points = case.box.grid(2)
+        assert fault_of(case, case.at(points), points, between=True) is None
+
+
+@pytest.mark.parametrize("seed", [1088, 1104])
+def test_random_plants_that_were_numerical_are_lost_between_the_points(seed):
+    """One control, a real pole, a table of nine knots: the place is checked by the rank of [A − λI, B]."""
+    case, design, _ = random_case(seed)
+    found = lpv.synthesize(case, design)
+    assert found.verdict == "unstabilisable"
+    p = float(re.search(r"p = (\S+),", found.why)[1])
+    near = [case.at(np.array([[q]])).point(0) for q in (p - 1e-3, p + 1e-3)]
+    sides = []
+    for m in near:
+        poles, left = np.linalg.eig(m.A.T)
+        k = int(np.argmax(np.where(poles.imag == 0, poles.real, -np.inf)))
+        v = left[:, k].real
+        sides.append(float(v @ m.B2[:, 0]) * np.sign(v[np.argmax(np.abs(v))]))
+    assert sides[0] * sides[1] < 0
 
 
 def test_reversed_polarity():
