@@ -30,7 +30,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     """
     from lpvid.cli.beside import beside_sections, compared, load_beside
     from lpvid.cli.data import read_clocked, split_names
-    from lpvid.cli.parts import parts
+    from lpvid.cli.parts import parts, refuse_still
     from lpvid.export.serialise import load
     from lpvid.validation import acting_model
 
@@ -54,6 +54,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         label = "training" if training else "held-out"
         rate = None if clockless else sample_rate  # of files without a clock it is the rate they were measured at
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
+        refuse_still(loaded, found)
         beside_it = compared((name, loaded), others, measured, label, rate, named)
         stated = found.to_dict() if beside_it is None else {**found.to_dict(), "beside": beside_it.to_dict()}
         if results.kept:
