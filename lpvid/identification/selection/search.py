@@ -321,8 +321,7 @@ class StructureSearch:
             elif i >= running:
                 reason = "its free run is worse than the mean of the output"
             else:
-                excess = 100 * (tried.trial.mean / max(trials[0].mean, 1e-300) - 1)
-                reason = f"free-run error {excess:.3g} % above the least"
+                reason = f"free-run error {tried.trial.mean / max(trials[0].mean, 1e-300):.3g} times the least"
             rows.append(replace(row, esr=tried.trial.mean, esr_error=tried.trial.error,
                                 esr_folds=tuple(tried.trial.esr.tolist()), reason=reason))
         return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]
@@ -341,6 +340,8 @@ class StructureSearch:
                 reason = f"{TIME_UP} before it was cross-validated"
             elif share is not None and share > self.limit:
                 reason = f"frozen pole outside at {100 * share:.2g} % of training samples"
+            elif not self.trials:
+                reason = f"{TIME_UP} before any of these was cross-validated"
             else:
                 reason = f"BIC {self.screened[i].bic - self.screened[0].bic:.4g} above the least: not cross-validated"
             rows.append(self._row(i, reason))
