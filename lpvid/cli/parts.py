@@ -43,7 +43,19 @@ def parts(model: Model, given: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
 
 
 def refuse_still(model: Model, found: Validation) -> None:
-    """A measured output that never moves has no figures, and with them no report."""
+    """A measured output that never moves has no figures, and with them no report.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+    found : Validation
+        Of that model.
+
+    Raises
+    ------
+    InputError
+        No free-run figure, though the run did not diverge.
+    """
     free = found.overall.free_run
     if free.esr is None and free.diverged_at is None:
         names = ", ".join(f"'{s.name}'" for s in model.outputs)

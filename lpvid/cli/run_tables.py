@@ -14,7 +14,15 @@ if TYPE_CHECKING:
 
 
 def queue_runs(results: Results, found: FreeRuns, kind: str = "csv") -> None:
-    """simulation.KIND for one record, simulation-NAME.KIND for each of several."""
+    """simulation.KIND for one record, simulation-NAME.KIND for each of several.
+
+    Parameters
+    ----------
+    results : Results
+    found : FreeRuns
+    kind : str
+        "csv", "parquet" or "mat".
+    """
     from lpvid.export.tables import write_table
 
     for label, run in zip(found.labels, found.runs, strict=True):
@@ -24,7 +32,17 @@ def queue_runs(results: Results, found: FreeRuns, kind: str = "csv") -> None:
 
 def queue_run(results: Results, model: Model | Adaptable, records: Sequence[Record],
               sample_rate: float | None = None) -> None:
-    """The same for a model along records."""
+    """The same for a model along records.
+
+    Parameters
+    ----------
+    results : Results
+    model : model or Adaptable
+    records : sequence of Record
+        As read: cut at gaps, resampled to the model's rate.
+    sample_rate : float, optional
+        Of a model without a rate of its own [Hz].
+    """
     from lpvid.validation.free_runs import free_runs
 
     queue_runs(results, free_runs(model, records, sample_rate))
