@@ -67,8 +67,7 @@ class Choice:
 
     def __str__(self) -> str:
         rows = self.selection.table
-        lines = [f"chosen from {len(rows)} structures by free-run error in {self.selection.folds}-fold "
-                 "cross-validation of the training data"]
+        lines = [f"chosen from {self.selection.comparison}"]
         if not self.selection.complete:
             lines[0] = "INTERRUPTED, the ranking is not complete: " + lines[0]
         lines += [f"  {i:2d}. {row}" for i, row in enumerate(rows[:SHOWN], start=1)]

@@ -26,6 +26,7 @@ def compare(
     Any kinds together: transfer functions, state spaces, damper models, extended models. Each runs at its own rate.
     """
     from lpvid.cli.data import read_clocked, split_names
+    from lpvid.cli.parts import refuse_still
     from lpvid.errors import InputError
     from lpvid.export.serialise import load
     from lpvid.validation.comparing import compare_models
@@ -44,6 +45,7 @@ def compare(
         report_progress("simulating")
         found = compare_models(loaded, records, sample_rate=None if clockless else sample_rate,
                                label="training" if training else "held-out", fitted=with_roles)
+        refuse_still(found.models[0].model, found.models[0].found)
         if results.kept:
             from lpvid.report.comparing import compare_page
 

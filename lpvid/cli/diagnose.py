@@ -135,6 +135,7 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
     described = [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
         return described
+    from lpvid.cli.run_tables import queue_run
     from lpvid.diagnosis.experiments import proposed
     from lpvid.export.serialise import save
     from lpvid.report.diagnosis import diagnosis_page
@@ -145,6 +146,7 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
         results.add(LPV_MODEL, lambda path: save(lpv.extended.model, path))
     if found.extended is not None:
         results.add("extended_model.json", lambda path: save(found.extended, path))
+        queue_run(results, found.extended, question.prepared.held_out or question.prepared.training)
     proposal = proposed(found) if plan else None
     planned = proposal is not None and bool(proposal.text)
     if proposal is not None and planned:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.simulation import Model
+
+if TYPE_CHECKING:
+    from lpvid.validation import Validation
 
 
 def parts(model: Model, given: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
@@ -36,6 +40,27 @@ def parts(model: Model, given: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
                              got=", ".join(channels), mend=f"give them in the order {', '.join(own[part]) or 'none'}")
         roles |= {name: channel for name, channel in zip(own[part], channels, strict=False) if name != channel}
     return roles
+
+
+def refuse_still(model: Model, found: Validation) -> None:
+    """A measured output that never moves has no figures, and with them no report.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+    found : Validation
+        Of that model.
+
+    Raises
+    ------
+    InputError
+        No free-run figure, though the run did not diverge.
+    """
+    free = found.overall.free_run
+    if free.esr is None and free.diverged_at is None:
+        names = ", ".join(f"'{s.name}'" for s in model.outputs)
+        raise InputError(f"output {names} never moves in these records", why="no figure can be formed",
+                         mend="check the sensor and the files; lpvid simulate runs a model without a measured output")
 
 
 def damper_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], schedule: Sequence[str]) -> Record:

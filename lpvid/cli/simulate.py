@@ -57,12 +57,10 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
 
 def _deliver(results: Results, found: FreeRuns, kind: str, name: str, report_progress: Callable[[str], None]) -> None:
     """Queue the tables, the figures and the report."""
-    from lpvid.export.tables import write_table
+    from lpvid.cli.run_tables import queue_runs
     from lpvid.report.simulation import simulation_page
 
     report_progress("writing")
-    for label, run in zip(found.labels, found.runs, strict=True):
-        stem = "simulation" if len(found.runs) == 1 else f"simulation-{label}"
-        results.add(f"{stem}.{kind}", lambda path, columns=run.columns: write_table(columns, path))
+    queue_runs(results, found, kind)
     results.json("simulation.json", found.to_dict())
     results.report(simulation_page(found, name))

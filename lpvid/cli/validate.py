@@ -23,14 +23,14 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
                                                     "label the figures so.")] = False,
              beside: options.Beside = None,
              chunk: options.Chunk = None, out: options.Out = None, json: options.Json = False) -> None:
-    """Compare a model with measurements, free run first; writes validation.json and report.html.
+    """Compare a model with measurements, free run first; writes validation.json, simulation.csv and report.html.
 
     --input, --output and --schedule state which channels play the parts of the model's, in the model's order. Data of
     another rate are resampled to the model's, and a note states so.
     """
     from lpvid.cli.beside import beside_sections, compared, load_beside
     from lpvid.cli.data import read_clocked, split_names
-    from lpvid.cli.parts import parts
+    from lpvid.cli.parts import parts, refuse_still
     from lpvid.export.serialise import load
     from lpvid.validation import acting_model
 
@@ -54,14 +54,17 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         label = "training" if training else "held-out"
         rate = None if clockless else sample_rate  # of files without a clock it is the rate they were measured at
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
+        refuse_still(loaded, found)
         beside_it = compared((name, loaded), others, measured, label, rate, named)
         stated = found.to_dict() if beside_it is None else {**found.to_dict(), "beside": beside_it.to_dict()}
         if results.kept:
+            from lpvid.cli.run_tables import queue_run
             from lpvid.report.figures import comparisons
             from lpvid.report.validation import validation_page
 
             report_progress("drawing")
             results.json("validation.json", stated)
+            queue_run(results, loaded, records, rate)
             results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), model.name,
                                            beside_sections(beside_it, measured, named)))
     conclude(results, stated, repr(found) if beside_it is None else f"{found!r}\n{beside_it!r}", json)

@@ -224,7 +224,7 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
         except csv.Error as error:
             raise _broken_line(where, number, error) from None
         if len(cells) != wanted:
-            raise InputError(f"{where}: line {number} has {len(cells)} cells", got=_shown(text),
+            raise InputError(f"{where}: line {number} has {len(cells)} cell{'s' * (len(cells) != 1)}", got=_shown(line),
                              why=f"the header names {wanted} columns",
                              mend="repair that line, or remove what stands above the header")
         yield number, cells

@@ -34,7 +34,7 @@ class ARMAX(PredictionError):
         Order of C, one for each output.
     varying_noise : bool
         Coefficients c_i(p) over the basis rather than constant ones.
-    starts, seed, max_iterations, tolerance, bounds, initial, progress
+    starts, seed, max_iterations, tolerance, bounds, initial, frozen_poles, progress
         As in `PredictionError`.
 
     Examples

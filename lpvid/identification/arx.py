@@ -320,8 +320,9 @@ def _moves(records: Sequence[Record], name: str, what: str) -> None:
     low, high = min(float(r[name].min()) for r in records), max(float(r[name].max()) for r in records)
     if not high > low:
         raise InputError(f"{what} '{name}' never moves", got=f"the constant {low:.6g}",
-                         why="its effect cannot be identified",
-                         mend="leave it out (a constant is part of the model anyhow), or check the sensor")
+                         why="there is nothing to model" if what == "output" else "its effect cannot be identified",
+                         mend="check the sensor and the file" if what == "output" else
+                         "leave it out (a constant is part of the model anyhow), or check the sensor")
 
 
 def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool = True) -> Scheduling:

@@ -34,7 +34,7 @@ class BoxJenkins(PredictionError):
         As in `ARX`.
     nc, nd : int
         Orders of C and D, one pair for each output.
-    starts, seed, max_iterations, tolerance, bounds, initial, progress
+    starts, seed, max_iterations, tolerance, bounds, initial, frozen_poles, progress
         As in `PredictionError`.
 
     Examples

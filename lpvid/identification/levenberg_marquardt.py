@@ -13,7 +13,10 @@ from lpvid.least_squares import SearchEnd, StopRule, bounded_step, descend
 from lpvid.model.transfer_function import LPVTransferFunction
 
 FROZEN_POINTS = 1000
-"""trajectory points at which a trial step's frozen poles are checked."""
+"""trajectory points at which a trial step's frozen poles are computed, with several outputs."""
+STEP_DOWN_POINTS = 20_000
+"""trajectory points at which they are checked by step-down, with one output: as many as a choice of structures looks at
+(`unstable_share`). At every fourth sample only, the search ended with poles outside at four of 4096 others."""
 LONGEST_STEP = 1.0
 """a step changes no group of parameters by more than this many times its own norm (plus one for A, C and D)."""
 
@@ -176,22 +179,24 @@ def _shortening(problem: PredictionErrorProblem, shared: np.ndarray, move: np.nd
 
 
 # -- frozen poles ------------------------------------------------------------------------------------------------------
-def frozen_radius(problem: PredictionErrorProblem, point: Point, points: int = FROZEN_POINTS) -> float:
+def frozen_radius(problem: PredictionErrorProblem, point: Point) -> float:
     """Largest modulus of the frozen poles of what must be stable, at points spread over the training trajectory.
 
     That is A for output errors and Box-Jenkins models (and their C), and C for ARMAX models.
     """
     model = problem.model_at(point.shared)
+    points = FROZEN_POINTS if problem.n_outputs > 1 else STEP_DOWN_POINTS
     return float(np.max(frozen_moduli(problem, model, points), initial=0.0))
 
 
-def frozen_inside(problem: PredictionErrorProblem, point: Point, limit: float, points: int = FROZEN_POINTS) -> bool:
+def frozen_inside(problem: PredictionErrorProblem, point: Point, limit: float) -> bool:
     """Whether `frozen_radius` is below `limit`: by step-down (Schur-Cohn) for one output, without any eigenvalue."""
     if not np.isfinite(limit):
         return True
     if problem.n_outputs > 1:
-        return frozen_radius(problem, point, points) < limit
-    return all(_schur(a[:, :, 0, 0], limit) for a in _frozen(problem, problem.model_at(point.shared), points))
+        return frozen_radius(problem, point) < limit
+    model = problem.model_at(point.shared)
+    return all(_schur(a[:, :, 0, 0], limit) for a in _frozen(problem, model, STEP_DOWN_POINTS))
 
 
 def _schur(a: np.ndarray, limit: float) -> bool:

@@ -28,7 +28,7 @@ class OutputError(PredictionError):
     ----------
     na, nb, nk, input, output, basis, affine, lagged, stage, schedule_filter
         As in `ARX`.
-    starts, seed, max_iterations, tolerance, bounds, initial, progress
+    starts, seed, max_iterations, tolerance, bounds, initial, frozen_poles, progress
         As in `PredictionError`.
 
     Examples

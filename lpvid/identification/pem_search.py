@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, frozen_inside, minimise
 from lpvid.identification.pem_problem import Point, PredictionErrorProblem
-from lpvid.identification.pem_starts import Start
+from lpvid.identification.pem_starts import Start, stabilised
 from lpvid.model.transfer_function import LPVTransferFunction
 
 SHORT = 12
@@ -51,6 +51,8 @@ class Campaign:
     max_iterations : int
     tolerance : float
     progress : callable or None
+    inside : bool
+        Whether frozen poles stay inside: a start with others is drawn in.
     """
 
     coarse: PredictionErrorProblem
@@ -60,6 +62,7 @@ class Campaign:
     max_iterations: int
     tolerance: float
     progress: Callable[[int, float], None] | None
+    inside: bool = False
 
     def follow(self, ranked: Sequence[Ranked], frozen_limit: float) -> PredictionErrorOutcome | None:
         """A short search on the sample from each of these starts, and the full search from the best of them."""
@@ -79,7 +82,8 @@ class Campaign:
         problem = self.problem
         problem.weights = self.coarse.weights
         for _, label, model in tried:
-            search = self._full(problem.point(model), frozen_limit)
+            begin = stabilised(problem, model) if self.inside else model
+            search = self._full(problem.point(begin), frozen_limit)
             if search is None:
                 continue
             for _ in range(REWEIGHTED if problem.n_outputs > 1 else 0):

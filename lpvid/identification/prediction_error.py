@@ -55,6 +55,9 @@ class PredictionError(Structure):
         Lowest and highest value of parameters by their name in the result, e.g. ``{"a1[1]": (-2, 0)}``.
     initial : {"estimate", "measured"}
         Whether what ran before a record is estimated, or read off its first samples.
+    frozen_poles : {"any", "inside"}
+        Whether frozen poles may leave the unit circle along the training trajectory where that fits markedly better, or
+        stay inside.
     progress : callable, optional
         ``progress(iteration, cost)`` after every step.
     """
@@ -75,6 +78,7 @@ class PredictionError(Structure):
     tolerance: float = 1e-8
     bounds: Any = ()
     initial: str = "estimate"
+    frozen_poles: str = "any"
     progress: Callable[[int, float], None] | None = None
 
     def __post_init__(self) -> None:
@@ -87,6 +91,7 @@ class PredictionError(Structure):
         _checks.count(self.max_iterations, "max_iterations", at_least=1)
         _checks.positive(self.tolerance, "tolerance")
         _checks.one_of(self.initial, ("estimate", "measured"), "initial")
+        _checks.one_of(self.frozen_poles, ("any", "inside"), "frozen_poles")
         rows = self.bounds.items() if isinstance(self.bounds, Mapping) else [(r[0], r[1:]) for r in self.bounds]
         set_(self, "bounds", tuple((str(name), *_interval(name, pair)) for name, pair in rows))
         for name in self._orders:
@@ -168,13 +173,12 @@ class PredictionError(Structure):
         models = self.starting_models(sample, coarse, first.model)
         models += perturbed(models[0][1], problem.layout, first.covariance, rng, max(self.starts - 1, 1))
         inside, outside = ranked(coarse, models)
-        campaign = Campaign(coarse, problem, self._bounds(problem), self.starts, self.max_iterations, self.tolerance,
-                            self.progress)
+        campaign = self._campaign(coarse, problem)
         found = campaign.follow(inside[: self.starts], 1.0)
         if found is None:
             drawn = stabilised(problem, first.model)
             found = campaign.finish([(np.inf, "least squares, poles drawn in", drawn)], 1.0)
-        if found is None or problem.noise.kind != "armax":
+        if self.frozen_poles == "any" and (found is None or problem.noise.kind != "armax"):
             found = better(found, campaign.unguarded(
                 found, outside, lambda: equation_start(sample, coarse, first.model, SHORT)))
         if found is None:
@@ -201,10 +205,13 @@ class PredictionError(Structure):
         ours = measured.residuals(measured.point(problem.model_at(found.search.trial.point.shared)))
         if least is None or (ours is not None and ours.cost <= least.cost):
             return problem, found
-        campaign = Campaign(measured, measured, self._bounds(measured), self.starts, self.max_iterations,
-                            self.tolerance, self.progress)
-        again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], 1.0)
+        begin = (least.cost, "least squares, from measured samples", first.model)
+        again = self._campaign(measured, measured).finish([begin], 1.0)
         return (problem, found) if again is None else (measured, again)
+
+    def _campaign(self, coarse: PredictionErrorProblem, problem: PredictionErrorProblem) -> Campaign:
+        return Campaign(coarse, problem, self._bounds(problem), self.starts, self.max_iterations, self.tolerance,
+                        self.progress, self.frozen_poles == "inside")
 
     def _problem(
         self, records: Sequence[Record], first: Identification, estimate_past: bool = True
@@ -315,7 +322,8 @@ class PredictionError(Structure):
         orders = {name: getattr(self, name) for name in self._orders}
         return {**data, "kind": self.kind, **orders, "starts": self.starts, "seed": self.seed,
                 "max_iterations": self.max_iterations, "tolerance": self.tolerance,
-                "bounds": {name: [low, high] for name, low, high in self.bounds}, "initial": self.initial}
+                "bounds": {name: [low, high] for name, low, high in self.bounds}, "initial": self.initial,
+                "frozen_poles": self.frozen_poles}
 
 
 def _interval(name: object, pair: Sequence[float]) -> tuple[float, float]:

@@ -38,7 +38,8 @@ WINDOW = 300
 """samples in the close-up"""
 CLOUD = 5000
 """points of a loop drawn at most"""
-BEFORE, AFTER = VERMILION, BLUE
+BEFORE, AFTER = BLUE, MODEL
+STAGES = ((BEFORE, "baseline"), (AFTER, "extended model"))
 ROLES_UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "acceleration": "m/s²", "temperature": "K",
                "road": "m", "unsprung": "m", "actuator": "N"}
 COLOURS = {"named": VERMILION, "rival": ORANGE, "rejected": MUTED, "not needed": BLUE, "within noise": "#c3ccd6"}
@@ -154,7 +155,7 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
             x = _joined(shown, name)
             edges = np.unique(np.quantile(x, np.linspace(0.002, 0.998, BINS + 1)))
             place = np.digitize(x, edges) - 1
-            for k, (colour, stated) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
+            for k, (colour, stated) in enumerate(STAGES[: 2 if extended else 1]):
                 e = np.concatenate([s.errors[k] for s in shown])
                 cells = [(x[place == j], e[place == j]) for j in range(edges.size - 1) if np.sum(place == j) >= FEWEST]
                 at = [float(c.mean()) for c, _ in cells]
@@ -175,7 +176,7 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
     with look():
         figure, axes = panels(1, 2, height=2.9)
         time, frequency = axes[0]
-        for k, (colour, stated) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
+        for k, (colour, stated) in enumerate(STAGES[: 2 if extended else 1]):
             t, rms = _stretches(first, first.errors[k])
             time.plot(t, rms, color=colour, label=stated, drawstyle="steps-mid")
             f, density = _density(shown, k)
@@ -250,7 +251,7 @@ def loops(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
         for k, (ax, stated) in enumerate(zip(axes[0], ("baseline", "extended model"), strict=False)):
             for i, s in enumerate(having):
                 run = (s.before, s.after)[k]
-                for y, colour, name in ((s.measured, MEASURED, "measured"), (run, MODEL, stated)):
+                for y, colour, name in ((s.measured, MEASURED, "measured"), (run, (BEFORE, AFTER)[k], stated)):
                     ax.plot(s.channels["velocity"][::step], y[::step], ".", color=colour, markersize=1.8, alpha=0.45,
                             rasterized=True, label=name if i == 0 else None)
             _loop_axes(ax, having[0], limits)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 HEAVIEST = 1_450_000
 """Bytes that a page may weigh (issue: 1.5 MB), with some left for what is put around it."""
+UNITS = {"m/s^2": "m/s²", "N*s/m": "N·s/m"}
+"""Units that printed texts spell in ASCII, as a page shows them."""
 DRAWN = "data:image/svg+xml;base64,"
 LEAST = 150_000
 """Bytes that the time traces of a page have in any case."""
@@ -75,12 +77,12 @@ class _Glossed:
 
         What stands between backquotes is code.
         """
-        from markupsafe import Markup, escape
+        from markupsafe import Markup
 
         parts = re.split(r"`([^`]+)`", str(text))
         return Markup("").join(
             Markup("<code>{}</code>").format(part) if k % 2 else
-            Markup("").join(self._marked(words, term) if term else escape(words) for words, term in split_terms(part))
+            Markup("").join(self._marked(words, term) if term else _prose(words) for words, term in split_terms(part))
             for k, part in enumerate(parts))
 
     def cell(self, text: str) -> Markup:
@@ -88,7 +90,7 @@ class _Glossed:
         from markupsafe import escape
 
         term = term_of(str(text))
-        return self._marked(text, term) if term else escape(text)
+        return self._marked(text, term) if term else escape(_typeset(str(text)))
 
     def _marked(self, words: str, term: str) -> Markup:
         from markupsafe import Markup
@@ -98,6 +100,22 @@ class _Glossed:
         self.focusable.add(term)
         return Markup('<abbr title="{}"{}>{}</abbr>').format(TERMS[term], Markup(' tabindex="0"') if first else "",
                                                              words)
+
+
+def _typeset(text: str) -> str:
+    """Units as they are set in print: texts are shared with the terminal, where they are ASCII."""
+    for plain, printed in UNITS.items():
+        text = text.replace(plain, printed)
+    return text
+
+
+def _prose(text: str) -> Markup:
+    """A text with its units in print and its options unbroken."""
+    from markupsafe import Markup, escape
+
+    parts = re.split(r"((?<![\w-])--[a-z][a-z-]*)", _typeset(text))
+    return Markup("").join(Markup('<span class="option">{}</span>').format(part) if k % 2 else escape(part)
+                           for k, part in enumerate(parts))
 
 
 def _picture(source: str) -> Markup | str:

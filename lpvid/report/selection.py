@@ -31,7 +31,7 @@ def selection_section(found: Selection, ceiling: str) -> Section:
         marks.append(mark)
     columns = ("structure", "parameters", "free-run ESR, cross-validated", "fit [%]", "BIC", "frozen poles outside",
                "why here")
-    stated = Paragraph(f"{len(found.table)} structures compared on training data alone; the first is the choice. "
+    stated = Paragraph(f"{found.comparison}. The first is the choice. "
                      + ("" if found.complete else "The search was interrupted: the ranking is not complete. ")
                      + ceiling)
     table = PageTable(columns, tuple(rows), "", (1, 2, 3, 4, 5), tuple(marks),

@@ -70,12 +70,13 @@ def _label(found: Characterisation, key: tuple) -> str:
     return " ".join(p for p in parts if p) or "measured"
 
 
-def _legend(ax: Axes) -> None:
+def _legend(ax: Axes, height: float = HEIGHT) -> None:
+    """Below the axes and their label, in a chart of this height."""
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         unique = dict(zip(labels, handles, strict=True))
-        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=_columns(unique),
-                  borderaxespad=0.0, handlelength=1.4, columnspacing=1.2)
+        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19 * HEIGHT / height),
+                  ncols=_columns(unique), borderaxespad=0.0, handlelength=1.4, columnspacing=1.2)
 
 
 def _columns(labels: Iterable[str]) -> int:
@@ -230,7 +231,8 @@ def stiffness(found: Characterisation) -> Drawn | None:
     if len({round(x.frequency, 2) for x in rows}) < 2:
         return None
     colours = _colours(found)
-    figure, axes = _chart(2, 2.7, sharex=True)
+    height = 2.7
+    figure, axes = _chart(2, height, sharex=True)
     for key in colours:
         own = sorted((x for x in rows if (x.specimen, x.current) == key), key=lambda x: x.frequency)
         f = [x.frequency for x in own]
@@ -253,7 +255,7 @@ def stiffness(found: Characterisation) -> Drawn | None:
     kept += [f for f in frequencies[1:] if f > 1.25 * kept[0]]
     axes[1].set_xticks([f for k, f in enumerate(kept) if k == 0 or f > 1.25 * kept[k - 1]])
     axes[1].xaxis.set_major_formatter(lambda value, _: f"{value:.2g}")
-    _legend(axes[1])
+    _legend(axes[1], height)
     return Drawn("stiffness", figure, "Complex stiffness F₁/x₁ of the fundamental by frequency; amplitudes differ "
                  "between tests (table). 90° is a damper without elasticity.")
 
@@ -360,9 +362,6 @@ def specimens(found: Characterisation) -> Drawn | None:
     ax.axvline(0, color=INK, linewidth=0.7)
     ax.set_xlabel("force about its nominal or mean [%]")
     ax.set_title("Specimens and tolerance")
-    handles, labels = ax.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.55 / ax.figure.get_figheight()),
-              ncols=_columns(unique), borderaxespad=0.0)
+    _legend(ax, ax.figure.get_figheight())
     return Drawn("specimens", figure, "Every specimen at every standard speed, against the nominal force or the mean "
                  "of the specimens; grey is the tolerance band.")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from quartercar.characterisation.forces import propose_sine
 
 if TYPE_CHECKING:
@@ -64,14 +66,18 @@ def _forces(found: Characterisation) -> list[Missing]:
              and all(f.why.startswith("fastest") for f in short[v])]
     if never:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
+        fastest = max(float(np.quantile(np.abs(r.velocity), 0.999)) for r in found.data.runs)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
-                            f"{short[never[0]][0].why.partition(':')[0]}", f"run sines: {tests}"))
+                            f"fastest reaches {fastest:.3g} m/s", f"run sines: {tests}"))
     for speed in found.settings.speeds:
         if speed in never or not short[speed]:
             continue
         own, which = short[speed], ""
         if len(own) < whole[speed]:
-            which = f" ({len(own)} of {whole[speed]} directions and currents)"
+            several = len(found.data.specimens) > 1
+            names = dict.fromkeys(f.specimen for f in own)
+            which = f" of {', '.join(names)}" if several else ""
+            which += f" ({len(own)} of {whole[speed]} {'specimens, ' if several else ''}directions and currents)"
         why, _, run = own[0].why.partition(": ")
         rows.append(Missing(f"force at {speed:g} m/s{which}", why, run))
     return rows

@@ -147,6 +147,11 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Record
         raise InputError("nothing moves in these records", got="a constant displacement throughout",
                          mend="check the sensor, or leave these files out")
     with_force = [p[0] for p in moving if p[0].has("force")]
+    still = next((r for r in with_force if not np.ptp(r["force"]) > 0), None)
+    if still is not None:
+        raise InputError(f"record '{still.name}': the force never moves while the damper does",
+                         got=f"the constant {still['force'][0]:.4g} N",
+                         mend="check the load cell, or leave that file out")
     sense = common_polarity(with_force) if with_force else 1
     current = _kinds([p[0] for p in moving])
     runs = tuple(RecordPiece(a, b, name, level, kind, integrated, sense or 1)

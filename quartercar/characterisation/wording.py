@@ -84,7 +84,10 @@ def _key_figures(found: Characterisation) -> str:
     unit, stated = found.data.current_unit, []
     top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
     if top is not None:
-        stated.append(f"force ratio rebound/compression {top.ratio:.2f} at {top.speed:g} m/s"
+        own = [r.ratio for r in found.ratios if (r.speed, r.current) == (top.speed, top.current)]
+        low, high = f"{min(own):.2f}", f"{max(own):.2f}"
+        range_ = low if len(own) == 1 else f"{low} to {high} over {len(own)} specimens"
+        stated.append(f"force ratio rebound/compression {range_} at {top.speed:g} m/s"
                     + ("" if top.current is None or len(found.data.levels) < 2 else f" and {amps(top.current, unit)}"))
     if found.spreads:
         fastest = max(s.speed for s in found.spreads)
@@ -115,7 +118,8 @@ def summary(found: Characterisation) -> str:
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
     for s in found.static[:2]:
         kind = "creep" if s.creep else f"at {1e3 * s.speed:.3g} mm/s, upper bound of friction"
-        lines.append(f"  gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, "
+        whose = f"{s.specimen}: " if len(found.data.specimens) > 1 else ""
+        lines.append(f"  {whose}gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, "
                      f"friction {s.friction:.4g} N ({kind})")
     for s in found.switching[:2]:
         lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "

@@ -12,6 +12,7 @@ from lpvid.analysis.frozen import family
 from lpvid.condition import folds, leaks, repetition_period
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.levenberg_marquardt import STEP_DOWN_POINTS
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.result import Identification
 from lpvid.identification.selection.excursions import furthest
@@ -25,8 +26,8 @@ GAP = 4
 """gap between training and held-out samples, in times the longest past of any candidate."""
 TIME_UP = "the time was up"
 """how the reason of a candidate begins that a search's budget left unfinished."""
-POLE_SAMPLES = 20_000
-"""training samples at which frozen poles are looked at."""
+LEFT = "left"
+"""how the reason of a candidate begins that was left because it could not win any more."""
 
 Fold = tuple[list[Record], list[Record]]
 
@@ -46,7 +47,10 @@ class Trial:
     outside : float or None
         Share of all training samples with a frozen pole outside, where it was looked at.
     power : float
-        Mean power of a fold, the unit of `esr`.
+        Mean power of a fold, the unit of `esr`; 0 after a failure, whose `esr` are squared errors.
+    measured : float
+        ESR of the estimate on all training data from measured samples, on the average over starts
+        (`fit_from_measured_samples`); 0 where it was not evaluated.
     """
 
     esr: np.ndarray
@@ -54,6 +58,12 @@ class Trial:
     n_parameters: int | None = None
     outside: float | None = None
     power: float = 0.0
+    measured: float = 0.0
+
+    @property
+    def counted(self) -> float:
+        """The worse of `mean` and `measured`, with which a structure would be taken."""
+        return max(self.mean, self.measured)
 
     @property
     def mean(self) -> float:
@@ -148,9 +158,9 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
     all_records : sequence of Record
         What the folds were made of.
     bar : Trial, optional
-        The best trial so far: this one is left as soon as its error in the folds done exceeds that of the bar in all of
-        them. Squared errors only add up, so that nothing which could win is lost. The folds hardest for the bar come
-        first.
+        The best trial so far: this one is left as soon as its error in the folds done exceeds what the bar counts with
+        in all of them. Squared errors only add up, so that nothing which could win is lost. The folds hardest for the
+        bar come first.
     late : callable
         Whether the time is up; evaluated before every fold.
     begin : ARX, optional
@@ -163,7 +173,7 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
     error, power = np.zeros(len(parts)), np.zeros(len(parts))
     known = bar is not None and not bar.failure
     sequence = np.argsort(-bar.esr, kind="stable") if bar is not None and known else np.arange(len(parts))
-    most = float(bar.esr.sum()) * bar.power if bar is not None and known else np.inf
+    most = squares(bar) if bar is not None and known else np.inf
     fixed = isinstance(structure, ARX) and not _open(structure)
     box = scheduling_box(all_records, structure.basis, check_basis=False) if isinstance(structure, ARX) else None
     size = None
@@ -185,11 +195,26 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
             return Trial(error, f"diverges in fold {i + 1}", size)
         if error.sum() > most and done < len(parts):
             more = np.sqrt(error.sum() / most)
-            why = f"left after {done} of {len(parts)} folds, its error there {more:.3g} times that of the best in all"
+            why = f"{LEFT} after {done} of {len(parts)} folds, its error there {more:.3g} times that of the best in all"
             return Trial(error, why, size)
     if not power.mean() > 0:
         return Trial(error, "the held-out output does not move")
     return Trial(error / power.mean(), "", size, power=float(power.mean()))
+
+
+def squares(trial: Trial) -> float:
+    """Squared error over all folds that a trial counts with [unit of the output squared].
+
+    Parameters
+    ----------
+    trial : Trial
+
+    Returns
+    -------
+    float
+        The sum in the folds done after a failure.
+    """
+    return float(trial.esr.sum()) if trial.failure else trial.counted * trial.esr.size * trial.power
 
 
 def _open(structure: ARX) -> bool:
@@ -262,7 +287,7 @@ def unstable_share(model: Model, records: Sequence[Record]) -> float:
     if not isinstance(model, LPVTransferFunction) or not model.na:
         return 0.0
     total = sum(r.n_samples for r in records)
-    step = max(1, -(-total // POLE_SAMPLES))
+    step = max(1, total // STEP_DOWN_POINTS)
     frozen = family(model)
     unstable = count = 0
     with single_thread():

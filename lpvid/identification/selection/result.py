@@ -164,6 +164,14 @@ class Selection(Shown):
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
 
+    @property
+    def comparison(self) -> str:
+        """How many were compared, and by what."""
+        tested = [r for r in self.table if r.esr is not None]
+        folds = len(tested[0].esr_folds) if tested else self.folds
+        return (f"{len(self.table)} candidates, {len(tested)} cross-validated in free run over {folds} folds of the "
+                "training data, the others left earlier for the reasons beside them")
+
     def to_dict(self) -> dict:
         """Plain data for JSON.
 
@@ -178,10 +186,9 @@ class Selection(Shown):
                 "notes": list(self.notes), "left_out": list(self.left_out)}
 
     def __repr__(self) -> str:
-        tested = sum(r.esr is not None for r in self.table)
         head = f"Selection: {describe(self.best)}"
         lines = [head if self.complete else head + " (INTERRUPTED: the ranking is not complete)",
-                 f"  {len(self.table)} candidates, {tested} cross-validated in free run over {self.folds} folds"]
+                 f"  {self.comparison}"]
         if self.identification is not None:
             fitted = self.identification
             lines += [f"  {v.label}: {v.summary()}" for v in (fitted.training, fitted.held_out) if v is not None]

@@ -103,9 +103,9 @@ def in_full(structure: Structure) -> Structure:
 
 
 def output_error(arx: ARX) -> OutputError:
-    """The output-error structure of an ARX's orders."""
+    """The output-error structure of an ARX's orders, searched where it may be taken: with its frozen poles inside."""
     return OutputError(arx.na, arx.nb, arx.nk, arx.input, arx.output, arx.basis, arx.affine, arx.lagged, arx.stage,
-                       arx.schedule_filter)
+                       arx.schedule_filter, frozen_poles="inside")
 
 
 def _of_order(arx: ARX, order: int) -> ARX:

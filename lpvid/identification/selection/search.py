@@ -14,16 +14,19 @@ from lpvid.identification.arx import ARX
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.selection.choosing import TOLERATED, Tried, close_to_least, simplest_supported
 from lpvid.identification.selection.free_run import (
+    LEFT,
     TIME_UP,
     Fold,
     Trial,
     cross_validate,
     estimated,
     open_stages,
+    squares,
     unstable_share,
 )
 from lpvid.identification.selection.result import CandidateRow, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
+from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 from lpvid.simulation import Model
@@ -54,6 +57,7 @@ class StructureSearch:
         self.outside: dict[int, float] = {}
         self.trials: dict[int, Trial] = {}
         self.others: list[tuple[Structure, Trial]] = []
+        self.barred: set[Structure] = set()
 
     # -- steps --------------------------------------------------------------------------------------------------
     def try_first(self, structures: Iterable[Structure]) -> None:
@@ -98,12 +102,22 @@ class StructureSearch:
         for structure in structures:
             if any(structure == known for known, _ in self.others):
                 continue
-            self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
+            self.others.append((structure, self._tried(structure)))
+
+    def resume(self) -> None:
+        """Continue with what was left beside a structure that is among `barred` now."""
+        for i, (structure, trial) in enumerate(self.others):
             best = self.best
-            begin = self.begin_of(structure)
-            trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late,
-                                   begin)
-            self.others.append((structure, trial if trial.failure else self._admitted(structure, trial, begin)))
+            could = best is None or squares(trial) <= squares(best[1])
+            if trial.failure.startswith(LEFT) and could and not self.late():
+                self.others[i] = (structure, self._tried(structure))
+
+    def _tried(self, structure: Structure) -> Trial:
+        """Cross-validation against the best so far, and whether the structure could be taken."""
+        self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
+        best, begin = self.best, self.begin_of(structure)
+        trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late, begin)
+        return trial if trial.failure else self._admitted(structure, trial, begin)
 
     def late(self) -> bool:
         """Whether the time for the search is up; never before there is a candidate that could be taken."""
@@ -122,10 +136,10 @@ class StructureSearch:
 
     @property
     def best(self) -> tuple[Structure, Trial] | None:
-        """Structure and trial of least free-run error so far."""
+        """Structure and trial of least free-run error so far, of those that can be taken."""
         tried = [*((self.screened[i].asked, t) for i, t in self.trials.items()), *self.others]
-        good = [(s, t) for s, t in tried if not t.failure]
-        return min(good, key=lambda row: row[1].mean) if good else None
+        good = [(s, t) for s, t in tried if not t.failure and s not in self.barred]
+        return min(good, key=lambda row: row[1].counted) if good else None
 
     def simplest(self, kind: type) -> Structure | None:
         """Of a kind that no factor screens, the one of fewest parameters within `TOLERATED` of its least error."""
@@ -186,12 +200,20 @@ class StructureSearch:
     def _admitted(self, structure: Structure, trial: Trial, begin: ARX | None) -> Trial:
         """A trial that could be taken, failed where its estimate on all records has frozen poles outside."""
         try:
-            share = unstable_share(estimated(structure, self.records, begin).model, self.records)
+            model = estimated(structure, self.records, begin).model
+            share = unstable_share(model, self.records)
         except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return replace(trial, failure=f"cannot be fitted to all training data: {why}")
         failure = f"frozen pole outside at {100 * share:.2g} % of training samples" if share > self.limit else ""
-        return replace(trial, failure=failure, outside=share)
+        return replace(trial, failure=failure, outside=share, measured=self._measured(model, trial))
+
+    def _measured(self, model: Model, trial: Trial) -> float:
+        """ESR from measured samples of what would lead the race, else 0."""
+        best = self.best
+        if best is not None and trial.mean >= best[1].counted:
+            return 0.0
+        return (1 - fit_from_measured_samples(model, self.records, len(self.parts)) / 100) ** 2
 
     def admissible(self, index: int) -> bool:
         """Whether a screened candidate keeps its frozen poles inside along the training trajectory."""
@@ -210,7 +232,10 @@ class StructureSearch:
             self.unreached.add(index)
         else:
             self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
-            self.trials[index] = cross_validate(self.screened[index].structure, self.parts, self.records)
+            trial = cross_validate(self.screened[index].structure, self.parts, self.records)
+            if not trial.failure:
+                trial = replace(trial, measured=self._measured(self._of_screened(index), trial))
+            self.trials[index] = trial
 
     def report_progress(self, text: str, *, line: bool = False) -> None:
         """Progress in words; a line ends a round and may be kept."""
@@ -296,8 +321,7 @@ class StructureSearch:
             elif i >= running:
                 reason = "its free run is worse than the mean of the output"
             else:
-                excess = 100 * (tried.trial.mean / max(trials[0].mean, 1e-300) - 1)
-                reason = f"free-run error {excess:.3g} % above the least"
+                reason = f"free-run error {tried.trial.mean / max(trials[0].mean, 1e-300):.3g} times the least"
             rows.append(replace(row, esr=tried.trial.mean, esr_error=tried.trial.error,
                                 esr_folds=tuple(tried.trial.esr.tolist()), reason=reason))
         return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]
@@ -316,6 +340,8 @@ class StructureSearch:
                 reason = f"{TIME_UP} before it was cross-validated"
             elif share is not None and share > self.limit:
                 reason = f"frozen pole outside at {100 * share:.2g} % of training samples"
+            elif not self.trials:
+                reason = f"{TIME_UP} before any of these was cross-validated"
             else:
                 reason = f"BIC {self.screened[i].bic - self.screened[0].bic:.4g} above the least: not cross-validated"
             rows.append(self._row(i, reason))

@@ -117,11 +117,29 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
                 search.try_others(then(leader))
             if rounds is not None:
                 notes += compete(search, rounds(search), pieces)
+            refits = _settled(search, pieces)
         except KeyboardInterrupt:
             if not search.screened and not search.others:
                 raise
-            complete = False
-        return _concluded(search, pieces, held_out, folds, complete, notes)
+            complete, refits = False, {}
+        return _concluded(search, pieces, held_out, folds, complete, notes, refits)
+
+
+Refits = dict[Structure, tuple[Identification, str]]
+
+
+def _settled(search: StructureSearch, pieces: Sequence[Record]) -> Refits:
+    """Refits on all data of those that led the race, down to the first that can be taken.
+
+    One that cannot has ended the trials of others before their last fold, which continue then.
+    """
+    refits: Refits = {}
+    while (best := search.best) is not None and best[0] not in refits:
+        refits[best[0]] = found = _refit(search, in_full(best[0]), pieces)
+        if found[1]:
+            search.barred.add(best[0])
+            search.resume()
+    return refits
 
 
 def _concluded(
@@ -131,6 +149,7 @@ def _concluded(
     folds: int,
     complete: bool,
     notes: list[str],
+    refits: Refits,
 ) -> Selection:
     """The first in the ranking whose refit on all data keeps its poles inside and does not diverge.
 
@@ -163,7 +182,7 @@ def _concluded(
             assert expected is not None
             if expected < highest + NEAR:
                 break
-            found, fault = _refit(search, in_full(ranked[i][0]), pieces)
+            found, fault = refits.get(ranked[i][0]) or _refit(search, in_full(ranked[i][0]), pieces)
             if fault:
                 table[i] = replace(table[i], reason=f"refitted on all training data: {fault}")
                 continue

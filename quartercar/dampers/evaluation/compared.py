@@ -141,7 +141,8 @@ class Comparison:
         best, run = self.best, self.best.held_out.total
         if run.esr is None:
             return "No model simulates the held-out data: every free run diverges, or the force does not move."
-        stated = (f"{best.title} is best of {len(self.rows)} models: free-run ESR {run.esr:.4g} on held-out data (fit "
+        place = f" is best of {len(self.rows)} models" if len(self.rows) > 1 else ""
+        stated = (f"{best.title}{place}: free-run ESR {run.esr:.4g} on held-out data (fit "
                 f"{run.fit_percent:.1f} %, rmse {run.rmse:.4g} N)")
         if len(self.rows) > 1 and (second := self.rows[1].held_out.total.esr) is not None:
             stated += f", before {self.rows[1].title} with {second:.4g}"

@@ -236,6 +236,14 @@ def test_validate_misses_a_channel(tmp_path, good_model):
             parts=("--schedule", "current"))
 
 
+@pytest.mark.parametrize("command", ["validate", "compare"])
+def test_a_measured_output_that_never_moves_has_no_figures(tmp_path, good_model, command):
+    (tmp_path / "model.json").write_text(json.dumps(good_model))
+    (tmp_path / "a.csv").write_text(table(force=np.full(N, 100.0)))
+    refused(tmp_path, command, tmp_path / "model.json", tmp_path / "a.csv", "--out", tmp_path / "out",
+            parts=("'force'", "never moves", "lpvid simulate"))
+
+
 # -- findings that are no errors --------------------------------------------------------------------------------------
 @pytest.mark.parametrize("content, names", [
     (table(HEADER.replace("[N]", "[raw]")), ["unknown-unit"]),

@@ -83,6 +83,22 @@ def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
     assert left.esr.sum() > bar.esr.sum() * bar.power * 0.999  # squared errors of the folds done
 
 
+def test_a_leader_that_cannot_be_taken_lets_the_others_go_on() -> None:
+    """What was left beside it is cross-validated to the end, as if it had never led."""
+    record = lightly_damped(3)
+    parts, _ = make_folds([record], 5, 8, ["u"])
+    good, poor = (lpv.OutputError(na=n, nb=n, nk=1, input="u", output="y") for n in (2, 1))
+    search = StructureSearch([record], parts, 0.0, 14, None)
+    search.try_others([good, poor])
+    assert search.best is not None and search.best[0] == good
+    assert search.others[1][1].failure.startswith("left after")
+    search.barred.add(good)
+    search.resume()
+    alone = cross_validate(poor, parts, [record])
+    assert search.best is not None and search.best[0] == poor
+    np.testing.assert_allclose(search.best[1].esr, alone.esr)
+
+
 KINDS = {"ARX", "OutputError", "Subspace", "RefinedIV", "QuasiLPV"}
 
 

@@ -153,6 +153,10 @@ def test_poles_outside_the_circle_are_followed_where_the_data_ask_for_them(rng):
     np.testing.assert_allclose(found.parameters[:2], [-0.7, -0.45], atol=4 * found.standard_errors[:2].max())
     assert found.standard_errors[:2].max() < 0.03
     assert any("frozen pole outside the unit circle" in note for note in found.notes)
+    inside = identify(record, OutputError(na=1, nb=1, input="u", output="y", basis=BASIS, frozen_poles="inside"))
+    a = inside.parameters[0] + np.outer(p, inside.parameters[1:2]).ravel()  # the pole of every sample is −a
+    assert np.abs(a).max() < 1.0
+    assert inside.training.overall.free_run.esr > found.training.overall.free_run.esr
 
 
 def thirds(record: Record) -> tuple[Record, Record]:

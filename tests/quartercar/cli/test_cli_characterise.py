@@ -125,6 +125,7 @@ BAD = {
     "no force": (without("force"), "no record has a force"),
     "too short": ({k: v[:20] for k, v in motion().items()}, "long enough"),
     "at rest": ({**motion(), "displacement [m]": np.full(2000, 0.01)}, "nothing moves"),
+    "a dead load cell": ({**motion(), "force [N]": np.full(2000, 80.0)}, "the force never moves"),
     "all NaN": ({**motion(), "force [N]": np.full(2000, np.nan)}, "no number"),
     "wrong unit": ({("displacement [kg]" if k.startswith("disp") else k): v for k, v in motion().items()}, "unit"),
     "unknown unit": ({("force [blub]" if k.startswith("force") else k): v for k, v in motion().items()}, "unit"),
