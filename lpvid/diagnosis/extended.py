@@ -192,9 +192,9 @@ def stored_baseline(data: Mapping) -> Baseline:
 
         return LpvBaseline.from_dict(inner)
     if inner.get("kind") == "fleet":
-        from lpvid.diagnosis.fleet_baseline import FleetBaseline
+        from lpvid.diagnosis.fleet_law import FleetLaw
 
-        return FleetBaseline.from_dict(inner)
+        return FleetLaw.from_dict(inner)
     return registry.named_baseline(str(data["name"]), (), inner)
 
 
