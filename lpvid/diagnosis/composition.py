@@ -53,6 +53,21 @@ class Composition:
             first = found[-1].stop
         return tuple(found)
 
+    @cached_property
+    def flat(self) -> tuple[Composition, np.ndarray] | None:
+        """The law, its own effects and the effects around it as one; where each of its parameters stands in the vector.
+
+        None for a baseline that is a law itself. An effect around it takes the place of its own of that name.
+        """
+        inner = self.baseline.inner
+        if inner is None:
+            return None
+        own = [(e, list(range(p.start, p.stop))) for e, p in zip(inner.effects, inner.places, strict=True)]
+        around = [(e, list(range(p.start, p.stop))) for e, p in zip(self.effects, self.places, strict=True)]
+        at = {e.name: (e, p) for e, p in (*own, *around)}
+        whole = Composition(inner.baseline, tuple(e for e, _ in at.values()))
+        return whole, np.array([*range(whole.own), *(k for e in whole.effects for k in at[e.name][1])], dtype=int)
+
     @property
     def members(self) -> frozenset[str]:
         """Names of the effects."""
@@ -97,6 +112,9 @@ class Composition:
         What the baseline and every effect from the inside out give along the same signals with the same parameters is
         remembered: what lies beside and around them then costs no further run.
         """
+        if self.flat is not None and given is None:
+            whole, place = self.flat
+            return whole.core(vector[place])
         inner = self._carried(vector) if given is None else vector
         core = self._around(self._base(inner) if given is None else given, inner, 0, self._outside, given is None)
         core = self._beside(core, vector, inner)
@@ -155,6 +173,14 @@ class Composition:
         first order along one run of it.
         """
         wanted = range(vector.size) if free is None else free
+        if self.flat is not None:
+            whole, place = self.flat
+            at_place = {int(k): c for c, k in enumerate(place)}
+            inside = [j for j in wanted if j in at_place]
+            out = np.zeros((signals.n_samples, len(wanted)))  # none in its own values of what an effect replaces
+            columns = [c for c, j in enumerate(wanted) if j in at_place]
+            out[:, columns] = whole.sensitivities(signals, vector[place], [at_place[j] for j in inside], at)
+            return out
         if not self.effects:
             return self.baseline.sensitivities(signals, vector)[:, list(wanted)]
         here = self.predict(signals, vector) if at is None else at

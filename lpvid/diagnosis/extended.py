@@ -191,6 +191,10 @@ def stored_baseline(data: Mapping) -> Baseline:
         from lpvid.diagnosis.lpv_baseline import LpvBaseline
 
         return LpvBaseline.from_dict(inner)
+    if inner.get("kind") == "fleet":
+        from lpvid.diagnosis.fleet_law import FleetLaw
+
+        return FleetLaw.from_dict(inner)
     return registry.named_baseline(str(data["name"]), (), inner)
 
 

@@ -127,7 +127,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
         found = _baseline(given, prepared.training, parameters)
     _check_moving(found, prepared.training)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
-    return Question(prepared, found, fitted, effects, (*training, *kept), given == AUTO)
+    return Question(prepared, found, fitted, found.candidates(effects), (*training, *kept), given == AUTO)
 
 
 def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
@@ -234,8 +234,8 @@ def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
     """Rate of a sampled model where the records have another; it can run at no other."""
     from lpvid.condition.segmentation import RATE_TOLERANCE
 
-    period = getattr(model, "sample_time", None)
-    if period is None or isinstance(model, (str, Baseline)):
+    period = model.clock if isinstance(model, Baseline) else getattr(model, "sample_time", None)
+    if period is None or isinstance(model, str):
         return None
     foreign = any(not r.time_base.steady or abs(r.time_base.period / period - 1) > RATE_TOLERANCE for r in records)
     return 1.0 / period if foreign else None

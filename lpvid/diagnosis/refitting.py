@@ -68,6 +68,17 @@ class Refit:
         return self.cached("jacobian", lambda: _jacobian(self.problem, self.composition, self.vector))
 
     @property
+    def yielding(self) -> np.ndarray:
+        """(N, k) derivative in what may take up an error: numbers of a fleet's law at the end of their range may not.
+
+        All parameters beside a law whose bounds are those of physics.
+        """
+        if self.composition.flat is None:
+            return self.jacobian
+        fixed = self.at_bounds() & (np.arange(self.vector.size) < self.composition.own)
+        return self.jacobian[:, ~fixed]
+
+    @property
     def variance(self) -> float:
         """Mean squared error, degrees of freedom taken off."""
         return self.cost / max(self.n_samples - self.vector.size, 1)

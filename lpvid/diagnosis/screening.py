@@ -134,7 +134,7 @@ def _move(
 
 def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
     """Moves with the sensitivities of the fitted composition projected out."""
-    basis = projector(fit.jacobian)
+    basis = projector(fit.yielding)
     out = []
     for move in moved:
         raw = problem.stack(move.change)
@@ -177,7 +177,7 @@ def screen(
     found : sequence of Direction
     rng : Generator
     """
-    residual = without(projector(fit.jacobian), fit.errors)
+    residual = without(projector(fit.yielding), fit.errors)
     variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), 1e-300)
     seen = [d for d in found if d.visible]
     by_effect: dict[str, Evidence] = {}

@@ -102,6 +102,7 @@ KINDS: tuple[Kind, ...] = (
         (kind, "lpvid.analysis.stability_certificate", "StabilityCertificate")
         for kind in ("quadratic", "poly-quadratic", "parameter-dependent", "none"))),
     Kind("extended", 1, (("", "lpvid.diagnosis.extended", "ExtendedModel"),)),
+    Kind("fleet-law", 1, (("fleet", "lpvid.diagnosis.fleet_law", "FleetLaw"),)),
     Kind("synthesis", 1, (("", "lpvid.synthesis.result", "Synthesis"),)),
 )
 """Every sort of file of lpvid's own that `save` writes and `load` reads, in order; a new noun adds its line here."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,8 @@ class FileCauses:
     rivals : tuple of tuple of str
         Groups of causes that the file's data cannot keep apart.
     verdict : str
+    shared : tuple of str
+        Causes that its diagnosis names and healthy files have as strongly: no causes of this file.
 
     Examples
     --------
@@ -36,6 +38,23 @@ class FileCauses:
     probabilities: tuple[float | None, ...]
     rivals: tuple[tuple[str, ...], ...]
     verdict: str
+    shared: tuple[str, ...] = ()
+
+    def beside(self, shared: Sequence[str]) -> FileCauses:
+        """Without causes, and groups of rivals, that the fleet has as strongly.
+
+        Parameters
+        ----------
+        shared : sequence of str
+
+        Returns
+        -------
+        FileCauses
+        """
+        own = [(n, p) for n, p in zip(self.names, self.probabilities, strict=True) if n not in shared]
+        return FileCauses(tuple(n for n, _ in own), tuple(p for _, p in own),
+                          tuple(r for r in self.rivals if not set(r) & set(shared)), self.verdict,
+                          tuple(n for n in shared if n in self.names or any(n in r for r in self.rivals)))
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> FileCauses:
@@ -60,9 +79,9 @@ class FileCauses:
         Returns
         -------
         dict
-            ``verdict``, ``causes`` with their probabilities, ``rivals``.
+            ``verdict``, ``causes`` with their probabilities, ``rivals``, ``shared``.
         """
-        return {"verdict": self.verdict, "rivals": [list(r) for r in self.rivals],
+        return {"verdict": self.verdict, "rivals": [list(r) for r in self.rivals], "shared": list(self.shared),
                 "causes": [{"name": n, "probability": p} for n, p in zip(self.names, self.probabilities, strict=True)]}
 
     def __str__(self) -> str:

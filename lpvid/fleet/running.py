@@ -13,6 +13,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.fleet import steps
 from lpvid.fleet.causes import FileCauses, read_causes
+from lpvid.fleet.comparing import Stage, diagnosed
 from lpvid.fleet.differing import (
     Differing,
     departure,
@@ -24,7 +25,7 @@ from lpvid.fleet.differing import (
     shift,
 )
 from lpvid.fleet.plan import FleetPlan, Job
-from lpvid.fleet.state import StepOutcome, keep
+from lpvid.fleet.state import StepOutcome, keep, short_hash
 from lpvid.identification.streaming import merged_factor
 from lpvid.scheduling import Scheduling
 
@@ -163,22 +164,28 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
         plan.out.mkdir(parents=True, exist_ok=True)
         outcomes: dict[str, dict[str, StepOutcome]] = {j.name: {} for j in plan.jobs}
 
+        def step_of(step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], *more: Any
+                    ) -> dict[Job, StepOutcome]:
+            found = dict(_stage(client, step, function, jobs, plan, more, report_progress))
+            for job in found.keys() & set(plan.jobs):
+                outcomes[job.name][step] = found[job]
+            return found
+
         def stage(step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], *more: Any) -> list[Job]:
-            for job, found in _stage(client, step, function, jobs, plan, more, report_progress):
-                outcomes[job.name][step] = found
-            return [j for j in jobs if outcomes[j.name][step].state == "done"]
+            found = step_of(step, function, jobs, *more)
+            return [j for j in jobs if found[j].state == "done"]
 
         if "audit" in plan.do:
             stage("audit", steps.audit, plan.jobs)
         if "identify" not in plan.do:
             if "diagnose" in plan.do:
-                stage("diagnose", steps.diagnose, plan.jobs, plan.out / "model.json", "own")
+                stage("diagnose", steps.diagnose, plan.jobs, plan.baseline, "own")
             return FleetResult(plan, outcomes, None, {}, None, read_causes(plan.jobs), {})
-        return _common(plan, stage, outcomes, report_progress)
+        return _common(plan, stage, step_of, outcomes, report_progress)
 
 
-def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str, dict[str, StepOutcome]],
-            report_progress: Callable[[str], None]) -> FleetResult:
+def _common(plan: FleetPlan, stage: Callable[..., list[Job]], step_of: Stage,
+            outcomes: dict[str, dict[str, StepOutcome]], report_progress: Callable[[str], None]) -> FleetResult:
     """One model of all, who differs, and why."""
     from lpvid.export.serialise import save
 
@@ -215,9 +222,11 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str
     judged = stage("judge", steps.judge, fitted, path, rate, version)
     errors = {j.name: json.loads(outcomes[j.name]["judge"].message) for j in judged}
     named = [j for j in fitted if j.name in apart.named]
-    if "diagnose" in plan.do:
-        stage("diagnose", steps.diagnose, named, plan.out / "model" / "model.json", version)
-    return FleetResult(plan, outcomes, found, errors, apart, read_causes(named), left_out)
+    causes: dict[str, FileCauses] = {}
+    if "diagnose" in plan.do and named:
+        healthy = [j for j in fitted if j.name not in apart.named]
+        causes = diagnosed(plan, path, version, named, healthy, step_of)
+    return FleetResult(plan, outcomes, found, errors, apart, causes, left_out)
 
 
 def _box(plan: FleetPlan, facts: Sequence[Mapping[str, Any]]) -> Scheduling:
@@ -247,15 +256,13 @@ def _solved(plan: FleetPlan, jobs: Sequence[Job], box: Scheduling, rate: float) 
 
 
 def _tag(box: Scheduling, rate: float) -> str:
-    import hashlib
-
-    return hashlib.sha256(repr((box.names, box.lower, box.upper, round(rate, 9))).encode()).hexdigest()[:12]
+    return short_hash((box.names, box.lower, box.upper, round(rate, 9)))
 
 
 def _version(found: Identification) -> str:
-    import hashlib
+    return short_hash(np.round(found.parameters, 12).tobytes())
 
-    return hashlib.sha256(np.round(found.parameters, 12).tobytes()).hexdigest()[:12]
+
 
 
 # -- cluster -----------------------------------------------------------------------------------------------------------

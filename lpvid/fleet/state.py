@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -43,6 +44,11 @@ def stamp(path: Path, key: str) -> str:
     """Key of a step with the version of the file that it reads."""
     about = path.stat()
     return f"{key}-{about.st_size}-{about.st_mtime_ns}"
+
+
+def short_hash(about: object) -> str:
+    """Twelve digits that differ where what a step depends on does."""
+    return hashlib.sha256(about if isinstance(about, bytes) else repr(about).encode()).hexdigest()[:12]
 
 
 def outcome(job: Job, step: str, key: str) -> StepOutcome | None:

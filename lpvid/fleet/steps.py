@@ -89,11 +89,52 @@ def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Step
     return _here("judge", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work, plan.limit)
 
 
-def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> StepOutcome:
-    """`lpvid diagnose` against the fleet's model, in a process of its own."""
-    words = ["diagnose", str(job.path), "--baseline", plan.baseline or str(model), "--out",
-             str(job.folder / "diagnosis"), "--json", *_roles(plan)]
-    return _command("diagnose", job, plan, words, f"{stamp(job.path, plan.key('diagnose'))}-{tag}")
+def diagnose(job: Job, plan: FleetPlan, baseline: str | Path, tag: str) -> StepOutcome:
+    """`lpvid diagnose` against a law or a model, in a process of its own."""
+    return _diagnosis("diagnose", job, plan, [job.path], str(baseline), tag)
+
+
+def pool(job: Job, plan: FleetPlan, paths: Sequence[Path], baseline: str, tag: str) -> StepOutcome:
+    """`lpvid diagnose` of some healthy files together."""
+    return _diagnosis("pool", job, plan, paths, baseline, tag)
+
+
+def specimen(job: Job, plan: FleetPlan, law: Path, tag: str) -> StepOutcome:
+    """Parameters of the law that healthy files share, refitted along one of them."""
+
+    def work() -> str:
+        from lpvid.diagnosis.fleet_law import refitted
+        from lpvid.export.serialise import load
+
+        return json.dumps(refitted(load(law), _whole(job, plan)).tolist())
+
+    return _here("specimen", job, f"{stamp(job.path, plan.key('diagnose'))}-{tag}", work, plan.limit)
+
+
+def compare(job: Job, plan: FleetPlan, healthy: Sequence[Job], tag: str) -> StepOutcome:
+    """Strengths of a file's causes in that file and, refitted, in healthy ones: compare.json."""
+
+    def work() -> str:
+        from lpvid.diagnosis.fleet_law import strengths
+        from lpvid.export.serialise import load
+
+        extended = load(job.folder / "diagnosis" / "extended_model.json")
+        found = strengths(extended, [_whole(j, plan) for j in healthy]) if extended.effects else {}
+        return json.dumps(found)
+
+    return _here("compare", job, f"{stamp(job.path, plan.key('diagnose'))}-{tag}", work, plan.limit)
+
+
+def _whole(job: Job, plan: FleetPlan) -> list[Record]:
+    from lpvid.files import read
+
+    return list(read(job.path, roles=plan.roles))
+
+
+def _diagnosis(step: str, job: Job, plan: FleetPlan, paths: Sequence[Path], baseline: str, tag: str) -> StepOutcome:
+    words = ["diagnose", *map(str, paths), "--baseline", baseline, "--out", str(job.folder / "diagnosis"), "--json",
+             *_roles(plan)]
+    return _command(step, job, plan, words, f"{stamp(job.path, plan.key('diagnose'))}-{tag}")
 
 
 def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:

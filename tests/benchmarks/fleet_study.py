@@ -40,9 +40,9 @@ SPREAD = 0.03
 COEFFICIENTS = ("viscous", "viscous_per_current", "yield_base", "yield_per_current")
 
 
-def specimens(folder: Path, count: int, duration: float, faults: tuple[str, ...]) -> dict[str, str]:
+def specimens(folder: Path, count: int, duration: float, faults: tuple[str, ...], seed: int = 7) -> dict[str, str]:
     """Write the records; the faulty ones by name."""
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(seed)
     faulty = dict(zip(sorted(rng.choice(count, len(faults), replace=False).tolist()), faults, strict=True))
     experiment = replace(EXPERIMENTS["test-1"], duration=duration)
     names = {}
@@ -50,7 +50,7 @@ def specimens(folder: Path, count: int, duration: float, faults: tuple[str, ...]
         plain = RigDamper()
         damper = replace(plain, **{n: getattr(plain, n) * (1 + SPREAD * rng.normal()) for n in COEFFICIENTS})
         causes = (effect(faulty[k], FAULTS[faulty[k]]),) if k in faulty else ()
-        record = replace(Rig(), damper=damper, effects=causes).run(experiment, seed=1000 + k)
+        record = replace(Rig(), damper=damper, effects=causes).run(experiment, seed=1000 * (seed - 6) + k)
         name = f"damper-{k:03d}"
         write_csv(record, folder / f"{name}.csv")
         if k in faulty:
@@ -72,17 +72,19 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=7, help="of specimens, which are faulty, and noise")
     parser.add_argument("--duration", type=float, default=8.0)
     parser.add_argument("--no-diagnosis", action="store_true")
     parser.add_argument("--faults", default=",".join(FAULTS), help="of these, each in one specimen")
     parser.add_argument("--kill", type=int, default=2, help="workers that are killed")
-    parser.add_argument("--baseline", default=None, help="law that the diagnoses judge; left out, the fleet's model")
+    parser.add_argument("--baseline", default=None,
+                        help="law that the diagnoses start from; left out, the one that suits healthy files best")
     parser.add_argument("--hang", action="store_true", help="also a file that never ends: it must be listed as failed")
     parser.add_argument("--time-limit", type=float, default=600.0, help="of a step of a file [s]")
     given = parser.parse_args()
     data = given.out / "data"
     data.mkdir(parents=True, exist_ok=True)
-    truth = specimens(data, given.count, given.duration, tuple(given.faults.split(",")))
+    truth = specimens(data, given.count, given.duration, tuple(given.faults.split(",")), given.seed)
     hanging = data / "hanging.csv"
     if given.hang:
         hanging.write_bytes((data / "damper-000.csv").read_bytes())
@@ -113,8 +115,14 @@ def main() -> None:
           f"{given.count + given.hang}; not done: {', '.join(found.failed) or '-'}")
     print(f"named and faulty {len(named & set(truth))} of {len(truth)}, named and healthy {len(named - set(truth))}")
     for name, cause in truth.items():
-        print(f"  {name}: hidden {cause}, diagnosed {', '.join(found.causes.get(name, ())) or '-'}")
+        stated_causes = found.diagnoses.get(name)
+        print(f"  {name}: hidden {cause}, diagnosed {stated_causes or '-'}")
+        if stated_causes is not None and stated_causes.shared:
+            print(f"    as in healthy files: {', '.join(stated_causes.shared)}")
         print(f"    {stated(given.out / 'fleet' / 'files' / name / 'diagnosis' / 'diagnosis.json')}")
+    right = sum(found.causes.get(n, ()) == (c,) for n, c in truth.items())
+    first = sum(c in found.causes.get(n, ()) for n, c in truth.items())
+    print(f"cause named {first} of {len(truth)}, it alone {right}")
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{time.perf_counter() - begun:.0f} s, peak memory of the driver {memory:.0f} MB")
 

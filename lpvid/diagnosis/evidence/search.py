@@ -254,7 +254,7 @@ class SetSearch:
         pairs = sorted({tuple(sorted((e.name, p))) for e in self.candidates for p in e.partners if p in names
                         and self._together((e, names[p]))})
         self.report_progress(f"{len(pairs)} linked pairs")
-        basis = projector(root.fit.jacobian)
+        basis = projector(root.fit.yielding)
 
         def refitted(pair: tuple[str, ...]) -> Refit:
             composition = Composition(root.fit.composition.baseline, tuple(names[n] for n in pair))

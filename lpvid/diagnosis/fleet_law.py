@@ -1,0 +1,276 @@
+"""FleetLaw: a law with the causes that a fleet's healthy files share, from which one file may differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline, Coefficient
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.extended import ExtendedModel
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.record import Record
+
+ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
+         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
+         "form_of", "behind")
+"""what an effect that starts from a fleet's values has of its own"""
+WITHIN, CONSISTENT = 3.0, 1.4826
+"""standard deviations within which 99.7 % of normal specimens lie; a median absolute deviation in these"""
+FACTORS = (0.25, 0.5, 2.0, 4.0)
+"""of a fleet's strength, at which another one is looked at beside the points of the catalogue"""
+
+
+@dataclass(frozen=True, eq=False)
+class FleetLaw(Baseline):
+    """The law that healthy files share, with their causes, each number free within the spread of the specimens alone.
+
+    What every file has is part of the law and no cause of one file. A cause that the fleet has in some strength is a
+    cause of a file where its strength there lies outside the fleet's (`candidates`): neutral is the fleet's strength.
+
+    Attributes
+    ----------
+    shared : ExtendedModel
+        Law and causes, at the values of healthy files together.
+    lower, upper : (P,) arrays
+        Between which healthy specimens lie.
+    at : (P,) array
+    """
+
+    shared: ExtendedModel
+    lower: np.ndarray
+    upper: np.ndarray
+    at: np.ndarray
+    name: str = field(init=False)
+    output: str = field(init=False)
+    output_unit: str = field(init=False)
+    static: bool = field(init=False)
+    adaptive: bool = field(init=False)
+    forward: bool = field(init=False)
+    polarity: int = field(init=False)
+    schedule: tuple[str, ...] = field(init=False)
+    apart: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        law = self.inner.baseline
+        object.__setattr__(self, "name", "fleet of " + "+".join((law.name, *self.shared.effects)))
+        for name in ("output", "output_unit", "static", "adaptive", "forward", "polarity", "schedule", "apart"):
+            object.__setattr__(self, name, getattr(law, name))
+
+    @classmethod
+    def of(cls, shared: ExtendedModel, specimens: Sequence[np.ndarray]) -> FleetLaw:
+        """From what healthy files share and the parameters of each by itself.
+
+        A number may lie within three standard deviations about the fleet's own, or about the specimens' median: the
+        standard deviation is that of their median absolute deviation, so that a specimen that is none is no matter.
+
+        Parameters
+        ----------
+        shared : ExtendedModel
+        specimens : sequence of (P,) arrays
+            Refits of it along healthy files, one each.
+        """
+        values = np.array(specimens)
+        middle = np.median(values, axis=0)
+        width = WITHIN * CONSISTENT * np.median(np.abs(values - middle), axis=0)
+        low, high = shared.composition.bounds
+        lower, upper = np.minimum(middle - width, shared.vector), np.maximum(middle + width, shared.vector)
+        return cls(shared, np.clip(lower, low, high), np.clip(upper, low, high), np.array(shared.vector))
+
+    @classmethod
+    def free(cls, found: ExtendedModel) -> FleetLaw:
+        """What a diagnosis of several files together found, with no bounds but the physical ones.
+
+        Parameters
+        ----------
+        found : ExtendedModel
+            One beside a `FleetLaw` becomes one with it.
+        """
+        if found.composition.flat is not None:
+            whole, place = found.composition.flat
+            found = replace(found, composition=whole, vector=found.vector[place],
+                            covariance=np.full((place.size, place.size), np.nan))
+        return cls(found, *found.composition.bounds, np.array(found.vector))
+
+    @property
+    def inner(self) -> Composition:
+        return self.shared.composition
+
+    @property
+    def clock(self) -> float | None:
+        return self.inner.baseline.clock
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (*self.shared.reads, self.output)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """Of the shared model: the roles that its channels had in training."""
+        return self.shared.metadata
+
+    @cached_property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        units = [c.unit for c in self.inner.baseline.coefficients]
+        units += [p.unit for e in self.inner.effects for p in e.parameters]
+        return tuple(Coefficient(n, u, float(a), float(b), float(s)) for n, u, a, b, s in zip(
+            self.inner.names, units, self.lower, self.upper, self.inner.scales, strict=True))
+
+    @property
+    def vector(self) -> np.ndarray:
+        return np.array(self.at)
+
+    @property
+    def start(self) -> int:
+        return self.inner.baseline.start
+
+    def with_vector(self, vector: np.ndarray) -> FleetLaw:
+        return replace(self, at=np.asarray(vector, dtype=float))
+
+    def signals(self, record: Record) -> Signals:
+        return self.inner.baseline.signals(record)
+
+    def core(self, vector: np.ndarray) -> Core:
+        return self.inner.core(vector)
+
+    def fit(self, records: Sequence[Record]) -> FleetLaw:
+        return self
+
+    def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
+        return self.inner.sensitivities(signals, vector)
+
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        return []
+
+    def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
+        places = {e.name: p for e, p in zip(self.inner.effects, self.inner.places, strict=True)}
+        return tuple(FleetEffect(e, self.shared.vector[places[e.name]]) if e.name in places else e for e in catalogue)
+
+    def to_dict(self) -> dict:
+        return {"kind": "fleet", "shared": self.shared.to_dict(), "lower": self.lower.tolist(),
+                "upper": self.upper.tolist(), "at": self.at.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> FleetLaw:
+        """Inverse of `to_dict`."""
+        values = [np.array(data[n], dtype=float) for n in ("lower", "upper", "at")]
+        return cls(ExtendedModel.from_dict(data["shared"]), *values)
+
+
+class FleetEffect(Effect):
+    """A cause that the whole fleet has, as a cause of one file: at the fleet's values it is not there.
+
+    Parameters
+    ----------
+    effect : Effect
+    values : (k,) array
+        Of the fleet.
+    """
+
+    def __init__(self, effect: Effect, values: np.ndarray) -> None:
+        self.effect, self.values = effect, np.array(values)
+        for name in ALIKE:
+            setattr(self, name, getattr(effect, name))
+
+    @cached_property
+    def _parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(p if p.choices else replace(p, neutral=float(np.clip(v, *p.bounds)))
+                     for p, v in zip(self.effect.parameters, self.values, strict=True))
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return self._parameters
+
+    @property
+    def component(self) -> str:
+        return self.effect.component
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [*self._near(), *self.effect.points(signals)]
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        return [*self._near(), *self.effect.spread_points(signals, scale)]
+
+    def _near(self) -> list[np.ndarray]:
+        """Other strengths of the fleet's shape."""
+        low, high = np.array([p.bounds for p in self.parameters]).T
+        scale = np.where(np.arange(self.values.size) < self.strengths, 1.0, 0.0)
+        return [np.clip(self.values * (1 + (f - 1) * scale), low, high) for f in FACTORS]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return self.effect.applies(baseline, signals)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return self.effect.compose(core, values, baseline)
+
+    def lpv_change(self) -> LpvChange | None:
+        return self.effect.lpv_change()
+
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        return self.effect.comes_to(values)
+
+    def is_static(self, values: np.ndarray) -> bool:
+        return self.effect.is_static(values)
+
+    def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
+        return self.effect.clock_errors(values, signals)
+
+
+def refitted(law: FleetLaw, records: Sequence[Record]) -> np.ndarray:
+    """(P,) parameters of a fleet's law along one specimen's records, within its bounds.
+
+    Parameters
+    ----------
+    law : FleetLaw
+    records : sequence of Record
+        As read.
+    """
+    return _refit(Composition(law), [law.vector], records)
+
+
+def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict[str, dict[str, list]]:
+    """Strengths of a file's causes in that file and in healthy files.
+
+    Parameters
+    ----------
+    found : ExtendedModel
+        Of the file, beside a fleet's law.
+    healthy : sequence of sequences of Record
+        As read, file by file.
+
+    Returns
+    -------
+    dict of str to dict
+        By cause: ``here``, its strengths, and ``healthy``, a list of them for each healthy file.
+    """
+    composition, absent = found.composition, found.vector.copy()
+    inner = composition.baseline.inner
+    own = {} if inner is None else {e.name: found.vector[p] for e, p in zip(inner.effects, inner.places, strict=True)}
+    for e, p in zip(composition.effects, composition.places, strict=True):
+        count = e.strengths
+        absent[p][:count] = own[e.name][:count] if e.name in own else e.neutral[:count]
+    fits = [_refit(composition, [found.vector, absent], records) for records in healthy]
+    return {e.name: {"here": found.vector[p][: e.strengths].tolist(),
+                     "healthy": [f[p][: e.strengths].tolist() for f in fits]}
+            for e, p in zip(composition.effects, composition.places, strict=True)}
+
+
+def _refit(composition: Composition, starts: Sequence[np.ndarray], records: Sequence[Record]) -> np.ndarray:
+    """The best of refits along what a search would look at of records."""
+    from lpvid.diagnosis.blocks import Blocks
+    from lpvid.diagnosis.evidence.thinning import for_search, thinned
+    from lpvid.diagnosis.facade import pose
+    from lpvid.diagnosis.problem import DiagnosisProblem
+    from lpvid.diagnosis.refitting import refit
+    from lpvid.diagnosis.signals import in_turn
+
+    baseline = composition.baseline
+    thin, _ = thinned(pose(records, baseline, composition.effects).prepared.training, baseline)
+    signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
+    return min((refit(problem, composition, v, rough=True) for v in starts), key=lambda f: f.cost).vector
