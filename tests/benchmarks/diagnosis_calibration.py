@@ -298,7 +298,7 @@ def mark(row: Row) -> str:
 
 
 def picture(rows: list[Row], path: Path) -> None:
-    """Reliability diagram: weights, and probabilities by maps that were fitted to other cases."""
+    """Reliability diagram: weights, and probabilities as the program gives them."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -309,7 +309,7 @@ def picture(rows: list[Row], path: Path) -> None:
     figure, axes = plt.subplots(figsize=(5, 4.5), layout="constrained")
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
     for label, p, style in (("weight", np.array([c.support.weight for c in found]), "o--"),
-                            ("probability, tenths left out", left_out(found), "s-")):
+                            ("probability", np.array([c.support.probability for c in found]), "s-")):
         bins, error = reliability(p, there)
         axes.plot([b[0] for b in bins], [b[1] for b in bins], style, label=f"{label}: error {error:.3f}")
     axes.set(xlabel="given", ylabel="share that is there", xlim=(0, 1.02), ylim=(0, 1.02),
