@@ -321,15 +321,19 @@ def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | Non
 
 
 def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
-    """Where the formula loses its bound between the design points: a few of the worst, apart from each other."""
-    if problem.corners or len(problem.extra) >= MORE:
+    """Where the formula loses its bound between the design points: a few of the worst, apart from each other.
+
+    None where it loses it at a design point, by rounding: further points would not mend that.
+    """
+    target = formula.gamma * (1 + SLACK)
+    if problem.corners or len(problem.extra) >= MORE or not bounds_at(formula, problem.points).max() <= target:
         return problem.extra[:0]
     box = problem.plant.plant.box
     points = dense(box, 4 * SEGMENTS[min(_width(problem), 3)][0])
     bounds = bounds_at(formula, points)
     scale, chosen = np.where(box.half_width > 0, box.half_width, 1.0), np.empty((0, len(box.names)))
     for k in np.argsort(-bounds, kind="stable"):
-        if bounds[k] <= formula.gamma * (1 + SLACK) or len(chosen) >= AT_ONCE:
+        if bounds[k] <= target or len(chosen) >= AT_ONCE:
             break
         if np.all(np.abs((chosen - points[k]) / scale).max(axis=1, initial=0.0) > APART):
             chosen = np.vstack([chosen, points[k]])
