@@ -285,8 +285,8 @@ def _lowest(found: Sequence[Synthesis]) -> Synthesis:
 def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int
                         ) -> Synthesis | None:
     """One bound of a gain alone is what the projected inequalities decide with fewer unknowns; None where they fail."""
+    from lpvid.synthesis.moderated import SLACK
     from lpvid.synthesis.output_feedback import OutputFeedback
-    from lpvid.synthesis.output_feedback_search import SLACK
 
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
     part = channels_of(plant, criterion.disturbances or plant.disturbances, criterion.performance or plant.performance)

@@ -20,21 +20,18 @@ from lpvid.synthesis.infeasibility import hopeless, obstacle
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
+from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomy
-from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, restrained, singular, stirred
+from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, restrained, stirred
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.riccati import ROOM, central, least_gain
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA")
-SLACK = 0.002
-"""share by which the controller's bound is above that of X and Y, which hold their own only to a solver's accuracy."""
 STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """multiples of the design's back-off that are tried"""
 SOLVED = 0.12
 """share above the least bound of any route up to which a verified gain is "solved"; beyond it is "backed-off" """
-NOISE = (10.0, 1.0, 1e-1, 1e-2, 1e-3, 1e-4)
-"""noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
 STIRRED = (1e-1, 1e-2, 1e-3)
 """Disturbances at the controls, or weights on measurements, where a plant's own leave its inequalities without answer:
 shares of its own. On the example for which SLICOT gives 4.4825 shares of 7e-2, 7e-3 and 7e-4 have the least bounds
@@ -108,50 +105,6 @@ class FeedbackProblem:
         v = self.variations
         kind = "one X and Y" if v.basis is None else f"{v.varying} over {', '.join(v.basis.labels)}"
         return f"output feedback, {kind}, {len(self.points)} point(s)"
-
-
-class Moderated:
-    """The inequalities with `NOISE`, where controls are free or measurements exact, each with a bound near its least.
-
-    That does not depend on the bound requested and rises with the noise: it is computed once per size, for half of the
-    sizes left each time. A program for a bound that the noise does not admit takes a solver five times as long.
-
-    Parameters
-    ----------
-    projected : ProjectedInequalities
-        Of the plant itself.
-    best : MatrixPair
-        Its pair of least bound.
-    clock : Clock
-    solvers : tuple of str
-    """
-
-    def __init__(self, projected: ProjectedInequalities, best: MatrixPair, clock: Clock, solvers: tuple[str, ...]
-                 ) -> None:
-        self.projected, self.best, self.clock, self.solvers = projected, best, clock, solvers
-        self.sizes = NOISE if singular(projected.plant) else ()
-        self.found: dict[int, tuple[ProjectedInequalities, MatrixPair | None]] = {}
-
-    def fitting(self, gamma: float) -> Iterator[tuple[ProjectedInequalities, MatrixPair]]:
-        """Those that admit a bound, the most noise first."""
-        first, last = 0, len(self.sizes)
-        while first < last:
-            middle = (first + last) // 2
-            first, last = (first, middle) if self._admits(middle, gamma) else (middle + 1, last)
-        for k in range(first, len(self.sizes)):
-            noisy, least = self._least(k)
-            if least is not None and self._admits(k, gamma):
-                yield noisy, least
-
-    def _admits(self, k: int, gamma: float) -> bool:
-        least = self._least(k)[1]
-        return least is not None and least.status != ROOMY and least.gamma * (1 + SLACK) < gamma
-
-    def _least(self, k: int) -> tuple[ProjectedInequalities, MatrixPair | None]:
-        if k not in self.found:
-            noisy = replace(self.projected, plant=regular(self.projected.plant, self.sizes[k]))
-            self.found[k] = noisy, least_bound(noisy, self.clock, solvers=self.solvers, known=self.best, roughly=True)
-        return self.found[k]
 
 
 def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
@@ -368,15 +321,19 @@ def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | Non
 
 
 def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
-    """Where the formula loses its bound between the design points: a few of the worst, apart from each other."""
-    if problem.corners or len(problem.extra) >= MORE:
+    """Where the formula loses its bound between the design points: a few of the worst, apart from each other.
+
+    None where it loses it at a design point, by rounding: further points would not mend that.
+    """
+    target = formula.gamma * (1 + SLACK)
+    if problem.corners or len(problem.extra) >= MORE or not bounds_at(formula, problem.points).max() <= target:
         return problem.extra[:0]
     box = problem.plant.plant.box
     points = dense(box, 4 * SEGMENTS[min(_width(problem), 3)][0])
     bounds = bounds_at(formula, points)
     scale, chosen = np.where(box.half_width > 0, box.half_width, 1.0), np.empty((0, len(box.names)))
     for k in np.argsort(-bounds, kind="stable"):
-        if bounds[k] <= formula.gamma * (1 + SLACK) or len(chosen) >= AT_ONCE:
+        if bounds[k] <= target or len(chosen) >= AT_ONCE:
             break
         if np.all(np.abs((chosen - points[k]) / scale).max(axis=1, initial=0.0) > APART):
             chosen = np.vstack([chosen, points[k]])

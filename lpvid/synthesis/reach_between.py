@@ -8,6 +8,7 @@ Two controls lose a mode at once only by coincidence.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import matrix_balance
@@ -57,14 +58,27 @@ def least_reach(at: Callable[[np.ndarray], PlantMatrices], points: np.ndarray, d
             # the sample next to a line's zero is at most half as high as its outer neighbour is above it
             if not reach[k, j] <= max(reach[k, low], reach[k, high]) - reach[k, j]:
                 continue
-
-            def of(share: float, k: int = k, turned: bool = turned) -> float:
-                where = start[k] + share * (end[k] - start[k])
-                return float(_reach(*_side(at(where[None]), turned), discrete, decay)[0])
-
-            share = _golden(of, shares[low], shares[high])
-            found.append(start[k] + share * (end[k] - start[k]))
+            line = _Line(at, start[k], end[k], turned, discrete, decay)
+            found.append(line.place(_golden(line.reach, float(shares[low]), float(shares[high]))))
     return np.array(found).reshape(-1, points.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """The reach along the line between two points."""
+
+    at: Callable[[np.ndarray], PlantMatrices]
+    start: np.ndarray
+    end: np.ndarray
+    turned: bool
+    discrete: bool
+    decay: float
+
+    def place(self, share: float) -> np.ndarray:
+        return self.start + share * (self.end - self.start)
+
+    def reach(self, share: float) -> float:
+        return float(_reach(*_side(self.at(self.place(share)[None]), self.turned), self.discrete, self.decay)[0])
 
 
 def _lines(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +110,7 @@ def _reach(a: np.ndarray, b: np.ndarray, discrete: bool, decay: float) -> np.nda
     poles, left = np.linalg.eig(a.swapaxes(1, 2))
     size = np.maximum(np.linalg.norm(b, axis=(1, 2)), 1e-300)
     reach = np.abs(np.einsum("kij,ki->kj", left, b[:, :, 0])) / size[:, None]
-    stays = (np.abs(poles) >= 1 - decay if discrete else poles.real >= -decay) & (poles.imag == 0)
+    stays = (np.abs(poles) >= 1 - decay if discrete else np.real(poles) >= -decay) & (np.imag(poles) == 0)
     return np.where(stays, reach, np.inf).min(axis=1)
 
 

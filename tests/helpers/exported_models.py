@@ -20,6 +20,7 @@ BOX = Scheduling(("current",), (0.0,), (2.5,), units=("A",))
 BASES = {"none": Polynomial(), "square": Polynomial("current", 2).bound(BOX),
          "grid": Spline("current", 3, 1).bound(BOX),
          "cubic": Spline("current", 4, 3).bound(BOX), "quintic": Spline("current", 2, 5).bound(BOX),
+         "doubled knots": Spline("current", 5, 3, (0.0, 0.8, 0.8, 0.8, 1.7, 2.5)),
          "fourier": Fourier("current", 2, period=3.0, origin=0.2),
          "dynamic": Stacked((Polynomial("current", 1), Shifted(Polynomial("current", 1), 2))),
          "product": Product(Polynomial("current", 1), Spline("current", 2, 2).bound(BOX))}

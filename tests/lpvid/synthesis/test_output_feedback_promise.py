@@ -6,7 +6,8 @@ from helpers.promise import frozen_peak, moving_peak
 from helpers.random_plants import random_plant
 
 import lpvid as lpv
-from lpvid.synthesis.output_feedback_search import SLACK, SOLVED
+from lpvid.synthesis.moderated import SLACK
+from lpvid.synthesis.output_feedback_search import SOLVED
 from lpvid.synthesis.result import VERDICTS
 
 NEAR = 1.05

@@ -1,0 +1,68 @@
+"""Noise and effort where a plant has none: controllers of moderate gains, if a bound leaves room for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from lpvid.synthesis.projected_search import ROOMY, Clock, least_bound
+from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, singular
+
+SLACK = 0.002
+"""share by which the controller's bound is above that of X and Y, which hold their own only to a solver's accuracy."""
+NOISE = (10.0, 1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+"""noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
+
+
+class Moderated:
+    """The inequalities with `NOISE`, where controls are free or measurements exact, each with a bound near its least.
+
+    That does not depend on the bound requested and rises with the noise: it is computed once per size, for half of the
+    sizes left each time. A program for a bound that the noise does not admit takes a solver five times as long.
+
+    Parameters
+    ----------
+    projected : ProjectedInequalities
+        Of the plant itself.
+    best : MatrixPair
+        Its pair of least bound.
+    clock : Clock
+    solvers : tuple of str
+    """
+
+    def __init__(self, projected: ProjectedInequalities, best: MatrixPair, clock: Clock, solvers: tuple[str, ...]
+                 ) -> None:
+        self.projected, self.best, self.clock, self.solvers = projected, best, clock, solvers
+        self.sizes = NOISE if singular(projected.plant) else ()
+        self.found: dict[int, tuple[ProjectedInequalities, MatrixPair | None]] = {}
+
+    def fitting(self, gamma: float) -> Iterator[tuple[ProjectedInequalities, MatrixPair]]:
+        """Those that admit a bound, the most noise first.
+
+        Parameters
+        ----------
+        gamma : float
+            The bound.
+
+        Yields
+        ------
+        ProjectedInequalities, MatrixPair
+        """
+        first, last = 0, len(self.sizes)
+        while first < last:
+            middle = (first + last) // 2
+            first, last = (first, middle) if self._admits(middle, gamma) else (middle + 1, last)
+        for k in range(first, len(self.sizes)):
+            noisy, least = self._least(k)
+            if least is not None and self._admits(k, gamma):
+                yield noisy, least
+
+    def _admits(self, k: int, gamma: float) -> bool:
+        least = self._least(k)[1]
+        return least is not None and least.status != ROOMY and least.gamma * (1 + SLACK) < gamma
+
+    def _least(self, k: int) -> tuple[ProjectedInequalities, MatrixPair | None]:
+        if k not in self.found:
+            noisy = replace(self.projected, plant=regular(self.projected.plant, self.sizes[k]))
+            self.found[k] = noisy, least_bound(noisy, self.clock, solvers=self.solvers, known=self.best, roughly=True)
+        return self.found[k]
