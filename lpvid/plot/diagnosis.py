@@ -59,6 +59,8 @@ class BeforeAfter:
     output, unit : str
     units : mapping of str to str
         Of the channels: a voltage that stands for the current is in V.
+    origin : str
+        "measured", or "virtual" for records of a rig's model.
     """
 
     name: str
@@ -71,6 +73,7 @@ class BeforeAfter:
     output: str
     unit: str
     units: Mapping[str, str] = field(default_factory=dict)
+    origin: str = "measured"
 
     def unit_of(self, role: str) -> str:
         """Unit of a driving channel; the role's own where the record gives none."""
@@ -251,7 +254,7 @@ def loops(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
         for k, (ax, stated) in enumerate(zip(axes[0], ("baseline", "extended model"), strict=False)):
             for i, s in enumerate(having):
                 run = (s.before, s.after)[k]
-                for y, colour, name in ((s.measured, MEASURED, "measured"), (run, (BEFORE, AFTER)[k], stated)):
+                for y, colour, name in ((s.measured, MEASURED, s.origin), (run, (BEFORE, AFTER)[k], stated)):
                     ax.plot(s.channels["velocity"][::step], y[::step], ".", color=colour, markersize=1.8, alpha=0.45,
                             rasterized=True, label=name if i == 0 else None)
             _loop_axes(ax, having[0], limits)
@@ -279,7 +282,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
     with look():
         figure, axes = panels(2 + len(extra), heights=[2.9, 1.4, *([0.95] * len(extra))], sharex=True)
         ax = axes[0, 0]
-        ax.plot(t, s.measured[window], color=MEASURED, linewidth=1.5, label="measured")
+        ax.plot(t, s.measured[window], color=MEASURED, linewidth=1.5, label=s.origin)
         ax.plot(t, s.before[window], color=BEFORE, label="baseline")
         if extended:
             ax.plot(t, s.after[window], color=AFTER, label="extended model")

@@ -63,7 +63,7 @@ class HiddenCause(Encoded):
         from lpvid.report import Item, PageFigure, Paragraph
         from lpvid.report.diagnosis import before_after
 
-        shown = before_after(self.found, self.question)
+        shown = [replace(s, origin="virtual") for s in before_after(self.found, self.question)]
         items: list[Item] = [Paragraph(self.verdict, strong=True)]
         items += [Paragraph(f"{c.name}: {', '.join(map(str, c.parameters))}.") for c in self.found.causes]
         drawn = draw.loops(shown[-1:], bool(self.named))
@@ -71,7 +71,7 @@ class HiddenCause(Encoded):
             items.append(
                 PageFigure.of(
                     drawn,
-                    "Force over velocity of the held-out record, measured and simulated, before "
+                    "Force over velocity of the held-out record, virtual and simulated, before "
                     "and after the extension.",
                 )
             )

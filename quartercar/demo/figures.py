@@ -118,5 +118,5 @@ def _width(shown: Sequence[Comparison]) -> str:
     error, power, count = (float(sum(k[i] for k in known)) for i in range(3))
     return (f"Their pooled ESR is {error / power:.4f}: an rms error of √{error / power:.4f} = "
             f"{100 * np.sqrt(error / power):.0f} % of the force's standard deviation, {np.sqrt(error / count):.0f} N. "
-            "That is the gap between the loops: the measured loop has its width from the spring in series, the model's "
+            "That is the gap between the loops: the virtual loop has its width from the spring in series, the model's "
             "from a lag.")

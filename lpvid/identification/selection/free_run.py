@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,12 +15,14 @@ from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.levenberg_marquardt import STEP_DOWN_POINTS
 from lpvid.identification.prediction_error import PredictionError
+from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.result import Identification
 from lpvid.identification.selection.excursions import furthest
 from lpvid.identification.structure import Structure
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
+from lpvid.scheduling import Spline
 from lpvid.simulation import Model, simulate
 
 GAP = 4
@@ -30,6 +33,7 @@ LEFT = "left"
 """how the reason of a candidate begins that was left because it could not win any more."""
 
 Fold = tuple[list[Record], list[Record]]
+AnyStructure = TypeVar("AnyStructure", bound=Structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +151,7 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
     """Fit on every fold's training part, run freely on its held-out part.
 
     An ARX without ridge keeps the normalisation and the stages it comes with; every other structure is estimated anew.
+    A spline's knots span the range of the fold's own training part (`of_its_range`).
     A fold's estimate fails where its free run diverges. Where its frozen poles lie is no matter: it is not the model
     that will be used, and two of 5000 samples with a pole outside in one fold refused the best structures of two of
     the measured sets, whose estimates on all training data have none.
@@ -175,17 +180,19 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
     sequence = np.argsort(-bar.esr, kind="stable") if bar is not None and known else np.arange(len(parts))
     most = squares(bar) if bar is not None and known else np.inf
     fixed = isinstance(structure, ARX) and not _open(structure)
-    box = scheduling_box(all_records, structure.basis, check_basis=False) if isinstance(structure, ARX) else None
     size = None
     for done, i in enumerate(sequence.tolist(), start=1):
         training, held = parts[i]
         if late():
             return Trial(error, f"{TIME_UP} before fold {done} of {len(parts)}", size)
         try:
-            if fixed and isinstance(structure, ARX) and box is not None:
-                found = structure.regress(training, box)
+            own = of_its_range(structure, all_records, training)
+            if fixed and isinstance(own, ARX):
+                seen = all_records if own is structure else training
+                found = own.regress(training, scheduling_box(seen, own.basis, check_basis=False))
             else:
-                found = estimated(structure, training, begin)
+                found = estimated(own, training, begin if begin is None or own is structure else
+                                  of_its_range(begin, all_records, training))
         except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return Trial(error, f"cannot be fitted in fold {i + 1}: {why}")
@@ -200,6 +207,31 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
     if not power.mean() > 0:
         return Trial(error, "the held-out output does not move")
     return Trial(error / power.mean(), "", size, power=float(power.mean()))
+
+
+def of_its_range(structure: AnyStructure, all_records: Sequence[Record], training: Sequence[Record]) -> AnyStructure:
+    """The structure with a spline on knots over the range of these records, where its knots span that of all.
+
+    Knots from all records would hold out nothing beyond the range of a fold's training part: what the estimate does on
+    later data that go further is what the fold of the furthest stretches asks. Knots of a user's own stay.
+
+    Parameters
+    ----------
+    structure : Structure
+    all_records, training : sequence of Record
+
+    Returns
+    -------
+    Structure
+    """
+    basis = getattr(structure, "basis", None)
+    if not isinstance(basis, Spline) or not basis.knots or isinstance(structure, QuasiLPV):
+        return structure
+    free = replace(basis, knots=())
+    if free.bound(scheduling_box(all_records, free, check_basis=False)) != basis:
+        return structure
+    box = scheduling_box(training, free, check_basis=False)
+    return replace(structure, basis=free.bound(box))  # type: ignore[type-var]
 
 
 def squares(trial: Trial) -> float:

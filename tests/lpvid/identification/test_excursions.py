@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 import lpvid as lpv
 from lpvid.identification.selection import auto
 from lpvid.identification.selection.excursions import furthest
-from lpvid.identification.selection.free_run import cross_validate, make_folds
+from lpvid.identification.selection.free_run import cross_validate, make_folds, of_its_range
 from lpvid.identification.selection.search import StructureSearch
 from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.model.input_stage import TanhStage
@@ -54,6 +54,25 @@ def test_units_and_constants_change_nothing() -> None:
     parts, other = furthest(records, ["velocity"], 5, 100), furthest(scaled, ["velocity", "rest"], 5, 100)
     assert parts is not None and other is not None
     assert [r.n_samples for r in parts[1]] == [r.n_samples for r in other[1]]
+
+
+def test_a_folds_spline_knows_no_range_beyond_its_own_training_part() -> None:
+    """Oracle: the fold of an ARX on knots of all records is that of the same ARX estimated on its training part."""
+    records = [yielding(seed) for seed in (1, 2)]
+    parts = furthest(records, ["velocity"], 5, 100)
+    assert parts is not None
+    free = lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force", basis=lpv.Spline("velocity", 3, 1), lagged=True)
+    low, high = (f(np.concatenate([r["velocity"] for r in records])) for f in (np.min, np.max))
+    bound = replace(free, basis=lpv.Spline("velocity", 3, 1, knots=tuple(np.linspace(low, high, 4))))
+    seen = np.concatenate([r["velocity"] for r in parts[0]])
+    own = of_its_range(bound, records, parts[0]).basis
+    assert isinstance(own, lpv.Spline)
+    np.testing.assert_allclose(own.knots, np.linspace(seen.min(), seen.max(), 4))
+    assert own.knots[-1] < high or own.knots[0] > low
+    trial, again = (cross_validate(s, [parts], records) for s in (bound, replace(free, ridge=1e-12)))
+    np.testing.assert_allclose(trial.esr, again.esr, rtol=1e-6)
+    users = replace(free, basis=lpv.Spline("velocity", 3, 1, knots=(-1.0, -0.1, 0.1, 1.0)))
+    assert of_its_range(users, records, parts[0]) is users
 
 
 def test_short_or_still_records_have_no_such_fold() -> None:
