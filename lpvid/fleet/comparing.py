@@ -68,7 +68,7 @@ def diagnosed(plan: FleetPlan, model: Path, version: str, named: Sequence[Job], 
     strengths = stage("compare", steps.compare, files, usable, tag)
     causes = read_causes(named)
     return {n: causes[n] if j not in strengths or strengths[j].state != "done" else
-            causes[n].beside(shared_causes(json.loads(strengths[j].message), plan.fdr))
+            _beside(causes[n], json.loads(strengths[j].message), plan.fdr)
             for j in named if (n := j.name) in causes}
 
 
@@ -97,6 +97,34 @@ def shared_law(plan: FleetPlan, model: Path, version: str, some: Sequence[Job], 
         save(FleetLaw.free(found), law)
         start, tag = str(law), f"{tag}-{short_hash(law.read_bytes())}"
     return law, tag
+
+
+def _beside(causes: FileCauses, found: Mapping[str, Mapping[str, Any]], fdr: float) -> FileCauses:
+    return causes.beside(shared_causes(found, fdr), {name: stated_strength(s) for name, s in found.items()})
+
+
+def stated_strength(strengths: Mapping[str, Any]) -> str:
+    """The strengths of a cause in a file and the median of healthy files, in words.
+
+    Parameters
+    ----------
+    strengths : mapping
+        ``names``, ``units``, ``here``, ``healthy`` as `diagnosis.fleet_law.strengths` gives them.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> stated_strength({"names": ["friction"], "units": ["N"], "here": [110.0], "healthy": [[19.0], [20.0], [22.0]]})
+    'friction 110 N, 20 N in healthy files'
+    """
+    middle = np.median(np.array(strengths["healthy"], dtype=float), axis=0) if strengths["healthy"] else []
+    return "; ".join(f"{n} {here:.4g} {u}".rstrip() + (f", {middle[k]:.4g} {u}".rstrip() + " in healthy files"
+                                                       if len(middle) else "")
+                     for k, (n, u, here) in enumerate(zip(strengths["names"], strengths["units"], strengths["here"],
+                                                          strict=True)))
 
 
 def shared_causes(found: Mapping[str, Mapping[str, Any]], fdr: float) -> tuple[str, ...]:

@@ -112,7 +112,7 @@ def specimen(job: Job, plan: FleetPlan, law: Path, tag: str) -> StepOutcome:
 
 
 def compare(job: Job, plan: FleetPlan, healthy: Sequence[Job], tag: str) -> StepOutcome:
-    """Strengths of a file's causes in that file and, refitted, in healthy ones: compare.json."""
+    """Strengths of a file's causes in that file and, refitted, in healthy ones."""
 
     def work() -> str:
         from lpvid.diagnosis.fleet_law import strengths
