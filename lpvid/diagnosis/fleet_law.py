@@ -196,7 +196,8 @@ class FleetEffect(Effect):
 
     @property
     def component(self) -> str:
-        return self.effect.component
+        """The component of which it is a form: a set holds the fleet's lag in another strength, or a further lag."""
+        return self.effect.form_of or self.effect.component
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [*self._near(), *self.effect.points(signals)]

@@ -60,6 +60,8 @@ def _who(found: FleetResult) -> list[Item]:
             "differ.",
         ),
     ]
+    if found.against:
+        items.append(Paragraph(f"Diagnosed against {found.against}."))
     rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
                   str(found.diagnoses.get(n, "–")), f"files/{n}/") for n in found.differing.named)
     if rows:
