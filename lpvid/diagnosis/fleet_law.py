@@ -75,6 +75,10 @@ class FleetLaw(Baseline):
         shared : ExtendedModel
         specimens : sequence of (P,) arrays
             Refits of it along healthy files, one each.
+
+        Returns
+        -------
+        FleetLaw
         """
         values = np.array(specimens)
         middle = np.median(values, axis=0)
@@ -92,6 +96,10 @@ class FleetLaw(Baseline):
         found : ExtendedModel
             One beside a `FleetLaw` becomes one with it. A flexible effect is left out: beside several specimens it
             follows from which of them a sample is.
+
+        Returns
+        -------
+        FleetLaw
         """
         composition, vector = found.composition, found.vector
         if composition.flat is not None:
@@ -163,7 +171,16 @@ class FleetLaw(Baseline):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> FleetLaw:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+
+        Returns
+        -------
+        FleetLaw
+        """
         lower, upper = ([none if v is None else v for v in data[n]] for n, none in (("lower", -np.inf),
                                                                                     ("upper", np.inf)))
         return cls(ExtendedModel.from_dict(data["shared"]), *(np.array(v, dtype=float) for v in (
@@ -238,6 +255,10 @@ def refitted(law: FleetLaw, records: Sequence[Record]) -> np.ndarray:
     law : FleetLaw
     records : sequence of Record
         As read.
+
+    Returns
+    -------
+    (P,) array
     """
     return _refit(Composition(law), [law.vector], records)
 

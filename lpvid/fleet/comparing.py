@@ -76,7 +76,27 @@ def diagnosed(plan: FleetPlan, model: Path, version: str, named: Sequence[Job], 
 
 def shared_law(plan: FleetPlan, model: Path, version: str, some: Sequence[Job], stage: Stage
                ) -> tuple[Path | None, str, str]:
-    """Law and causes that some healthy files share, as a file, and its version; None and why where no diagnosis works.
+    """Law and causes that some healthy files share.
+
+    Parameters
+    ----------
+    plan : FleetPlan
+    model : Path
+        The fleet's model.
+    version : str
+        Of that model.
+    some : sequence of Job
+        Healthy files.
+    stage : callable
+
+    Returns
+    -------
+    law : Path or None
+        The file that holds them; None where no diagnosis works.
+    tag : str
+        Its version.
+    why : str
+        What the last diagnosis that did not work states.
     """
     from lpvid.diagnosis.facade import AUTO
     from lpvid.diagnosis.fleet_law import FleetLaw
