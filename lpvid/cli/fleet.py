@@ -30,8 +30,9 @@ def fleet(
     nk: Annotated[str, typer.Option("--nk", metavar="N[,N…]", help="Its first input lag.")] = "0",
     degree: Annotated[int, typer.Option("--degree", min=0, help="Degree in the scheduling variables.")] = 1,
     role: options.Role = None,
-    baseline: Annotated[str | None, typer.Option("--baseline", metavar="LAW|FILE", help="What diagnose judges; left "
-                                                 "out, the fleet's own model.")] = None,
+    baseline: Annotated[str | None, typer.Option("--baseline", metavar="LAW|FILE", help="Law that diagnose starts "
+                                                 "from; left out, the one that suits healthy files "
+                                                 "best.")] = None,
     fdr: Annotated[float, typer.Option("--fdr", help="Expected share of false names among the files named.")] = 0.05,
     scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, "
                                                   "e.g. tcp://10.0.0.1:8786; left out, a cluster on this "

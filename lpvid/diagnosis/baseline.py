@@ -74,31 +74,93 @@ class Baseline(ABC):
 
     @abstractmethod
     def with_vector(self, vector: np.ndarray) -> Self:
-        """The same baseline with other parameters."""
+        """The same baseline with other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+
+        Returns
+        -------
+        Baseline
+        """
 
     @abstractmethod
     def signals(self, record: Record) -> Signals:
-        """What it, and the effects around it, can read of a record: every channel whose role is known."""
+        """What it, and the effects around it, can read of a record: every channel whose role is known.
+
+        Parameters
+        ----------
+        record : Record
+
+        Returns
+        -------
+        Signals
+        """
 
     @abstractmethod
     def core(self, vector: np.ndarray) -> Core:
-        """The simulation with these parameters."""
+        """The simulation with these parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+
+        Returns
+        -------
+        Core
+            From signals to the (n,) output, in its unit.
+        """
 
     @abstractmethod
     def fit(self, records: Sequence[Record]) -> Self:
-        """Fitted to the free run along records."""
+        """Fitted to the free run along records.
+
+        Parameters
+        ----------
+        records : sequence of Record
+
+        Returns
+        -------
+        Baseline
+        """
 
     @abstractmethod
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
-        """(n, P) derivative of the simulation in its parameters."""
+        """(n, P) derivative of the simulation in its parameters.
+
+        Parameters
+        ----------
+        signals : Signals
+        vector : (P,) array
+
+        Returns
+        -------
+        (n, P) array
+            In the output's unit over that of the parameter.
+        """
 
     @abstractmethod
     def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
-        """Parameters from which a search may begin where the present ones are far off; none where there is one fit."""
+        """Parameters from which a search may begin where the present ones are far off; none where there is one fit.
+
+        Parameters
+        ----------
+        signals : sequence of Signals
+
+        Returns
+        -------
+        list of (P,) array
+        """
 
     @abstractmethod
     def to_dict(self) -> dict:
-        """Plain data for JSON, from which the entry point of its kind builds it again."""
+        """Plain data for JSON, from which the entry point of its kind builds it again.
+
+        Returns
+        -------
+        dict
+        """
 
     @property
     @abstractmethod
@@ -114,7 +176,16 @@ class Baseline(ABC):
         return None
 
     def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
-        """A catalogue of causes as those of one record beside this simulation."""
+        """A catalogue of causes as those of one record beside this simulation.
+
+        Parameters
+        ----------
+        catalogue : sequence of Effect
+
+        Returns
+        -------
+        tuple of Effect
+        """
         return tuple(catalogue)
 
     def describe(self) -> Mapping[str, Any]:

@@ -183,15 +183,45 @@ class Effect(ABC):
 
     @abstractmethod
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        """Parameter vectors away from neutral at which it is looked at when screening; at most about a dozen."""
+        """Parameter vectors away from neutral at which it is looked at when screening; at most about a dozen.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+
+        Returns
+        -------
+        list of (k,) array
+        """
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """The same at sizes that follow from the data; `scale` gives the natural size of a number of some unit."""
+        """The same at sizes that follow from the data; `scale` gives the natural size of a number of some unit.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+        scale : callable
+            From a unit to a size, None where it has none.
+
+        Returns
+        -------
+        list of (k,) array
+        """
         return self.points(signals)
 
     @abstractmethod
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can."""
+        """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can.
+
+        Parameters
+        ----------
+        baseline : Baseline
+        signals : tuple of Signals
+
+        Returns
+        -------
+        str or None
+        """
 
     def determined(self, signals: tuple[Signals, ...]) -> str | None:
         """Why these data could not show it whatever the law reads.
@@ -209,11 +239,27 @@ class Effect(ABC):
 
     @abstractmethod
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        """The simulation with the effect in it; `values` are its parameters in order."""
+        """The simulation with the effect in it; `values` are its parameters in order.
+
+        Parameters
+        ----------
+        core : Core
+        values : (k,) array
+        baseline : Baseline
+
+        Returns
+        -------
+        Core
+        """
 
     @abstractmethod
     def lpv_change(self) -> LpvChange | None:
-        """How a discrete LPV model takes it in; None where no LPV structure can."""
+        """How a discrete LPV model takes it in; None where no LPV structure can.
+
+        Returns
+        -------
+        LpvChange or None
+        """
 
     @property
     def component(self) -> str:
@@ -226,7 +272,16 @@ class Effect(ABC):
         return np.array([p.neutral for p in self.parameters])
 
     def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
-        """Names of simpler effects of which these values leave no more than another form."""
+        """Names of simpler effects of which these values leave no more than another form.
+
+        Parameters
+        ----------
+        values : (k,) array
+
+        Returns
+        -------
+        tuple of str
+        """
         return ()
 
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
@@ -239,7 +294,16 @@ class Effect(ABC):
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
 
     def is_static(self, values: np.ndarray) -> bool:
-        """Whether it is memoryless at these parameters."""
+        """Whether it is memoryless at these parameters.
+
+        Parameters
+        ----------
+        values : (k,) array
+
+        Returns
+        -------
+        bool
+        """
         return self.memoryless
 
     def clock_error(self, signals: Sequence[Signals]) -> float:
@@ -253,7 +317,17 @@ class Effect(ABC):
         return BETWEEN * period if self.parameters[0].unit == "s" else 0.0
 
     def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
-        """(k,) the same for all of its parameters, at their values."""
+        """(k,) the same for all of its parameters, at their values.
+
+        Parameters
+        ----------
+        values : (k,) array
+        signals : sequence of Signals
+
+        Returns
+        -------
+        (k,) array
+        """
         return np.append(self.clock_error(signals), np.zeros(len(self.parameters) - 1))
 
     def describe(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.codec import encode
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
@@ -74,6 +75,10 @@ class FleetLaw(Baseline):
         shared : ExtendedModel
         specimens : sequence of (P,) arrays
             Refits of it along healthy files, one each.
+
+        Returns
+        -------
+        FleetLaw
         """
         values = np.array(specimens)
         middle = np.median(values, axis=0)
@@ -89,12 +94,21 @@ class FleetLaw(Baseline):
         Parameters
         ----------
         found : ExtendedModel
-            One beside a `FleetLaw` becomes one with it.
+            One beside a `FleetLaw` becomes one with it. A flexible effect is left out: beside several specimens it
+            follows from which of them a sample is.
+
+        Returns
+        -------
+        FleetLaw
         """
-        if found.composition.flat is not None:
-            whole, place = found.composition.flat
-            found = replace(found, composition=whole, vector=found.vector[place],
-                            covariance=np.full((place.size, place.size), np.nan))
+        composition, vector = found.composition, found.vector
+        if composition.flat is not None:
+            composition, place = composition.flat
+            vector = vector[place]
+        kept = Composition(composition.baseline, tuple(e for e in composition.effects if not e.flexible))
+        at = {e.name: vector[p] for e, p in zip(composition.effects, composition.places, strict=True)}
+        vector = np.concatenate([vector[: kept.own], *(at[e.name] for e in kept.effects)])
+        found = replace(found, composition=kept, vector=vector, covariance=np.full((vector.size, vector.size), np.nan))
         return cls(found, *found.composition.bounds, np.array(found.vector))
 
     @property
@@ -152,14 +166,25 @@ class FleetLaw(Baseline):
         return tuple(FleetEffect(e, self.shared.vector[places[e.name]]) if e.name in places else e for e in catalogue)
 
     def to_dict(self) -> dict:
-        return {"kind": "fleet", "shared": self.shared.to_dict(), "lower": self.lower.tolist(),
-                "upper": self.upper.tolist(), "at": self.at.tolist()}
+        return {"kind": "fleet", "shared": self.shared.to_dict(), "lower": encode(self.lower),
+                "upper": encode(self.upper), "at": self.at.tolist()}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> FleetLaw:
-        """Inverse of `to_dict`."""
-        values = [np.array(data[n], dtype=float) for n in ("lower", "upper", "at")]
-        return cls(ExtendedModel.from_dict(data["shared"]), *values)
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+
+        Returns
+        -------
+        FleetLaw
+        """
+        lower, upper = ([none if v is None else v for v in data[n]] for n, none in (("lower", -np.inf),
+                                                                                    ("upper", np.inf)))
+        return cls(ExtendedModel.from_dict(data["shared"]), *(np.array(v, dtype=float) for v in (
+            lower, upper, data["at"])))
 
 
 class FleetEffect(Effect):
@@ -188,7 +213,8 @@ class FleetEffect(Effect):
 
     @property
     def component(self) -> str:
-        return self.effect.component
+        """The component of which it is a form: a set holds the fleet's lag in another strength, or a further lag."""
+        return self.effect.form_of or self.effect.component
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [*self._near(), *self.effect.points(signals)]
@@ -229,6 +255,10 @@ def refitted(law: FleetLaw, records: Sequence[Record]) -> np.ndarray:
     law : FleetLaw
     records : sequence of Record
         As read.
+
+    Returns
+    -------
+    (P,) array
     """
     return _refit(Composition(law), [law.vector], records)
 
@@ -246,7 +276,8 @@ def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict
     Returns
     -------
     dict of str to dict
-        By cause: ``here``, its strengths, and ``healthy``, a list of them for each healthy file.
+        By cause: ``names`` and ``units`` of its strengths, ``here`` their values, ``healthy`` a list of them for each
+        healthy file.
     """
     composition, absent = found.composition, found.vector.copy()
     inner = composition.baseline.inner
@@ -255,7 +286,9 @@ def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict
         count = e.strengths
         absent[p][:count] = own[e.name][:count] if e.name in own else e.neutral[:count]
     fits = [_refit(composition, [found.vector, absent], records) for records in healthy]
-    return {e.name: {"here": found.vector[p][: e.strengths].tolist(),
+    return {e.name: {"names": [q.name for q in e.parameters[: e.strengths]],
+                     "units": [q.unit for q in e.parameters[: e.strengths]],
+                     "here": found.vector[p][: e.strengths].tolist(),
                      "healthy": [f[p][: e.strengths].tolist() for f in fits]}
             for e, p in zip(composition.effects, composition.places, strict=True)}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from lpvid.fleet.plan import Job
@@ -23,6 +23,8 @@ class FileCauses:
     rivals : tuple of tuple of str
         Groups of causes that the file's data cannot keep apart.
     verdict : str
+    strengths : mapping of str to str
+        Of a cause, its strength here and the median of healthy files, in words.
     shared : tuple of str
         Causes that its diagnosis names and healthy files have as strongly: no causes of this file.
 
@@ -32,6 +34,9 @@ class FileCauses:
     'coil-lag (probability 0.93); payload or gas-stiffness'
     >>> str(FileCauses((), (), (), "unexplained"))
     'unexplained'
+    >>> both = FileCauses(("coil-lag", "asymmetry"), (0.9, 0.8), (), "explained")
+    >>> str(both.beside(["asymmetry"], {"coil-lag": "tau 0.02 s, 0.007 s in healthy files"}))
+    'coil-lag (tau 0.02 s, 0.007 s in healthy files; probability 0.90); as in healthy files: asymmetry'
     """
 
     names: tuple[str, ...]
@@ -39,13 +44,16 @@ class FileCauses:
     rivals: tuple[tuple[str, ...], ...]
     verdict: str
     shared: tuple[str, ...] = ()
+    strengths: Mapping[str, str] = field(default_factory=dict)
 
-    def beside(self, shared: Sequence[str]) -> FileCauses:
+    def beside(self, shared: Sequence[str], strengths: Mapping[str, str] | None = None) -> FileCauses:
         """Without causes, and groups of rivals, that the fleet has as strongly.
 
         Parameters
         ----------
         shared : sequence of str
+        strengths : mapping of str to str, optional
+            Per cause, here and in healthy files.
 
         Returns
         -------
@@ -54,7 +62,8 @@ class FileCauses:
         own = [(n, p) for n, p in zip(self.names, self.probabilities, strict=True) if n not in shared]
         return FileCauses(tuple(n for n, _ in own), tuple(p for _, p in own),
                           tuple(r for r in self.rivals if not set(r) & set(shared)), self.verdict,
-                          tuple(n for n in shared if n in self.names or any(n in r for r in self.rivals)))
+                          tuple(n for n in shared if n in self.names or any(n in r for r in self.rivals)),
+                          {n: text for n, text in (strengths or {}).items() if n in dict(own)})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> FileCauses:
@@ -82,12 +91,17 @@ class FileCauses:
             ``verdict``, ``causes`` with their probabilities, ``rivals``, ``shared``.
         """
         return {"verdict": self.verdict, "rivals": [list(r) for r in self.rivals], "shared": list(self.shared),
-                "causes": [{"name": n, "probability": p} for n, p in zip(self.names, self.probabilities, strict=True)]}
+                "causes": [{"name": n, "probability": p, **self._strength(n)}
+                           for n, p in zip(self.names, self.probabilities, strict=True)]}
+
+    def _strength(self, name: str) -> dict[str, str]:
+        return {"strength": self.strengths[name]} if name in self.strengths else {}
 
     def __str__(self) -> str:
-        sure = [n if p is None else f"{n} (probability {p:.2f})"
+        alike = f"; as in healthy files: {', '.join(self.shared)}" if self.shared else ""
+        sure = [n if p is None else f"{n} ({'; '.join((*self._strength(n).values(), f'probability {p:.2f}'))})"
                 for n, p in zip(self.names, self.probabilities, strict=True)]
-        return "; ".join([*sure, *(" or ".join(r) for r in self.rivals)]) or self.verdict
+        return ("; ".join([*sure, *(" or ".join(r) for r in self.rivals)]) or self.verdict) + alike
 
 
 def read_causes(jobs: Iterable[Job]) -> dict[str, FileCauses]:

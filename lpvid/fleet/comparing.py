@@ -27,7 +27,7 @@ Stage = Callable[..., Mapping[Job, StepOutcome]]
 
 
 def diagnosed(plan: FleetPlan, model: Path, version: str, named: Sequence[Job], healthy: Sequence[Job],
-              stage: Stage) -> dict[str, FileCauses]:
+              stage: Stage) -> tuple[dict[str, FileCauses], str]:
     """Diagnose the files that differ against what the healthy ones share.
 
     1. Some healthy files together are diagnosed, again and again beside what was found, until nothing more is: law and
@@ -51,13 +51,14 @@ def diagnosed(plan: FleetPlan, model: Path, version: str, named: Sequence[Job], 
 
     Returns
     -------
-    dict of str to FileCauses
+    causes : dict of str to FileCauses
+    against : str
+        What the files were diagnosed against, in words.
     """
-    law, tag = shared_law(plan, model, version, _spread(healthy, POOLED), stage)
+    law, tag, why = shared_law(plan, model, version, _spread(healthy, POOLED), stage)
     if law is None:  # nothing is known of what they share
-        start = Path(plan.baseline) if plan.baseline and Path(plan.baseline).is_file() else model
-        stage("diagnose", steps.diagnose, named, start, version)
-        return read_causes(named)
+        stage("diagnose", steps.diagnose, named, plan.baseline or model, version)
+        return read_causes(named), f"{plan.baseline or 'the model of all'}, without what healthy files share: {why}"
     some = _spread(healthy, SHARING)
     found = stage("specimen", steps.specimen, some, law, tag)
     usable = [j for j in some if found[j].state == "done"]
@@ -67,24 +68,48 @@ def diagnosed(plan: FleetPlan, model: Path, version: str, named: Sequence[Job], 
     files = [j for j in named if done[j].state == "done"]
     strengths = stage("compare", steps.compare, files, usable, tag)
     causes = read_causes(named)
-    return {n: causes[n] if j not in strengths or strengths[j].state != "done" else
-            causes[n].beside(shared_causes(json.loads(strengths[j].message), plan.fdr))
-            for j in named if (n := j.name) in causes}
+    found_causes = {n: causes[n] if j not in strengths or strengths[j].state != "done" else
+                    _beside(causes[n], json.loads(strengths[j].message), plan.fdr)
+                    for j in named if (n := j.name) in causes}
+    return found_causes, _described(start, len(usable))
 
 
 def shared_law(plan: FleetPlan, model: Path, version: str, some: Sequence[Job], stage: Stage
-               ) -> tuple[Path | None, str]:
-    """Law and causes that some healthy files share, as a file, and its version; None where no diagnosis succeeds."""
+               ) -> tuple[Path | None, str, str]:
+    """Law and causes that some healthy files share.
+
+    Parameters
+    ----------
+    plan : FleetPlan
+    model : Path
+        The fleet's model.
+    version : str
+        Of that model.
+    some : sequence of Job
+        Healthy files.
+    stage : callable
+
+    Returns
+    -------
+    law : Path or None
+        The file that holds them; None where no diagnosis works.
+    tag : str
+        Its version.
+    why : str
+        What the last diagnosis that did not work states.
+    """
     from lpvid.diagnosis.facade import AUTO
     from lpvid.diagnosis.fleet_law import FleetLaw
     from lpvid.export.serialise import load, save
 
     begun = [plan.baseline] if plan.baseline else [AUTO, str(model)]
-    law, start, count, tag = None, begun.pop(0), 0, f"{version}-{short_hash([j.name for j in some])}"
+    law, start, count, why = None, begun.pop(0), 0, "no file is healthy"
+    tag = f"{version}-{short_hash([j.name for j in some])}"
     while some and count < ROUNDS:
         job = Job(some[0].path, "healthy files together", model.parent / f"shared-{count + 1}")
         done = stage("pool", steps.pool, [job], [j.path for j in some], start, f"{tag}-{short_hash(start)}")
         if done[job].state != "done":
+            why = f"{start}: {done[job].message}"
             if not begun or law is not None:
                 break
             start = begun.pop(0)
@@ -96,7 +121,43 @@ def shared_law(plan: FleetPlan, model: Path, version: str, some: Sequence[Job], 
         law = model.parent / f"law-{count}.json"
         save(FleetLaw.free(found), law)
         start, tag = str(law), f"{tag}-{short_hash(law.read_bytes())}"
-    return law, tag
+    return law, tag, why
+
+
+def _described(law: Path, specimens: int) -> str:
+    from lpvid.export.serialise import load
+
+    found = load(law)
+    shared = ", ".join(found.shared.effects) or "no causes"
+    return f"{found.inner.baseline.name} with what healthy files share ({shared}), from {specimens} of them"
+
+
+def _beside(causes: FileCauses, found: Mapping[str, Mapping[str, Any]], fdr: float) -> FileCauses:
+    return causes.beside(shared_causes(found, fdr), {name: stated_strength(s) for name, s in found.items()})
+
+
+def stated_strength(strengths: Mapping[str, Any]) -> str:
+    """The strengths of a cause in a file and the median of healthy files, in words.
+
+    Parameters
+    ----------
+    strengths : mapping
+        ``names``, ``units``, ``here``, ``healthy`` as `diagnosis.fleet_law.strengths` gives them.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> stated_strength({"names": ["friction"], "units": ["N"], "here": [110.0], "healthy": [[19.0], [20.0], [22.0]]})
+    'friction 110 N, 20 N in healthy files'
+    """
+    middle = np.median(np.array(strengths["healthy"], dtype=float), axis=0) if strengths["healthy"] else []
+    return "; ".join(f"{n} {here:.4g} {u}".rstrip() + (f", {middle[k]:.4g} {u}".rstrip() + " in healthy files"
+                                                       if len(middle) else "")
+                     for k, (n, u, here) in enumerate(zip(strengths["names"], strengths["units"], strengths["here"],
+                                                          strict=True)))
 
 
 def shared_causes(found: Mapping[str, Mapping[str, Any]], fdr: float) -> tuple[str, ...]:

@@ -51,7 +51,8 @@ class FleetPlan:
         Of the one model of all files.
     roles : mapping of str to str
     baseline : str or None
-        What `diagnose` judges instead of the fleet's own model: a law or a model.json.
+        Law or model file from which `diagnose` starts; None for the installed law that suits healthy files best, or the
+        fleet's own model where none does.
     fdr : float
         Share of false names among the files that are named, at most.
     limit : float

@@ -60,6 +60,8 @@ class FleetResult:
         Of the files that differ.
     left_out : mapping of str to str
         Files that take no part in the common model, and why.
+    against : str
+        What the files that differ were diagnosed against.
     """
 
     plan: FleetPlan
@@ -69,6 +71,7 @@ class FleetResult:
     differing: Differing | None
     diagnoses: Mapping[str, FileCauses]
     left_out: Mapping[str, str]
+    against: str = ""
 
     @property
     def causes(self) -> dict[str, tuple[str, ...]]:
@@ -120,12 +123,14 @@ class FleetResult:
                                   "seconds": o.seconds} for s, o in self.outcomes.get(job.name, {}).items()}}
 
         return {"schema": "lpvid/fleet/1", "verdict": self.verdict, "do": list(self.plan.do), "fdr": self.plan.fdr,
-                "files": [row(j) for j in self.plan.jobs]}
+                "diagnosed_against": self.against or None, "files": [row(j) for j in self.plan.jobs]}
 
     def __str__(self) -> str:
         lines = [f"Fleet: {self.verdict}"]
         if self.found is not None:
             lines.append(f"  model of all: {self.found.model}")
+        if self.against:
+            lines.append(f"  diagnosed against {self.against}")
         for name in (() if self.differing is None else self.differing.named)[:12]:
             lines.append(f"  {name}: free-run ESR {self.esr(name):.4g} (median of the fleet {self.median_esr:.4g}), "
                          f"q {self.differing.q[name]:.2g}"  # type: ignore[union-attr]
@@ -223,10 +228,11 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], step_of: Stage,
     errors = {j.name: json.loads(outcomes[j.name]["judge"].message) for j in judged}
     named = [j for j in fitted if j.name in apart.named]
     causes: dict[str, FileCauses] = {}
+    against = ""
     if "diagnose" in plan.do and named:
         healthy = [j for j in fitted if j.name not in apart.named]
-        causes = diagnosed(plan, path, version, named, healthy, step_of)
-    return FleetResult(plan, outcomes, found, errors, apart, causes, left_out)
+        causes, against = diagnosed(plan, path, version, named, healthy, step_of)
+    return FleetResult(plan, outcomes, found, errors, apart, causes, left_out, against)
 
 
 def _box(plan: FleetPlan, facts: Sequence[Mapping[str, Any]]) -> Scheduling:

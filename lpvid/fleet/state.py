@@ -47,7 +47,17 @@ def stamp(path: Path, key: str) -> str:
 
 
 def short_hash(about: object) -> str:
-    """Twelve digits that differ where what a step depends on does."""
+    """Twelve digits that differ where what a step depends on does.
+
+    Parameters
+    ----------
+    about : object
+        Bytes, or what its representation tells apart.
+
+    Returns
+    -------
+    str
+    """
     return hashlib.sha256(about if isinstance(about, bytes) else repr(about).encode()).hexdigest()[:12]
 
 

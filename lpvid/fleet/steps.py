@@ -95,12 +95,38 @@ def diagnose(job: Job, plan: FleetPlan, baseline: str | Path, tag: str) -> StepO
 
 
 def pool(job: Job, plan: FleetPlan, paths: Sequence[Path], baseline: str, tag: str) -> StepOutcome:
-    """`lpvid diagnose` of some healthy files together."""
+    """`lpvid diagnose` of some healthy files together.
+
+    Parameters
+    ----------
+    job : Job
+    plan : FleetPlan
+    paths : sequence of Path
+    baseline : str
+    tag : str
+
+    Returns
+    -------
+    StepOutcome
+    """
     return _diagnosis("pool", job, plan, paths, baseline, tag)
 
 
 def specimen(job: Job, plan: FleetPlan, law: Path, tag: str) -> StepOutcome:
-    """Parameters of the law that healthy files share, refitted along one of them."""
+    """Parameters of the law that healthy files share, refitted along one of them.
+
+    Parameters
+    ----------
+    job : Job
+    plan : FleetPlan
+    law : Path
+    tag : str
+
+    Returns
+    -------
+    StepOutcome
+        Its message holds them as JSON.
+    """
 
     def work() -> str:
         from lpvid.diagnosis.fleet_law import refitted
@@ -112,7 +138,20 @@ def specimen(job: Job, plan: FleetPlan, law: Path, tag: str) -> StepOutcome:
 
 
 def compare(job: Job, plan: FleetPlan, healthy: Sequence[Job], tag: str) -> StepOutcome:
-    """Strengths of a file's causes in that file and, refitted, in healthy ones: compare.json."""
+    """Strengths of a file's causes in that file and, refitted, in healthy ones.
+
+    Parameters
+    ----------
+    job : Job
+    plan : FleetPlan
+    healthy : sequence of Job
+    tag : str
+
+    Returns
+    -------
+    StepOutcome
+        Its message holds them as JSON (`diagnosis.fleet_law.strengths`).
+    """
 
     def work() -> str:
         from lpvid.diagnosis.fleet_law import strengths

@@ -60,6 +60,8 @@ def _who(found: FleetResult) -> list[Item]:
             "differ.",
         ),
     ]
+    if found.against:
+        items.append(Paragraph(f"Diagnosed against {found.against}."))
     rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
                   str(found.diagnoses.get(n, "–")), f"files/{n}/") for n in found.differing.named)
     if rows:
@@ -68,8 +70,10 @@ def _who(found: FleetResult) -> list[Item]:
                 ("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"),
                 rows,
                 "Score: distance from the fleet over the typical one. q: least false discovery rate at "
-                "which the file is named. Cause: with its probability, calibrated with named laws as baselines; after "
-                "it, those that the file's data cannot keep apart; without either, the verdict.",
+                "which the file is named. Cause: what the file has beyond the law and the causes that healthy files "
+                "share, or in a strength outside theirs, with its probability; after it, those that the file's data "
+                "cannot keep apart; without either, the verdict. As in healthy files: named by its diagnosis, but no "
+                "stronger than there.",
                 (1, 2, 3, 4, 5),
             )
         )

@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -125,6 +126,12 @@ class Point:
         return self._object
 
 
+@cache
+def plain_diagnosis():
+    """Of the plain record; asked for first by a test for which "viscous" is installed."""
+    return lpv.diagnose([measured()], "viscous", CATALOGUE)
+
+
 @pytest.fixture
 def installed(monkeypatch):
     """Pretend that packages name these objects in the entry-point groups of a diagnosis."""
@@ -183,7 +190,7 @@ def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installe
 
 def test_a_diagnosis_has_a_small_card_with_its_figure(installed) -> None:
     """Verdict as text, both errors as a figure, and colours for a dark page as for a light one."""
-    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    found = plain_diagnosis()
     card = found._repr_html_()
     assert len(card) < 150_000 and "prefers-color-scheme:dark" in card
     assert html.escape(str(found).splitlines()[0]) in card
@@ -204,7 +211,7 @@ def test_an_output_that_does_not_move_is_refused() -> None:
 
 
 def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
-    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    found = plain_diagnosis()
     path = lpv.save(found.extended, tmp_path / "extended_model.json")
     assert json.loads(path.read_text())["schema"] == "lpvid/extended/1"
     again, other = lpv.load(path), measured(3)
@@ -219,7 +226,7 @@ def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
 
 
 def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(installed, tmp_path):
-    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    found = plain_diagnosis()
     path = lpv.save(found.extended, tmp_path / "m.json")
     for start in (found.extended, path, str(path)):
         more = lpv.diagnose([measured()], start, CATALOGUE)
@@ -241,7 +248,7 @@ def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(install
     (lambda d: d.update(schema="lpvid/extended/2"), "newer format"),
 ])
 def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp_path, change, stated):
-    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    found = plain_diagnosis()
     path = lpv.save(found.extended, tmp_path / "m.json")
     data = json.loads(path.read_text())
     change(data)

@@ -89,9 +89,10 @@ def test_a_file_differs_by_what_it_has_beyond_the_fleet(cubic: float, dry: float
     assert tuple(c.name for c in found.causes) == named, found
 
 
-def test_without_the_fleet_what_every_file_has_is_named() -> None:
-    found = diagnose([run(100)], Bent(), CAUSES)
-    assert "cubic" in {c.name for c in found.causes}, found
+def test_what_every_file_has_is_an_error_without_the_fleet_alone() -> None:
+    law = fleet()
+    assert diagnose([run(100)], law, law.candidates(CAUSES)).verdict == "nothing-to-explain"
+    assert diagnose([run(100)], Bent(), CAUSES).verdict != "nothing-to-explain"
 
 
 def test_strengths_of_a_file_are_compared_with_those_of_healthy_ones() -> None:

@@ -219,7 +219,7 @@ def test_causes_carry_their_probability_and_rivals(tmp_path: Path) -> None:
     row = found.to_dict()["files"][0]
     assert row["causes"] == ["coil-lag"]
     assert row["diagnosis"] == {"verdict": "partly-explained", "causes": data["causes"],
-                                "rivals": [["payload", "gas-stiffness"]]}
+                                "rivals": [["payload", "gas-stiffness"]], "shared": []}
     lines = list(csv.DictReader(io.StringIO(_table(found))))
     assert (lines[0]["probabilities"], lines[0]["rivals"]) == ("0.934", "payload|gas-stiffness")
 
