@@ -19,7 +19,7 @@ from lpvid.record import Record
 
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
          "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
-         "form_of", "behind")
+         "form_of", "behind", "turns", "brings")
 """what an effect that starts from a fleet's values has of its own"""
 WITHIN, CONSISTENT = 3.0, 1.4826
 """standard deviations within which 99.7 % of normal specimens lie; a median absolute deviation in these"""
@@ -230,6 +230,9 @@ class FleetEffect(Effect):
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return self.effect.applies(baseline, signals)
+
+    def determined(self, signals: tuple[Signals, ...]) -> str | None:
+        return self.effect.determined(signals)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return self.effect.compose(core, values, baseline)
