@@ -65,6 +65,8 @@ class Cause:
         Of causes; "" where none was weighed.
     weight : float or None
         Of the sets of causes that hold it, among those that were looked at.
+    form : str
+        Effect that simulates it in the extended model, where that is a special form which is not sure; else "".
     """
 
     name: str
@@ -80,6 +82,7 @@ class Cause:
     probability: float | None = None
     family: str = ""
     weight: float | None = None
+    form: str = ""
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
@@ -89,7 +92,8 @@ class Cause:
                 "parameters": [p.to_dict() for p in self.parameters], "p_value": self.p_value,
                 "delta_bic": self.delta_bic, "share_alone": self.share_alone,
                 "share_given_others": self.share_given_others, "held_out_gain": self.held_out_gain,
-                "blocks_better": self.blocks_better, "contribution": self.contribution, **weighed}
+                "blocks_better": self.blocks_better, "contribution": self.contribution, **weighed,
+                **({"form": self.form} if self.form else {})}
 
 
 @dataclass(frozen=True)
@@ -289,7 +293,7 @@ class Diagnosis(Shown):
     @property
     def stand_ins(self) -> tuple[str, ...]:
         """Effects of the extended model that are not named: they resemble what is wrong and simulate it in part."""
-        stated = {*(c.name for c in self.causes), *(n for r in self.rivals for n in r.names)}
+        stated = {*(n for c in self.causes for n in (c.name, c.form)), *(n for r in self.rivals for n in r.names)}
         return () if self.extended is None else tuple(n for n in self.extended.effects if n not in stated)
 
     def to_dict(self) -> dict:

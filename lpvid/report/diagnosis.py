@@ -279,7 +279,7 @@ def _lpv_table(lpv: LpvExtension) -> PageTable:
 
 
 def _suspects(found: Diagnosis) -> list[Item]:
-    named, rivals = {c.name for c in found.causes}, {n for r in found.rivals for n in r.names}
+    named, rivals = {n for c in found.causes for n in (c.name, c.form)}, {n for r in found.rivals for n in r.names}
     refused = {r.name for r in found.rejected}
 
     def fate(name: str, p: float) -> str:

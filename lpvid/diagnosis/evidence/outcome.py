@@ -163,7 +163,8 @@ class EvidenceOutcome:
             described = f"{title}; simulated as {m.effect.name}, a form that is not sure ({described})"
         return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
                      -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
-                     m.change * self.search.data.discrepancy.force, m.probability, m.effect.family, m.weight)
+                     m.change * self.search.data.discrepancy.force, m.probability, m.effect.family, m.weight,
+                     m.effect.name if m.name != m.effect.name else "")
 
     def _rivals(self, m: Member) -> Rivals:
         known = {e.name: e for e in self.search.candidates}

@@ -302,6 +302,15 @@ def test_a_component_is_named_where_only_its_form_is_unsure():
     assert name == "rise-fall-lag" and p < NAMED
 
 
+def test_a_form_that_simulates_a_named_component_is_no_stand_in():
+    hidden = record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u))
+    found = diagnose([hidden], Bent(), [Dry()], settings=DiagnosisSettings(fit_baseline=False))
+    assert [c.name for c in found.causes] == ["dry"] and found.stand_ins == ()
+    whole = replace(found, causes=(replace(found.causes[0], name="friction", form="dry"),))
+    assert whole.stand_ins == () and whole.to_dict()["causes"][0]["form"] == "dry"
+    assert replace(found, causes=()).stand_ins == ("dry",) and "form" not in found.to_dict()["causes"][0]
+
+
 class Held(Bent):
     """Its numbers cannot follow the data."""
 
