@@ -8,13 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import rests
 from quartercar.effects.friction_gas import REVERSAL, SLOW
-
-SHARE = 0.1
-"""share of its natural size at which a strength is looked at, and of the speed at which a fluid yields"""
 
 
 class CurrentDependence(Effect):
@@ -61,7 +58,7 @@ class CurrentDependence(Effect):
             N/A, N·s/m/A, m/s.
         """
         force, viscous = self.parameters[0].grid[1], 1e3
-        return [sign * np.array([*p, sign * REVERSAL]) for p in ((force, 0.0), (0.0, viscous)) for sign in (1.0, -1.0)]
+        return [np.array([*p, REVERSAL]) for p in ((force, 0.0), (-force, 0.0), (0.0, viscous), (0.0, -viscous))]
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
         """The same at sizes that follow from the data, and both together.
@@ -78,8 +75,8 @@ class CurrentDependence(Effect):
             N/A, N·s/m/A, m/s.
         """
         speed = scale("m/s") or np.inf
-        sizes = [SHARE * (scale(p.unit) or 1.0) for p in self.parameters[:2]]
-        turns = sorted({min(REVERSAL, SLOW * speed), min(10 * REVERSAL, SHARE * speed)})
+        sizes = [SPREAD[1] * (scale(p.unit) or 1.0) for p in self.parameters[:2]]
+        turns = sorted({min(REVERSAL, SLOW * speed), min(10 * REVERSAL, SPREAD[1] * speed)})
         strengths = [(sizes[0], 0.0, t) for t in turns] + [(0.0, sizes[1], turns[-1]), (*sizes, turns[-1])]
         return [np.array([sign * a, sign * b, t]) for a, b, t in strengths for sign in (1.0, -1.0)]
 
