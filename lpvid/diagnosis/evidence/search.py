@@ -17,6 +17,7 @@ from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, descend, hopped_on
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
+from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.starting import starts
 
 BEAM, CHILDREN, DEEPEST = 3, 6, 4
@@ -62,7 +63,7 @@ class SetSearch:
     moved : list of Move
         What the effects changed beside the baseline alone.
     following : dict
-        By lag, the squared error at its points once the law's own numbers follow.
+        By lag, where a fit beside the law alone may begin and the squared error there, the least first.
     enlarged : set
         Of those, the ones whose children are known.
     kept : float
@@ -183,18 +184,23 @@ class SetSearch:
         return directions(self.problem, w.fit, found)
 
     def _followed(self, w: Weighed, e: Effect) -> list[tuple[float, np.ndarray]]:
-        """Squared error at the points of a lag once the law's own numbers follow, to first order; the least first.
+        """Where fits with a lag may begin, and the squared error there; the least first.
 
-        A law that moves too early or too late is fitted to next to nothing, beside which no lag shows.
+        A law that moves too early or too late is fitted to next to nothing, beside which no lag shows: its numbers must
+        follow. By how much they can is found to first order; where that leads over a bent valley, a law without memory
+        begins anew from the signals as the lag leaves them.
         """
         composition = Composition(w.fit.composition.baseline, (*w.effects, e))
-        own, out = slice(0, composition.own), []
+        own, near, anew = range(composition.own), [], []
         for v in self.data.looked_at[e.name]:
             vector = placed(composition, w.fit, {e.name: v})
-            slopes = self.problem.stack([composition.sensitivities(s, vector, free=range(composition.own))
-                                         for s in self.problem.signals])
-            out.append((self._left(composition, vector, projector(slopes[:, own])), v))
-        return sorted(out, key=lambda t: t[0])
+            slopes = self.problem.stack([composition.sensitivities(s, vector, free=own) for s in self.problem.signals])
+            near.append((self._left(composition, vector, projector(slopes[:, own])), vector))
+            begun = [np.concatenate([b, vector[own.stop:]]) for b in _starts_behind(e, v, w, self.problem.signals)]
+            if begun:
+                anew.append(min(((self._left(composition, b), b) for b in begun), key=lambda t: t[0]))
+        return sorted([t for kind in (near, anew) for t in sorted(kind, key=lambda t: t[0])[:RACED]],
+                      key=lambda t: t[0])
 
     def _foremost(self, w: Weighed, outside: Sequence[Effect]) -> list[Effect]:
         """Effects worth a look beside a set."""
@@ -229,11 +235,10 @@ class SetSearch:
     def _child(self, w: Weighed, added: tuple[Effect, ...], found: Sequence[Direction]) -> Refit:
         """A set with one effect more, refitted from the points that promise most."""
         composition = Composition(w.fit.composition.baseline, (*w.effects, *added))
-        points, near = starts(added[0], found), w.fit
-        if not w.members and added[0].name in self.following:
-            points, near = [v for _, v in self.following[added[0].name][:RACED]], None  # it moved too early
-        begun = [placed(composition, w.fit, {added[0].name: p}) for p in points]
-        return self._settled(composition, begun, near, added)
+        if not w.members and added[0].name in self.following:  # it moved too early
+            return self._settled(composition, [v for _, v in self.following[added[0].name]], None, added)
+        begun = [placed(composition, w.fit, {added[0].name: p}) for p in starts(added[0], found)]
+        return self._settled(composition, begun, w.fit, added)
 
     def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit | None,
                  added: Sequence[Effect] = ()) -> Refit:
@@ -267,9 +272,10 @@ class SetSearch:
         for fit in in_parallel(refitted, pairs):
             self._add(fit)
 
-    def _left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray) -> float:
-        """Squared error at a vector that the baseline's own parameters cannot take away, to first order."""
-        error = without(basis, self.problem.stack(self.problem.errors(composition, vector)))
+    def _left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray | None = None) -> float:
+        """Squared error at a vector; with a basis that which these directions cannot take away, to first order."""
+        error = self.problem.stack(self.problem.errors(composition, vector))
+        error = error if basis is None else without(basis, error)
         return float(np.minimum(error**2, 1e100).sum())
 
     def _pull_apart(self, w: Weighed) -> None:
@@ -316,6 +322,19 @@ def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     components, stages = [e.component for e in effects], {e.stage for e in effects}
     return len(set(components)) == len(components) and all(not e.behind or e.behind in stages for e in effects) and \
         sum(e.path in LAGGING for e in effects) <= 1
+
+
+def _starts_behind(e: Effect, values: np.ndarray, w: Weighed, signals: Sequence[Signals]) -> list[np.ndarray]:
+    """Starts of the law of a set from signals as an effect turns them; none where it leaves them alone."""
+    baseline, seen = w.fit.composition.baseline, []
+
+    def law(s: Signals) -> np.ndarray:
+        seen.append(s)
+        return np.zeros(s.n_samples)
+
+    for s in signals:
+        e.compose(law, values, baseline)(s)
+    return baseline.starts(seen) if any(a is not b for a, b in zip(seen, signals, strict=False)) else []
 
 
 def _spread(points: np.ndarray, count: int) -> np.ndarray:
