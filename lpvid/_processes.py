@@ -250,8 +250,8 @@ class _Lanes(Generic[T, R]):
     def _begun(self) -> subprocess.Popen:
         quiet = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
                  "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-        worker = subprocess.Popen([sys.executable, "-c", WORKER.format(os.getpid())], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                  env=quiet, start_new_session=True)
+        worker = subprocess.Popen([sys.executable, "-c", WORKER.format(os.getpid())], stdin=subprocess.PIPE,
+                                  stdout=subprocess.PIPE, env=quiet, start_new_session=True)
         with self.lock:
             self.alive.add(worker)
             if self.over:
