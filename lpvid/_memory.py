@@ -33,17 +33,17 @@ def keep_for_reuse() -> None:
     regression. Once it has freed one of 32 MB, the library does by itself what is asked for here, with these very
     bounds (``DEFAULT_MMAP_THRESHOLD_MAX``, and twice that for what stays free at the end of the heap).
     """
-    set_option = _of_library("mallopt")
+    set_option = of_library("mallopt")
     if set_option is not None:
         set_option(MMAP_THRESHOLD, LARGEST)
         set_option(TRIM_THRESHOLD, 2 * LARGEST)
 
 
-def _of_library(name: str) -> Callable[..., int] | None:
+def of_library(name: str) -> Callable[..., int] | None:
     """A function of the C library, where it is Linux's."""
     return getattr(ctypes.CDLL(None), name, None) if sys.platform.startswith("linux") else None
 
 
 @cache
 def _trim() -> Callable[[int], int] | None:
-    return _of_library("malloc_trim")
+    return of_library("malloc_trim")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import struct
 import subprocess
 import sys
@@ -13,19 +14,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from gc import collect
 from io import BytesIO
-from queue import Empty, Queue
+from queue import Empty, Queue, SimpleQueue
 from threading import Lock, Thread
 from types import MappingProxyType
 from typing import Any, BinaryIO, Generic, TypeVar
 
 from lpvid import _threads
-from lpvid._memory import give_back
+from lpvid._memory import give_back, of_library
 
 T = TypeVar("T")
 R = TypeVar("R")
 POLL = 0.2
 """Time between two looks at the clock while work goes on [s]."""
-WORKER = "from lpvid._processes import serve; serve()"
+PARENT_DEATH_SIGNAL = 1
+"""Linux's PR_SET_PDEATHSIG: the signal that a process gets when the thread that began it ends"""
+WORKER = "from lpvid._processes import serve; serve({})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,8 +250,8 @@ class _Lanes(Generic[T, R]):
     def _begun(self) -> subprocess.Popen:
         quiet = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
                  "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-        worker = subprocess.Popen([sys.executable, "-c", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                  env=quiet, start_new_session=True)
+        worker = subprocess.Popen([sys.executable, "-c", WORKER.format(os.getpid())], stdin=subprocess.PIPE,
+                                  stdout=subprocess.PIPE, env=quiet, start_new_session=True)
         with self.lock:
             self.alive.add(worker)
             if self.over:
@@ -267,7 +270,7 @@ def _ended(worker: subprocess.Popen) -> None:
 
 
 # -- between the processes ---------------------------------------------------------------------------------------------
-class _Pickler(pickle.Pickler):
+class Pickler(pickle.Pickler):
     """Read-only mappings, which records and models hold, as what they are."""
 
     def reducer_override(self, obj: Any) -> Any:
@@ -281,7 +284,7 @@ def _read_only(data: dict) -> MappingProxyType:
 
 def _packed(data: Any) -> BytesIO:
     held = BytesIO()
-    _Pickler(held, protocol=pickle.HIGHEST_PROTOCOL).dump(data)
+    Pickler(held, protocol=pickle.HIGHEST_PROTOCOL).dump(data)
     return held
 
 
@@ -292,22 +295,55 @@ def _send(stream: BinaryIO | Any, held: BytesIO) -> None:
 
 
 def _receive(stream: BinaryIO | Any) -> Any:
+    return pickle.loads(_bytes(stream))
+
+
+def _bytes(stream: BinaryIO | Any) -> bytes:
     head = stream.read(8)
     if len(head) < 8:
         raise EOFError
-    return pickle.loads(stream.read(struct.unpack("<Q", head)[0]))
+    return stream.read(struct.unpack("<Q", head)[0])
 
 
-def serve() -> None:
-    """A worker: items from standard input, results to standard output; what the work prints goes to standard error."""
+def ends_with_parent(parent: int) -> None:
+    """End this process when its parent has ended, however that was (Linux).
+
+    Parameters
+    ----------
+    parent : int
+        Number of the process that began this one: it may have ended already.
+    """
+    control = of_library("prctl")
+    if control is not None:
+        control(PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _items(stream: BinaryIO, received: SimpleQueue[bytes]) -> None:
+    """Hand on what comes; where nothing can come any more the parent has ended, and this process does, on any system.
+
+    Not amid a call that keeps the interpreter's lock.
+    """
+    with suppress(EOFError):
+        while True:
+            received.put(_bytes(stream))
+    os._exit(1)
+
+
+def serve(parent: int) -> None:
+    """A worker: items from standard input, results to standard output; what the work prints goes to standard error.
+
+    It ends with the process that began it, of that number, amid its work.
+    """
+    ends_with_parent(parent)
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     _threads.alone()
+    received: SimpleQueue[bytes] = SimpleQueue()
+    Thread(target=_items, args=(sys.stdin.buffer, received), daemon=True).start()
     while True:
-        try:
-            function, item = _receive(sys.stdin.buffer)
-        except EOFError:
-            return
+        function, item = pickle.loads(received.get())
         try:
             answer = True, function(item)
         except Exception as error:

@@ -43,6 +43,16 @@ def alone() -> None:
         _crew.busy = processors() + 1
 
 
+@contextmanager
+def hired(wanted: int) -> Iterator[int]:
+    """So many of the processors that are wanted as nobody else has, at least the caller's own, inside the block."""
+    found = _crew.hire(wanted)
+    try:
+        yield found
+    finally:
+        _crew.dismiss(found - 1)
+
+
 @cache
 def _controller():
     import numpy.linalg  # noqa: F401

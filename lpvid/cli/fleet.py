@@ -40,9 +40,9 @@ def fleet(
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes of the local cluster (one a "
                                                 "core).")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", metavar="SECONDS", help="Time after which a step of a "
-                                              "file is stopped.")] = 600.0,
-    retries: Annotated[int, typer.Option("--retries", min=0, help="How often a stopped or dead step is tried "
-                                         "again.")] = 2,
+                                              "file is stopped and its later ones skipped.")] = 600.0,
+    retries: Annotated[int, typer.Option("--retries", min=0, help="How often a step whose process died is "
+                                         "tried again.")] = 2,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:

@@ -56,9 +56,9 @@ class FleetPlan:
     fdr : float
         Share of false names among the files that are named, at most.
     limit : float
-        Seconds after which a step of a file is stopped.
+        Seconds after which a step of a file is stopped; the later ones of that file are skipped.
     retries : int
-        How often a step is tried again after it was stopped or its process died.
+        How often a step is tried again after its process died.
     """
 
     jobs: tuple[Job, ...]

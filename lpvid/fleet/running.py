@@ -94,12 +94,20 @@ class FleetResult:
         return tuple(n for n, found in self.outcomes.items() if any(o.state != "done" for o in found.values()))
 
     @property
+    def hanging(self) -> tuple[str, ...]:
+        """Files of which a step was stopped at the time limit, and the later ones skipped."""
+        return tuple(n for n, found in self.outcomes.items() if _stuck(found) is not None)
+
+    @property
     def verdict(self) -> str:
         """One sentence."""
         count = len(self.plan.jobs)
         stated = f"{count - len(self.failed)} of {count} files done"
         if self.failed:
             stated += f", {len(self.failed)} not (first: {self.failed[0]})"
+        if self.hanging:
+            stated += f", hanging: {', '.join(self.hanging[:3])}"
+            stated += f" and {len(self.hanging) - 3} more" if len(self.hanging) > 3 else ""
         if self.differing is None:
             return stated + "."
         named = [n + (f" ({', '.join(self.causes[n])})" if self.causes.get(n) else "") for n in self.differing.named]
@@ -142,6 +150,11 @@ class FleetResult:
         return "\n".join(lines)
 
 
+def _stuck(outcomes: Mapping[str, StepOutcome]) -> StepOutcome | None:
+    """The step of a file that was stopped; None where none was."""
+    return next((o for o in outcomes.values() if o.state == "stopped"), None)
+
+
 def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | None = None,
               report_progress: Callable[[str], None] = lambda text: None) -> FleetResult:
     """Do a plan; what stands in its folder already is not done again.
@@ -171,7 +184,10 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
 
         def step_of(step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], *more: Any
                     ) -> dict[Job, StepOutcome]:
-            found = dict(_stage(client, step, function, jobs, plan, more, report_progress))
+            found = {j: StepOutcome(step, "skipped", f"{stuck.step} {stuck.message}", 0.0, "")
+                     for j in jobs if (stuck := _stuck(outcomes.get(j.name, {}))) is not None}
+            going = [j for j in jobs if j not in found]
+            found |= dict(_stage(client, step, function, going, plan, more, report_progress)) if going else {}
             for job in found.keys() & set(plan.jobs):
                 outcomes[job.name][step] = found[job]
             return found

@@ -20,8 +20,9 @@ class StepOutcome:
     Attributes
     ----------
     step : str
-    state : {"done", "refused", "stopped", "died"}
-        Refused: the input is at fault. Stopped: the time limit. Died: its process ended without a word.
+    state : {"done", "refused", "stopped", "died", "skipped"}
+        Refused: the input is at fault. Stopped: the time limit. Died: its process ended without a word. Skipped: an
+        earlier step of the file was stopped; not kept, so that the next run tries.
     message : str
     seconds : float
     key : str

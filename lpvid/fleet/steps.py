@@ -225,7 +225,7 @@ def _here(step: str, job: Job, key: str, work: Callable[[], str], limit: float) 
 
 
 def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: str) -> StepOutcome:
-    """A step as a command in a process of its own, stopped after the limit; tried again where that may help."""
+    """A step as a command in a process of its own, stopped after the limit; tried again where its process died."""
     found = outcome(job, step, key)
     if found is not None and found.final:
         return found
@@ -233,7 +233,7 @@ def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: st
     state, message = "died", ""
     for _ in range(1 + plan.retries):
         state, message = _once(words, plan.limit)
-        if state in ("done", "refused"):
+        if state != "died":
             break
     return keep(job, StepOutcome(step, state, message, round(time.monotonic() - begun, 3), key))
 

@@ -59,7 +59,7 @@ print(faults())
 """
 
 
-@pytest.mark.skipif(_memory._of_library("mallopt") is None, reason="another C library")
+@pytest.mark.skipif(_memory.of_library("mallopt") is None, reason="another C library")
 def test_arrays_that_come_and_go_are_taken_from_what_is_held() -> None:
     programs = [[sys.executable, "-c", FAULTS.format(asked=asked)] for asked in (False, True)]
     plain, kept = (int(subprocess.run(p, capture_output=True, text=True, check=True).stdout) for p in programs)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 import os
+import signal
+import subprocess
+import sys
+import textwrap
 import time
 from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.importable import copied
+from helpers.waiting import gone
 
 from lpvid import Record, _processes
 from lpvid._processes import Beside, Done, in_processes
@@ -78,3 +83,22 @@ def test_leaving_the_block_stops_the_call() -> None:
     with Beside(time.sleep, 60.0):
         time.sleep(0.5)
     assert time.monotonic() - begun < 20.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("without", ["", "_processes.ends_with_parent = lambda parent: None\n"], ids=["Linux", "other"])
+def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, without: str) -> None:
+    """By Linux's signal even in a call that keeps the interpreter's lock; elsewhere by the end of what they read."""
+    work = "__import__('time').sleep(600)" if without else "sum(iter(int, 1))"
+    code = f"""
+        from lpvid import _processes
+        _processes.WORKER = "from lpvid import _processes\\n" + {without!r} + "_processes.serve({{}})"
+        _processes.in_processes(eval, ["print(__import__('os').getpid(), flush=True) or {work}"] * 2, workers=2)
+    """
+    with subprocess.Popen([sys.executable, "-c", textwrap.dedent(code)], stderr=subprocess.PIPE, text=True) as parent:
+        assert parent.stderr is not None  # what the work prints goes there
+        workers = {int(parent.stderr.readline()) for _ in range(2)}
+        parent.send_signal(how)
+        parent.wait()
+        assert len(workers) == 2 and all(gone(pid) for pid in workers)

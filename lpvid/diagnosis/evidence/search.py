@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
-from lpvid._threads import in_parallel
+from lpvid._forks import in_forks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
@@ -20,6 +21,8 @@ from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.starting import starts
 
+T = TypeVar("T")
+R = TypeVar("R")
 BEAM, CHILDREN, DEEPEST = 3, 6, 4
 """sets enlarged at every size, refitted children of each, and members at most"""
 OF_EACH = 2
@@ -153,8 +156,21 @@ class SetSearch:
         chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
         if not chosen:
             return
-        for fit in in_parallel(lambda e: self._child(w, (e,), found), chosen):
-            self._add(fit)
+        _ = w.fit.jacobian, self.visited[frozenset()].fit.jacobian  # found once, for all forks
+        for child in self._each(lambda e: self._weighed(self._child(w, (e,), found)), chosen):
+            self._add(child)
+
+    def _each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """Results over independent items, on every processor."""
+        baseline = self.visited[frozenset()].fit.composition.baseline
+        return in_forks(function, items, (self.data, self.problem, baseline, *self.candidates))
+
+    def _weighed(self, fit: Refit) -> Weighed:
+        """A refitted set, its evidence found."""
+        found = Weighed(self.data, fit)
+        if np.isfinite(fit.cost):
+            self.score(found)
+        return found
 
     def look(self, w: Weighed) -> list[Direction]:
         """What the effects outside a set would change, at the points where they are looked at.
@@ -175,11 +191,11 @@ class SetSearch:
             tried = (move(self.problem, w.fit, e, v, now) for v in points[e.name])
             return [m for m in tried if m is not None]
 
-        found = [m for of_effect in in_parallel(moves, outside) for m in of_effect]
+        found = [m for of_effect in self._each(moves, outside) for m in of_effect]
         if not w.members:
             self.moved = found
             lags = [e for e in outside if e.path in LAGGING]
-            self.following = dict(zip([e.name for e in lags], in_parallel(lambda e: self._followed(w, e), lags),
+            self.following = dict(zip([e.name for e in lags], self._each(lambda e: self._followed(w, e), lags),
                                       strict=True))
         return directions(self.problem, w.fit, found)
 
@@ -261,16 +277,16 @@ class SetSearch:
         self.report_progress(f"{len(pairs)} linked pairs")
         basis = projector(root.fit.yielding)
 
-        def refitted(pair: tuple[str, ...]) -> Refit:
+        def refitted(pair: tuple[str, ...]) -> Weighed:
             composition = Composition(root.fit.composition.baseline, tuple(names[n] for n in pair))
             grids = [_spread(self.data.looked_at[n], TOGETHER) for n in pair]
             begun = [placed(composition, root.fit, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
             left = [self._left(composition, v, basis) for v in begun]
-            return self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], root.fit,
-                                 composition.effects)
+            return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], root.fit,
+                                               composition.effects))
 
-        for fit in in_parallel(refitted, pairs):
-            self._add(fit)
+        for pair in self._each(refitted, pairs):
+            self._add(pair)
 
     def _left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray | None = None) -> float:
         """Squared error at a vector; with a basis that which these directions cannot take away, to first order."""
@@ -289,14 +305,14 @@ class SetSearch:
                 begun = [placed(composition, w.fit, {}), placed(composition, self.visited[frozenset()].fit, {
                     x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)
                     if x is not e})]
-                self._add(self._settled(composition, begun, w.fit))
+                self._add(Weighed(self.data, self._settled(composition, begun, w.fit)))
             self.enlarge(self.visited[rest])
         self.enlarge(w)
 
-    def _add(self, fit: Refit) -> None:
-        known = self.visited.get(fit.composition.members)
-        if np.isfinite(fit.cost) and (known is None or fit.cost < known.fit.cost):
-            self.visited[fit.composition.members] = Weighed(self.data, fit)
+    def _add(self, w: Weighed) -> None:
+        known = self.visited.get(w.members)
+        if np.isfinite(w.fit.cost) and (known is None or w.fit.cost < known.fit.cost):
+            self.visited[w.members] = w
 
     def _reweigh(self) -> None:
         """κ anew from the error of the best set, until the best set stays."""

@@ -7,8 +7,10 @@ import io
 import json
 import os
 import signal
+import subprocess
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ from lpvid.fleet.differing import (
 )
 from lpvid.fleet.running import FleetResult, connected
 from lpvid.fleet.state import StepOutcome, keep, outcome
-from lpvid.fleet.steps import _here
+from lpvid.fleet.steps import _here, audit
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import merged_factor, stream_factor
 
@@ -202,6 +204,48 @@ def test_a_step_that_hangs_inside_a_worker_is_stopped(tmp_path: Path) -> None:
     assert _here("scan", job, "k", lambda: "fine", 60.0).state == "done"
     with pytest.raises(ZeroDivisionError):
         _here("identify", job, "k", lambda: str(1 / 0), 60.0)
+
+
+def test_a_command_that_hangs_is_stopped_once_whatever_may_be_tried_again(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.csv").write_text("t")
+    plan = plan_fleet([str(tmp_path / "a.csv")], tmp_path / "out", limit=7.0, retries=3)
+    waited: list[float] = []
+
+    def hangs(words: Any, timeout: float, **more: Any) -> None:
+        waited.append(timeout)
+        raise subprocess.TimeoutExpired(words, timeout)
+
+    monkeypatch.setattr(subprocess, "run", hangs)
+    found = audit(plan.jobs[0], plan)
+    assert (found.state, found.message, waited) == ("stopped", "stopped after 7 s", [7.0])
+
+
+def test_of_a_file_that_hangs_later_steps_are_skipped_and_it_is_listed(
+        folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One time limit is waited for, not one for every step; the steps themselves run here, without a cluster."""
+    plan = plan_fleet([f"{folder}/d0*.csv"], tmp_path / "out", do=("audit", "identify"), structure=STRUCTURE)
+    run: list[tuple[str, str]] = []
+
+    def here(client: None, step: str, function: Any, jobs: Any, plan: Any, more: tuple, progress: Any) -> Any:
+        for job in jobs:
+            run.append((step, job.name))
+            if step == "audit":
+                found = StepOutcome(step, *(("stopped", "stopped after 7 s") if job.name == "d03" else ("done", "")),
+                                    0.0, "k")
+            else:
+                found = function(job, plan, *more)
+            yield job, found
+
+    monkeypatch.setattr(running, "connected", lambda scheduler, workers: nullcontext())
+    monkeypatch.setattr(running, "_stage", here)
+    found = run_fleet(plan)
+    assert [step for step, name in run if name == "d03"] == ["audit"]
+    assert {step for step, name in run if name == "d04"} == {"audit", "scan", "identify", "judge"}
+    assert found.hanging == ("d03",) and "hanging: d03" in found.verdict
+    assert found.left_out == {"d03": "audit stopped after 7 s"}
+    assert "d03: audit stopped: stopped after 7 s" in str(found)
+    assert found.to_dict()["files"][3]["steps"]["scan"]["state"] == "skipped"
 
 
 def test_causes_carry_their_probability_and_rivals(tmp_path: Path) -> None:

@@ -1,0 +1,155 @@
+"""Independent work in forks of this process: what it holds is there at once, and Python's loops run side by side."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import select
+import signal
+import struct
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from io import BytesIO
+from typing import Any, TypeVar
+
+from lpvid import _threads
+from lpvid._processes import Pickler, ends_with_parent
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
+    """Results of a function over independent items, in their order, by as many processes as there are processors.
+
+    The processes are forks (Linux): the function and the items need not be sent, and what the caller holds is not
+    copied before it is written to. Each takes the next item when it is done with one. Only results are sent back.
+    What a fork that dies had done, or cannot send, is computed here. Where no fork is safe, beside other threads of
+    this process or on other systems, `in_parallel` does the same by threads.
+
+    Parameters
+    ----------
+    function : callable
+        Of one item; what it leaves in caches is lost where a fork computed it.
+    items : sequence
+    shared : sequence of object
+        What results refer to and the caller holds: it is referred to in what is sent, not copied.
+
+    Returns
+    -------
+    list
+        An exception of the function is raised, of several that of the first item; an interruption ends the work.
+
+    Examples
+    --------
+    >>> in_forks(abs, [-2, 1])
+    [2, 1]
+    """
+    if not _possible(len(items)):
+        return _threads.in_parallel(function, items)
+    with _threads.hired(len(items)) as workers:
+        found = _by_forks(function, items, shared, workers - 1) if workers > 1 else {}
+        for k, item in enumerate(items):
+            if k not in found:
+                found[k] = True, function(item)
+    for k in range(len(items)):
+        good, value = found[k]
+        if not good:
+            raise value
+    return [found[k][1] for k in range(len(items))]
+
+
+def _possible(count: int) -> bool:
+    """A fork copies the calling thread alone: a lock that another one holds would stay held."""
+    return sys.platform == "linux" and threading.active_count() == 1 and 2 * count <= select.PIPE_BUF
+
+
+def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object], forks: int
+              ) -> dict[int, tuple[bool, Any]]:
+    """Whether each item that was taken succeeded, and its value or exception."""
+    source, into = os.pipe()
+    os.write(into, struct.pack(f"<{len(items)}H", *range(len(items))))  # two bytes apiece: a read of them is one
+    os.close(into)
+    begun: list[tuple[int, int]] = []
+    found: dict[int, tuple[bool, Any]] = {}
+    try:
+        with suppress(OSError):  # no room for another process: fewer of them
+            for _ in range(forks):
+                begun.append(_begin(function, items, shared, source))
+        for k in _taken(source):
+            found[k] = _attempt(function, items[k])
+        for _, answers in begun:
+            with os.fdopen(os.dup(answers), "rb") as stream:
+                sent = stream.read()
+            try:
+                found |= _Reader(BytesIO(sent), shared).load()
+            except (EOFError, pickle.UnpicklingError):  # it died: its items are missing
+                continue
+        return found
+    finally:
+        os.close(source)
+        for pid, answers in begun:
+            os.close(answers)
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+
+
+def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object], source: int) -> tuple[int, int]:
+    """A fork at work: its number, and where its answers come from."""
+    answers, out = os.pipe()
+    parent = os.getpid()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12: threads of libraries, which are idle here
+        pid = os.fork()
+    if pid:
+        os.close(out)
+        return pid, answers
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+        ends_with_parent(parent)
+        gc.freeze()  # what the parent holds is not looked through, which would copy its pages
+        _threads.alone()
+        held = BytesIO()
+        done = {k: _attempt(function, items[k]) for k in _taken(source)}
+        _Sender(held, shared).dump(done)
+        with os.fdopen(out, "wb") as stream:
+            stream.write(held.getbuffer())
+    finally:
+        os._exit(0)  # nothing of the parent's is flushed or closed here
+
+
+def _taken(source: int) -> Iterator[int]:
+    """Items that nobody else has taken."""
+    while two := os.read(source, 2):
+        yield struct.unpack("<H", two)[0]
+
+
+def _attempt(function: Callable[[T], R], item: T) -> tuple[bool, Any]:
+    try:
+        return True, function(item)
+    except Exception as error:
+        return False, error
+
+
+class _Sender(Pickler):
+    """What both processes hold, by its address, which is the same in a fork."""
+
+    def __init__(self, file: BytesIO, shared: Sequence[object]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self.held = {id(o) for o in shared}
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return id(obj) if id(obj) in self.held else None
+
+
+class _Reader(pickle.Unpickler):
+    def __init__(self, file: BytesIO, shared: Sequence[object]) -> None:
+        super().__init__(file)
+        self.held = {id(o): o for o in shared}
+
+    def persistent_load(self, pid: Any) -> Any:
+        return self.held[pid]

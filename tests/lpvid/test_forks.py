@@ -1,0 +1,102 @@
+"""in_forks: results in order whatever the number of forks, errors, forks that die, what results refer to."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+from collections.abc import Callable
+
+import pytest
+from helpers.waiting import gone
+
+from lpvid import _forks, _threads
+from lpvid._forks import in_forks
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="forks are used on Linux")
+
+
+@pytest.fixture(params=[1, 2, 3])
+def forking(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """So many processors; threads of the test runner wait and hold no lock."""
+    monkeypatch.setattr(_threads, "processors", lambda: request.param)
+    monkeypatch.setattr(_threads, "_crew", _threads._Crew())
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    return request.param
+
+
+def test_results_stand_in_their_order_and_come_from_so_many_processes(forking: int) -> None:
+    read, write = os.pipe()  # every process but the last to arrive waits for the next one
+
+    def work(item: int) -> tuple[int, int]:
+        if item < forking - 1:
+            os.read(read, 1)
+        elif item == forking - 1:
+            os.write(write, b"x" * (forking - 1))
+        return item, os.getpid()
+
+    found = in_forks(work, range(20))
+    assert [k for k, _ in found] == list(range(20))
+    assert len({pid for _, pid in found[:forking]}) == forking
+    os.close(read)
+    os.close(write)
+
+
+def test_what_the_caller_holds_is_referred_to(forking: int) -> None:
+    held: list[Callable[[], int]] = [lambda: 3, lambda: 4]  # neither can be sent
+    found = in_forks(lambda k: (held[k % 2], k), range(8), shared=held)
+    assert all(f is held[k % 2] for f, k in found)
+
+
+def test_what_cannot_be_sent_is_computed_here(forking: int) -> None:
+    assert [f() for f in in_forks(lambda k: lambda: k, range(6))] == list(range(6))
+
+
+def test_what_a_fork_that_died_had_is_computed_here(forking: int) -> None:
+    here = os.getpid()
+
+    def work(item: int) -> int:
+        if os.getpid() != here:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return item
+
+    assert in_forks(work, range(6)) == list(range(6))
+
+
+def test_the_first_error_is_raised_and_no_process_is_left(forking: int) -> None:
+    def fails(item: int) -> int:
+        if item > 2:
+            raise ValueError(f"item {item}")
+        return item
+
+    with pytest.raises(ValueError, match="item 3"):
+        in_forks(fails, range(9))
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+    assert in_forks(abs, range(9)) == list(range(9))  # the processors were given back
+
+
+def test_beside_another_thread_nothing_is_forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threading, "active_count", lambda: 2)
+    monkeypatch.setattr(_forks, "_by_forks", lambda *a: pytest.fail("a lock of the other thread may be held"))
+    assert in_forks(abs, [-1, 2, -3]) == [1, 2, 3]
+
+
+def test_forks_end_with_a_killed_parent() -> None:
+    code = """
+        import os, time
+        from lpvid import _threads
+        from lpvid._forks import in_forks
+        _threads.processors = lambda: 2
+        in_forks(lambda k: (print(os.getpid(), flush=True), time.sleep(600)), range(2))
+    """
+    parent = subprocess.Popen([sys.executable, "-c", textwrap.dedent(code)], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    (fork,) = {int(parent.stdout.readline()) for _ in range(2)} - {parent.pid}
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    assert gone(fork)
