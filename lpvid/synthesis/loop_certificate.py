@@ -121,7 +121,18 @@ def _proposals(formula: FeedbackLaw, box: Scheduling) -> Iterator[tuple[Basis, n
 
 
 def richer_bases(basis: Basis, box: Scheduling) -> Iterator[Basis]:
-    """Functions of rising degree, or of more harmonics, in which a storage function may be written down."""
+    """Functions of rising degree, or of more harmonics, in which a storage function may be written down.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of the design's Lyapunov matrix.
+    box : Scheduling
+
+    Yields
+    ------
+    Basis
+    """
     if isinstance(basis, Fourier):
         for factor in (2, 4):
             yield Fourier(basis.name, factor * basis.harmonics, basis.period, basis.origin)
