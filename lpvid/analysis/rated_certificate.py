@@ -14,7 +14,7 @@ from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
 from lpvid.lmi.readings import readings_of
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 RATE = "_rate"
 """What a scheduling variable's name gets appended for the variable that holds its derivative."""
@@ -122,7 +122,7 @@ class RatedGainCertificate(StorageCertificate):
         names = self.box.names
         rates = [i for i, n in enumerate(names) if n.endswith(RATE)]
         moving = [names.index(names[i].removesuffix(RATE)) for i in rates]
-        if any(r.degree > 1 or r.frequency for r in readings_of(model.basis) if r.name.endswith(RATE)):
+        if not _affine_in_rates(model):
             return Recheck(False, False, math.nan, "the model is not affine in the rates")
         if set(self.basis.names) - {names[i] for i in moving}:
             return Recheck(False, False, math.nan, "P depends on a variable whose rate the model does not read")
@@ -151,3 +151,15 @@ class RatedGainCertificate(StorageCertificate):
                 return found
             margin = min(margin, found.margin)
         return Recheck(True, False, margin, f"shown on a grid of {len(points)} points only, not between them")
+
+
+def _affine_in_rates(model: LPVStateSpace) -> bool:
+    """Along each rate; a polynomial over p and the rates lists every term of its degree, so by its coefficients."""
+    read = [r for r in readings_of(model.basis) if r.name.endswith(RATE)]
+    if not any(r.degree > 1 or r.frequency for r in read):
+        return True
+    if not isinstance(model.basis, Polynomial):
+        return False
+    columns = [model.basis.names.index(r.name) for r in read]
+    high = model.basis.exponents[:, columns].max(axis=1) > 1
+    return not any(m[high].any() for m in (model.A, model.B, model.C, model.D))

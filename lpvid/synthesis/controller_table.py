@@ -116,13 +116,28 @@ def _written(formula: FeedbackLaw, basis: Basis, inverse: np.ndarray, k: Matrice
     a, b, c, d, slopes = (np.tensordot(inverse, m, axes=1) for m in (*k, slopes))
     box, k = plant.box, (a, b, c, d)
     if slopes.shape[1]:
-        basis, k = _rated(basis, k, slopes, formula.variations.moving)
+        basis, k = with_rates(basis, k, slopes, formula.variations.moving)
         box = rated_box(box, formula.variations.moving)
     return LPVStateSpace(*k, basis, plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
                          outputs=named(plant, plant.controls))
 
 
-def _rated(basis: Basis, k: Matrices, slopes: np.ndarray, moving: tuple[str, ...]) -> tuple[Basis, Matrices]:
+def with_rates(basis: Basis, k: Matrices, slopes: np.ndarray, moving: tuple[str, ...]) -> tuple[Basis, Matrices]:
+    """A controller with A_K + Σ ṗ_i·slopes_i over a basis in p, as one over p and the variables ``p_rate``.
+
+    Parameters
+    ----------
+    basis : Basis
+    k : (A, B, C, D), each (M, …)
+        Coefficients over the basis.
+    slopes : (M, len(moving), n, n) array
+    moving : tuple of str
+
+    Returns
+    -------
+    tuple
+        Basis and coefficients.
+    """
     rates = Polynomial(tuple(n + RATE for n in moving), 1)
 
     def wide(m: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:

@@ -19,7 +19,8 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals
 from lpvid.synthesis.bilinear_descent import BilinearDescent
-from lpvid.synthesis.controller_structures import Attached, ObserverBased, StaticGain, Structure
+from lpvid.synthesis.block_proof import still_bound
+from lpvid.synthesis.controller_structures import Attached, LowOrder, ObserverBased, StaticGain, Structure
 from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.frozen_descent import FrozenLoops, shortlist
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
@@ -28,10 +29,13 @@ from lpvid.synthesis.output_feedback import OutputFeedback, Rate, _rated
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import SignalCoordinates
-from lpvid.synthesis.structure_starts import drawn, imitated, observed
+from lpvid.synthesis.structure_starts import drawn, imitated, observed, shortened
 
 KEPT = 1.12
 """verified over promised gain up to which a design counts as solved"""
+NORM = 1.01
+"""verified gain over the H-infinity norm of a loop that does not move above which another proof is tried: the share of
+its coarsest one"""
 FOLLOWED = 3
 """starts with the lowest frozen norms whose certified gain is looked at"""
 
@@ -155,14 +159,15 @@ class FixedStructure:
             notes.append(f"full order reaches {full:.4g} {'' if self.start is not None else 'at the middle of the box'}"
                          .rstrip())
         return Synthesis("solved" if gain.upper <= KEPT * promised else "backed-off", promised,
-                         gain.upper, gain.lower, controller, loop, gain.certificate, gain.between_grid,
+                         gain.upper, gain.lower, controller, loop, gain.certificate,
+                         gain.between_grid or not plant.box.names,
                          notes=tuple(notes), seconds=seconds, solver="descent", method=problem.method)
 
     def _finished(self, problem: _Problem, plant: GeneralizedPlant, theta: np.ndarray, norm: float
                   ) -> tuple[Gain, float, LPVStateSpace, LPVStateSpace] | None:
         """The certified descent from one frozen minimiser, and the verified gain of what it leads to."""
         gains = problem.frozen.coefficients(theta)
-        descent = problem.descent(gains, norm)
+        descent, states = problem.descent(gains, norm)
         start = descent.proven(gains) or descent.relaxed(gains)
         if start is None:
             return None
@@ -172,7 +177,10 @@ class FixedStructure:
             loop = close_loop(plant, controller)
             gain = (l2_gain(loop, None, self.lyapunov, trajectories=False) if self.hull is None
                     else hull_gain(loop, self.hull))
-            if gain.certificate is not None:
+            if not plant.box.names and gain.upper > NORM * gain.lower:
+                found_still = still_bound(loop, states, gain.lower)
+                gain = gain if found_still >= gain.upper else replace(gain, upper=found_still, certificate=None)
+            if np.isfinite(gain.upper):
                 found.append((gain, certified.gamma * descent.unit, controller, loop))
                 if gain.upper <= KEPT * certified.gamma * descent.unit:
                     break
@@ -188,7 +196,9 @@ class FixedStructure:
     def _starts(self, problem: _Problem, model: LPVStateSpace | None) -> Iterator[np.ndarray]:
         plant, loops = problem.plant, problem.frozen
         tables = []
-        if model is not None:
+        if model is not None and isinstance(self.structure, LowOrder):
+            tables += shortened(self.structure, problem.attached, model, plant, problem.points)
+        elif model is not None:
             tables.append(imitated(self.structure, problem.attached, plant, model, problem.points))
         if isinstance(self.structure, ObserverBased):
             tables.append(observed(plant, problem.points))
@@ -250,8 +260,8 @@ class _Problem:
                   f"{len(points)} points")
         return cls(plant, attached, gain, lyapunov, points, few, coordinates, frozen, method)
 
-    def descent(self, gains: np.ndarray, norm: float) -> BilinearDescent:
-        """The certified problem in the balanced coordinates of the loop that some gains make."""
+    def descent(self, gains: np.ndarray, norm: float) -> tuple[BilinearDescent, np.ndarray]:
+        """The certified problem in the balanced coordinates x = T x̃ of the loop that some gains make, and T."""
         box, discrete = self.plant.box, self.plant.sample_time is not None
         loop = close_loop(self.plant, self.attached.controller(self.gain, self.physical(gains)))
         frame = frame_of(driven(loop), _seen_by(driven(loop), box, self.points), norm)
@@ -262,7 +272,7 @@ class _Problem:
             found = moves(box, self.lyapunov, point, self.plant.sample_time) or [here if discrete else 0 * here]
             steps.append(np.array(found) * (1.0 if discrete else frame.time))
         return BilinearDescent(m, columns(box, self.gain, self.few), psi, tuple(steps), self.attached.free, discrete,
-                               frame.gain)
+                               frame.gain), frame.states
 
     def physical(self, gains: np.ndarray) -> np.ndarray:
         """Gains in the units of the signals."""

@@ -87,7 +87,7 @@ def own_certificate(values: Callable[[np.ndarray], np.ndarray], basis: Basis, lo
 
     def proposals() -> Iterator[tuple[Basis, np.ndarray]]:
         own = basis.bound(box)
-        for fit in (own, *(r for r in _richer(own, box) if r.size > own.size)):
+        for fit in (own, *(r for r in richer_bases(own, box) if r.size > own.size)):
             matrices = np.tensordot(np.linalg.pinv(columns(box, fit, points)), at, axes=1)
             yield fit, 0.5 * (matrices + matrices.swapaxes(1, 2))
 
@@ -115,12 +115,24 @@ def _proposals(formula: FeedbackLaw, box: Scheduling) -> Iterator[tuple[Basis, n
         return
     points = dense(plant.box, CELLS.get(len(plant.box.names), 4))
     values = formula.storage(points).matrices()
-    for basis in _richer(own, plant.box):
+    for basis in richer_bases(own, plant.box):
         matrices = np.tensordot(np.linalg.pinv(columns(plant.box, basis, points)), values, axes=1)
         yield basis, 0.5 * (matrices + matrices.swapaxes(1, 2))
 
 
-def _richer(basis: Basis, box: Scheduling) -> Iterator[Basis]:
+def richer_bases(basis: Basis, box: Scheduling) -> Iterator[Basis]:
+    """Functions of rising degree, or of more harmonics, in which a storage function may be written down.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of the design's Lyapunov matrix.
+    box : Scheduling
+
+    Yields
+    ------
+    Basis
+    """
     if isinstance(basis, Fourier):
         for factor in (2, 4):
             yield Fourier(basis.name, factor * basis.harmonics, basis.period, basis.origin)

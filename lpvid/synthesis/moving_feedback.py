@@ -23,7 +23,10 @@ sample; X and S are not. The controller at p needs p alone:
 det 𝐆 = ± det(ZX − S), so that N and U = N⁻¹(S − ZX) are as well conditioned as 𝐏 ⪯ 𝐆 + 𝐆ᵀ lets them be. With P = G
 constant, (1) is the inequality of one quadratic X and Y: what moves can only help, as far as Q, F, L and R are free.
 
-Turned, the same inequalities of the transposed plant with p and p⁺ exchanged: then Y(p) moves and X is constant.
+Turned, the same inequalities of the transposed plant with p and p⁺ exchanged: then Y(p) moves and X is constant. In
+either, 𝐏(p) moves as a whole; Z is a slack alone. With a Z(p) as well, Z⁺ takes its place in TᵀA_cl G T, and the factor
+of it can wait for the next sample, so that a controller of twice the states reads p alone. On six springs and eight
+random plants with a moving B2 and C2 its least bounds were 0.0 to 1.0 % below the lower of the two.
 """
 
 from __future__ import annotations

@@ -11,6 +11,10 @@ one of the two stands still with its factor: Y and N, or X and M. The controller
     D_K = R,  C_K = (L − RC2X)M⁻ᵀ,  B_K = N⁻¹(F − YB2R),
     A_K = N⁻¹(Q − Y(A + B2RC2)X − NB_KC2X − YB2C_KMᵀ)M⁻ᵀ.
 
+Where both move, A_K has what takes that part back, N⁻¹(YẊ + NṀᵀ)M⁻ᵀ: affine in the rates, which the controller reads
+as further scheduling variables. With N moving and M constant it is N⁻¹YẊM⁻ᵀ. The inequalities with both contain those
+with either.
+
 All criteria share X and Y, as with constant ones.
 """
 
@@ -26,6 +30,8 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.bilinear import around_feedthrough
+from lpvid.synthesis.controller_formula import Variations
+from lpvid.synthesis.controller_table import rated_box, with_rates
 from lpvid.synthesis.criteria import Criterion
 from lpvid.synthesis.design_grid import columns, fitted, over, richer, storage_for, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -40,10 +46,11 @@ from lpvid.synthesis.shaped_program import APART, Shaped, Shaping, SignalCoordin
 KEPT = 1.03
 """Factor by which a verified figure may lie above the promise: matrices that hold at the points of a grid miss it by up
 to 2 % between them, with a controller that is a polynomial fit."""
+WHICH = {"controls": "X", "measurements": "Y", "both": "X and Y"}
 
 
 def moving_objectives(plant: GeneralizedPlant, criteria: Sequence[Criterion], lyapunov: Basis,
-                      axes: tuple[np.ndarray, ...], *, turned: bool, direct: bool, back_off: float) -> Synthesis:
+                      axes: tuple[np.ndarray, ...], *, varying: str, direct: bool, back_off: float) -> Synthesis:
     """The controller for several criteria of a continuous plant with rate bounds, with the figures of its loop.
 
     Parameters
@@ -54,8 +61,8 @@ def moving_objectives(plant: GeneralizedPlant, criteria: Sequence[Criterion], ly
         Functions of the matrix that moves, bound to the plant's box.
     axes : tuple of arrays
         Values of each scheduling variable at which the inequalities are imposed.
-    turned : bool
-        Y moves and X is constant; otherwise X moves.
+    varying : {"controls", "measurements", "both"}
+        Whether X moves, or Y, or both; with both the controller reads the rates.
     direct : bool
         With feedthrough.
     back_off : float
@@ -68,23 +75,23 @@ def moving_objectives(plant: GeneralizedPlant, criteria: Sequence[Criterion], ly
     raw = plant.at(tensor(axes))
     coordinates = SignalCoordinates.of(raw, False)
     return settle(_MovingObjectives(plant, tuple(criteria), (), back_off, lyapunov, richer(plant, lyapunov, axes), axes,
-                                    turned, direct and not raw.D22.any(), coordinates), kept=KEPT)
+                                    varying, direct and not raw.D22.any(), coordinates), kept=KEPT)
 
 
 @dataclass(frozen=True, eq=False)
 class _MovingObjectives(ShapedProblem):
-    """One plant with X or Y over the scheduling, in scaled coordinates."""
+    """One plant with X, Y or both over the scheduling, in scaled coordinates."""
 
     lyapunov: Basis
     gains: Basis
     axes: tuple[np.ndarray, ...]
-    turned: bool
+    varying: str
     direct: bool
     coordinates: SignalCoordinates
 
     @property
     def method(self) -> str:
-        return (f"output feedback, {len(self.criteria)} criteria, {'Y' if self.turned else 'X'} over "
+        return (f"output feedback, {len(self.criteria)} criteria, {WHICH[self.varying]} over "
                 f"{', '.join(self.lyapunov.labels)}, {len(tensor(self.axes))} points")
 
     @property
@@ -117,7 +124,8 @@ class _MovingObjectives(ShapedProblem):
         points, box, pace = tensor(self.axes), self.plant.box, self.coordinates.pace
         design = self.coordinates.scaled(self.plant.at(points))
         new, n, nu, ny = program.unknowns, self.plant.order, design.B2.shape[2], design.C2.shape[1]
-        many = (1, self.lyapunov.size) if self.turned else (self.lyapunov.size, 1)
+        many = (1 if self.varying == "measurements" else self.lyapunov.size,
+                1 if self.varying == "controls" else self.lyapunov.size)
         x, y = ([new.symmetric(n) for _ in range(count)] for count in many)
         shapes = {"Q": (n, n), "F": (n, ny), "L": (nu, n)} | ({"R": (nu, ny)} if self.direct else {})
         hats = {name: [new.matrix(*shape) for _ in range(self.gains.size)] for name, shape in shapes.items()}
@@ -138,8 +146,8 @@ class _MovingObjectives(ShapedProblem):
             entry, exit_ = block([[b], [yk @ m.B1 + here["F"] @ m.D21]]), block([[m.C1 @ xk + m.D12 @ here["L"], c]])
             whole = block([[xk, eye], [eye, yk]])
             for step in moves(box, self.lyapunov, point, None):
-                moved = (block([[zero, zero], [zero, combined(y, step)]]) if self.turned
-                         else block([[combined(x, -step), zero], [zero, zero]]))
+                moved = block([[combined(x, -step) if len(x) > 1 else zero, zero],
+                               [zero, combined(y, step) if len(y) > 1 else zero]])
                 loops.append(ShapedLoop(whole, moved, dynamics, entry, exit_, d, False, pace))
             pushed = apart.times(eye)
             program.require(block([[xk, pushed], [pushed, yk]]))
@@ -152,19 +160,31 @@ class _MovingObjectives(ShapedProblem):
                        {"X": tuple(x), "Y": tuple(y), **{k: tuple(h) for k, h in hats.items()}})
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:
-        plant, order = self.plant, self.plant.order
+        plant, order, moving = self.plant, self.plant.order, self.moving
 
         def law(points: np.ndarray) -> np.ndarray:
             a, b, c, d = self._controller_at(shaped, points)
             scaled = self.coordinates.scaled(plant.at(points))
             a, b, c, d = around_feedthrough((a, b, c, d), scaled.D22)
             u, y = self.coordinates.controls[:, None], self.coordinates.measurements
-            return np.concatenate([np.concatenate([a, b / y], 2), np.concatenate([u * c, u * d / y], 2)], 1)
+            slopes = self._slopes(shaped, points)
+            parts = [np.concatenate([a, b / y], 2), np.concatenate([u * c, u * d / y], 2)]
+            return np.concatenate([*parts, *(np.concatenate([s, 0 * b], 2) for s in slopes)], 1)
 
         basis, k = fitted(law, plant.box, self.axes, self.gains)
-        return LPVStateSpace(k[:, :order, :order], k[:, :order, order:], k[:, order:, :order], k[:, order:, order:],
-                             basis, None, over(plant.box, basis.names), inputs=named(plant, plant.measurements),
+        rows, box = order + len(plant.controls), plant.box
+        matrices = k[:, :order, :order], k[:, :order, order:], k[:, order:rows, :order], k[:, order:rows, order:]
+        if moving:
+            slopes = k[:, rows:, :order].reshape(len(k), len(moving), order, order)
+            basis, matrices = with_rates(basis, matrices, slopes, moving)
+            box = rated_box(box, moving)
+        return LPVStateSpace(*matrices, basis, None, over(box, basis.names), inputs=named(plant, plant.measurements),
                              outputs=named(plant, plant.controls))
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Variables whose rates the controller reads."""
+        return Variations(self.lyapunov, self.varying, self.plant.box).moving if self.varying == "both" else ()
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)
@@ -186,7 +206,7 @@ class _MovingObjectives(ShapedProblem):
         if not s.min(initial=1.0) > 1e-12 * s.max(initial=1.0):
             raise np.linalg.LinAlgError("I − YX is singular")
         x, y, whole = self._at(shaped, "X", points), self._at(shaped, "Y", points), product(points)
-        if self.turned:
+        if self.varying != "controls":
             mt = np.broadcast_to(np.sqrt(s)[:, None] * vt, x.shape)
             return x, y, whole @ np.linalg.inv(mt), mt
         n = np.broadcast_to(u * np.sqrt(s), x.shape)
@@ -203,3 +223,12 @@ class _MovingObjectives(ShapedProblem):
         b = left @ (f - y @ m.B2 @ d)
         a = left @ (q - y @ (m.A + m.B2 @ d @ m.C2) @ x - n @ b @ m.C2 @ x - y @ m.B2 @ c @ mt) @ right
         return a, b, c, d
+
+    def _slopes(self, shaped: Shaped, points: np.ndarray) -> list[np.ndarray]:
+        """(N, n, n) ∂A_K/∂ṗ = N⁻¹ Y (∂X/∂p) M⁻ᵀ for every variable whose rate the controller reads."""
+        if not self.moving:
+            return []
+        _, y, n, mt = self._factors(shaped, points)
+        gradients = Variations(self.lyapunov, self.varying, self.plant.box).gradients(points)
+        x = np.einsum("nvk,kij->nvij", gradients, shaped.values("X"))
+        return [np.linalg.solve(n, y @ x[:, i]) @ np.linalg.inv(mt) for i in range(len(self.moving))]

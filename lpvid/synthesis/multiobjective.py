@@ -35,13 +35,6 @@ from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 VARYING = ("both", "controls", "measurements")
-EITHER = {
-    False: "X and Y do not move at once, for the controller would need the rates of the scheduling; either was "
-           "designed (for one gain OutputFeedback has such controllers)",
-    True: "X and Y cannot move at once, for the controller at p(k) would need p(k+1); either was designed",
-}
-"""Why "both" is either: N(p) stands on both sides of the derivative, or of the sample (`moving_objectives`,
-`moving_feedback`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +61,9 @@ class MultiObjective:
     lyapunov : Basis, optional
         Functions of the matrix that moves; in continuous time their variables need rate bounds.
     varying : {"both", "controls", "measurements"}
-        Which matrix moves, X or Y; "both" designs with either, and keeps the lower figures, for with both moving at
-        once the controller would need the rates, in discrete time p(k+1). There an H2 criterion needs "controls".
+        Which matrix moves, X or Y. With "both" in continuous time the controller reads the rates too, as further
+        scheduling variables ``<name>_rate``. In discrete time "both" designs with a slack matrix of either side, and
+        keeps the lower figures; an H2 criterion there needs "controls".
 
     Examples
     --------
@@ -141,20 +135,18 @@ class MultiObjective:
         assert self.lyapunov is not None
         check_rates(self.lyapunov, plant.box, plant.sample_time)
         basis, axes = self.lyapunov.bound(plant.box), design_axes(plant.box, self.points, False)
-        found = []
-        for turned in {"controls": (False,), "measurements": (True,)}.get(self.varying, (False, True)):
-            if plant.sample_time is None:
-                found.append(moving_objectives(plant, criteria, basis, axes, turned=turned, direct=direct,
-                                               back_off=self.back_off))
-            elif not turned or not any(isinstance(c, CovarianceCriterion) for c in criteria):
-                found.append(moving_feedback(plant, basis, axes, turned=turned, strictly_proper=not direct,
-                                             criteria=criteria, back_off=self.back_off - 1))
+        if plant.sample_time is None:
+            found = [moving_objectives(plant, criteria, basis, axes, varying=self.varying, direct=direct,
+                                       back_off=self.back_off)]
+        else:
+            found = [moving_feedback(plant, basis, axes, turned=turned, strictly_proper=not direct, criteria=criteria,
+                                     back_off=self.back_off - 1)
+                     for turned in {"controls": (False,), "measurements": (True,)}.get(self.varying, (False, True))
+                     if not turned or not any(isinstance(c, CovarianceCriterion) for c in criteria)]
         if not found:
             raise InputError("in discrete time an H2 criterion needs the X of the controls to move", got=self.varying,
                              mend="varying=\"controls\"")
-        best = _lowest([*found, replace(self, lyapunov=None).solve(plant)])
-        note = (EITHER[plant.sample_time is not None],) if self.varying == "both" else ()
-        return replace(best, notes=(*best.notes, *note))
+        return _lowest([*found, replace(self, lyapunov=None).solve(plant)])
 
     def _by_variance(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], axes: tuple[np.ndarray, ...]
                      ) -> Synthesis:

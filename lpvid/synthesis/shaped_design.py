@@ -26,6 +26,7 @@ from lpvid.synthesis.infeasibility import BEYOND
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.progress import remember, stage, stopped
+from lpvid.synthesis.rated_figures import RatedLoop
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
@@ -203,17 +204,43 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     except np.linalg.LinAlgError:
         return None
     loop = problem.close(controller)
+    if set(loop.box.names) - set(problem.plant.box.names):
+        return _by_rates(problem, shaped, controller, loop, back_off, started, most)
     inside, notes = stays_inside(problem.regions, loop)
     if not inside:
         return None
     figures = [_proven(c, problem, shaped, loop, promised, most)
                or measure(c, problem.plant, loop, promised, problem.storage)
                for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
-    bounded = next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
+    bounded = _bounded(problem)
     main = HInfinity() if bounded is None else problem.criteria[bounded]
     gain = measure(main, problem.plant, loop, np.inf, problem.storage) if bounded is None else figures[bounded]
+    return _stated(problem, shaped, controller, loop, (figures, gain, notes), back_off, started, most)
+
+
+def _by_rates(problem: ShapedProblem, shaped: Shaped, controller: LPVStateSpace, loop: LPVStateSpace, back_off: float,
+              started: float, most: float) -> tuple[Synthesis, bool] | None:
+    """A synthesis whose controller reads the rates: figures by the design's own storage function."""
+    values, basis = problem.storage_of(shaped), problem.storage
+    if values is None or basis is None:
+        return None
+    rated = RatedLoop(loop, problem.plant.box, values, basis)
+    figures = [rated.figure(c, problem.plant, promised, most, promised if problem.squared else 1.0)
+               for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
+    bounded = _bounded(problem)
+    gain = rated.figure(HInfinity(), problem.plant, np.inf, most, None) if bounded is None else figures[bounded]
+    return _stated(problem, shaped, controller, loop, (figures, gain, ()), back_off, started, most)
+
+
+def _stated(problem: ShapedProblem, shaped: Shaped, controller: LPVStateSpace, loop: LPVStateSpace,
+            found: tuple[list[Figure], Figure, tuple[str, ...]], back_off: float, started: float, most: float
+            ) -> tuple[Synthesis, bool] | None:
+    """The verdict from figures, of the criteria and of the gain; None where one is infinite."""
+    figures, gain, notes = found
     if not all(np.isfinite(f.verified) for f in (*figures, gain)):
         return None
+    bounded = _bounded(problem)
+    main = HInfinity() if bounded is None else problem.criteria[bounded]
     kept = all(f.verified <= most * f.promised for f in figures)
     near = all(f.verified <= (f.promised if c.bound is not None else (1 + SOLVED) * low)
                for f, c, low in zip(figures, problem.criteria, shaped.lowest, strict=True))
@@ -228,6 +255,11 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
         notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method,
         infimum=_infimum(problem, shaped), figures=tuple(f.to_dict() for f in figures)), kept
+
+
+def _bounded(problem: ShapedProblem) -> int | None:
+    """Which criterion the quoted gain belongs to."""
+    return next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
 
 
 def _beside(problem: ShapedProblem, shaped: Shaped, figures: Sequence[Figure]) -> str:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg import solve_continuous_are, solve_discrete_are
+from scipy.linalg import schur, solve_continuous_are, solve_discrete_are
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.controller_structures import Attached, LowOrder, ObserverBased, Structure
 from lpvid.synthesis.controller_table import matrices_at
+from lpvid.synthesis.coprime_reduction import reduce_coprime
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop_at
 from lpvid.synthesis.reduction import reduce_order
@@ -25,7 +26,7 @@ def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, 
     """(N, n_v, n_ξ) gains with which the structure comes close to a controller of any order; None where it cannot.
 
     Without feedback inside the interface ξ = J(jω) y: least squares of (K − G J) T over frequencies, T the response
-    from w to y of the controller's own loop. A controller of order k takes the k most important balanced states.
+    from w to y of the controller's own loop. States of the structure's own are what `shortened` finds.
 
     Parameters
     ----------
@@ -46,9 +47,7 @@ def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, 
         Gains at each point.
     """
     at = plant.at(points)
-    if isinstance(structure, LowOrder):
-        return _shortened(structure, attached, model, plant, points)
-    if isinstance(structure, ObserverBased) or attached.interface.basis.names:
+    if isinstance(structure, (LowOrder, ObserverBased)) or attached.interface.basis.names:
         return None
     k = matrices_at(model, plant.box, points)
     loops = close_loop_at(at, *k)
@@ -136,26 +135,86 @@ def drawn(size: int, count: int, generator: np.random.Generator) -> Iterator[np.
         yield generator.standard_normal(size) * (0.03, 0.3, 1.0, 3.0)[i % 4]
 
 
-def _shortened(structure: LowOrder, attached: Attached, model: LPVStateSpace, plant: GeneralizedPlant,
-               points: np.ndarray) -> np.ndarray | None:
-    k, nu, ny = structure.order, len(plant.controls), len(plant.measurements)
-    short = model
-    if model.order > k:
-        try:
-            short = reduce_order(model, k, certified=False).model
-        except (InputError, NumericalError, np.linalg.LinAlgError, ValueError):
-            return None
+def shortened(structure: LowOrder, attached: Attached, model: LPVStateSpace, plant: GeneralizedPlant,
+              points: np.ndarray) -> Iterator[np.ndarray]:
+    """Gains of a controller with as many states as a structure has, out of one that has more, in two ways.
+
+    By its balanced states, or those of its coprime factors where it is unstable; and by its slowest states, the others
+    at their static gain, which keeps an integrator's zero that the balanced states lose.
+
+    Parameters
+    ----------
+    structure : LowOrder
+        The structure to give gains to.
+    attached : Attached
+        The plant with its interface.
+    model : LPVStateSpace
+        The controller of any order.
+    plant : GeneralizedPlant
+        The plant without it.
+    points : (N, n) array
+        Points of the scheduling, in its units.
+
+    Yields
+    ------
+    (N, n_v, n_ξ) array
+        Gains at each point.
+    """
     inputs = [[s.name for s in model.inputs].index(n) for n in plant.measurements]
     outputs = [[s.name for s in model.outputs].index(n) for n in plant.controls]
-    a, b, c, d = matrices_at(short, plant.box, points)
-    n = a.shape[1]
-    gains = np.zeros((len(points), nu + k, k + ny))
-    gains[:, :nu, :n], gains[:, :nu, k:] = c[:, outputs], d[:, outputs][:, :, inputs]
-    gains[:, nu : nu + n, :n], gains[:, nu : nu + n, k:] = a, b[:, :, inputs]
+    whole = matrices_at(model, plant.box, points)
+    short = [whole] if model.order <= structure.order else [
+        None if (found := _reduced(model, structure.order)) is None else matrices_at(found, plant.box, points),
+        None if model.is_discrete else _slowest(whole, structure.order)]
+    for found in short:
+        if found is not None:
+            a, b, c, d = found
+            yield _table((a, b[:, :, inputs], c[:, outputs], d[:, outputs][:, :, inputs]), structure.order, plant
+                         ) * attached.free
+
+
+def _table(controller: Matrices, k: int, plant: GeneralizedPlant) -> np.ndarray:
+    """(N, n_u + k, k + n_y) gains of a controller with at most k states."""
+    a, b, c, d = controller
+    n, nu, ny = a.shape[1], c.shape[1], b.shape[2]
+    gains = np.zeros((len(a), nu + k, k + ny))
+    gains[:, :nu, :n], gains[:, :nu, k:] = c, d
+    gains[:, nu : nu + n, :n], gains[:, nu : nu + n, k:] = a, b
     if n < k:  # states that nothing drives and that decay
         rate = 0.0 if plant.sample_time is not None else -max(float(np.abs(a).max(initial=1.0)), 1e-3)
         gains[:, nu + n :, n:k] = rate * np.eye(k - n)
-    return gains * attached.free
+    return gains
+
+
+def _reduced(model: LPVStateSpace, order: int) -> LPVStateSpace | None:
+    """By balanced truncation, of an unstable controller by its coprime factors; None for neither."""
+    for reduce in (reduce_order, reduce_coprime):
+        try:
+            return reduce(model, order, certified=False).model
+        except (InputError, NumericalError, np.linalg.LinAlgError, ValueError):
+            continue
+    return None
+
+
+def _slowest(controller: Matrices, order: int) -> Matrices | None:
+    """The slowest modes of a controller at its middle point, the rest at their static gain; None where that is none.
+
+    With x = T [x₁; x₂] of the ordered Schur form and x₂ = −A₂₂⁻¹(A₂₁x₁ + B₂y).
+    """
+    a, b, c, d = controller
+    speeds = np.sort(np.abs(np.linalg.eigvals(a[len(a) // 2])))
+    limit = 0.5 * (speeds[order - 1] + speeds[order]) if order else -1.0
+    _, t, kept = schur(a[len(a) // 2], sort=lambda re, im: np.hypot(re, im) <= limit)
+    if kept != order:  # a pair of complex poles would be torn apart
+        return None
+    a, b, c = t.T @ a @ t, t.T @ b, c @ t
+    try:
+        back = np.linalg.inv(a[:, order:, order:])
+    except np.linalg.LinAlgError:
+        return None
+    into, out = -a[:, :order, order:] @ back, -c[:, :, order:] @ back
+    return (a[:, :order, :order] + into @ a[:, order:, :order], b[:, :order] + into @ b[:, order:],
+            c[:, :, :order] + out @ a[:, order:, :order], d + out @ b[:, order:])
 
 
 def _measured(m: PlantMatrices, k: Matrices, s: complex) -> np.ndarray:

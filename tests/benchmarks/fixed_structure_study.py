@@ -2,7 +2,8 @@
 
     python tests/benchmarks/fixed_structure_study.py [NAME ...]
 
-helicopter, scherer, spring, car (a quarter car, mm and kN are the same) and noisy (poles at 2e-7 and 1e-5 rad/s).
+helicopter, scherer, spring, car (a quarter car, mm and kN are the same) noisy (poles at 2e-7 and
+1e-5 rad/s) with two states, noisy-1 with one.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ CASES = {
     "scherer": (scherer, lpv.FixedStructure(lpv.LowOrder(1), starts=1)),
     "spring": (spring, lpv.FixedStructure(lpv.PID(filter=0.1, integral=False), starts=2, points=3)),
     "car": (quarter_car, lpv.FixedStructure(lpv.LowOrder(1), starts=1, points=3)),
-    "noisy": (lambda: near_integrators(1e-1), lpv.FixedStructure(lpv.LowOrder(1), starts=2)),
+    "noisy": (lambda: near_integrators(1e-1), lpv.FixedStructure(lpv.LowOrder(2), starts=2)),
+    "noisy-1": (lambda: near_integrators(1e-1), lpv.FixedStructure(lpv.LowOrder(1), starts=2)),
 }
 
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from helpers.published_plants import helicopter
+from helpers.published_plants import helicopter, near_integrators
 from helpers.synthesis_plants import scherer, spring
 
 import lpvid as lpv
@@ -33,6 +33,17 @@ def test_one_state_comes_close_to_the_full_order_optimum():
     found = lpv.synthesize(scherer(), lpv.FixedStructure(LowOrder(1), starts=1))
     assert found.controller.order == 1
     assert 9.508 <= found.gamma_verified <= 1.005 * 9.50808  # Scherer, Gahinet & Chilali 1997: no controller is better
+
+
+def test_two_states_beside_near_integrators():
+    """Poles of 2e-7 and 12 rad/s in one controller: its slowest two states are a start, and the loop is proven.
+
+    The least bound of all controllers is 5.292 (with noise of 0.1 at the control: the Riccati equations' least gain).
+    """
+    found = lpv.synthesize(near_integrators(1e-1), lpv.FixedStructure(LowOrder(2), starts=1))
+    assert found.solved and found.between_grid and found.controller.order == 2
+    norm = h_infinity_norm(found.closed_loop.frozen([]))[0]
+    assert 5.292 * 0.999 <= norm * (1 - 1e-6) <= found.gamma_verified <= 1.02 * 5.292
 
 
 @pytest.mark.parametrize("structure", [StaticGain(), lpv.PID(filter=0.1), LowOrder(2), ObserverBased()])

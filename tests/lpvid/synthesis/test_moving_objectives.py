@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.shaped_plants import simulated_gain, spring_mass
+from scipy.linalg import solve_continuous_lyapunov
 
 import lpvid as lpv
 
@@ -62,9 +65,8 @@ def test_a_variance_in_discrete_time_needs_the_controls_to_move():
                        lpv.MultiObjective(lpv.H2(), lyapunov=MOVING, varying="measurements"))
 
 
-@pytest.mark.parametrize(("sample_time", "needed"), [(0.1, "p(k+1)"), (None, "rates")])
-def test_both_is_either_and_says_why(monkeypatch, sample_time, needed):
-    """With X and Y moving at once the controller would need what nobody has at that time."""
+def test_both_in_discrete_time_is_either(monkeypatch):
+    """The Lyapunov matrix moves as a whole in either; what stands still is a slack."""
     from lpvid.synthesis import multiobjective
 
     turned = []
@@ -73,8 +75,60 @@ def test_both_is_either_and_says_why(monkeypatch, sample_time, needed):
         turned.append(settings["turned"])
         return lpv.Synthesis("numerical", why="not looked for", mend="none")
 
-    for name in ("moving_feedback", "moving_objectives"):
-        monkeypatch.setattr(multiobjective, name, design)
-    found = lpv.synthesize(spring_mass(rate=0.1, full=False, sample_time=sample_time),
+    monkeypatch.setattr(multiobjective, "moving_feedback", design)
+    found = lpv.synthesize(spring_mass(rate=0.1, full=False, sample_time=0.1),
                            lpv.MultiObjective(lpv.HInfinity(), lyapunov=MOVING, varying="both", points=2))
-    assert turned == [False, True] and needed in found.notes[-1] and found.solved
+    assert turned == [False, True] and found.solved
+
+
+def _along(loop, rng, rate, steps=3000, period=0.02):
+    """‖z‖/‖w‖ of one run of a loop that reads stiffness and its rate: full speed to and fro, turned at random."""
+    p, turn, x, energy, given = rng.uniform(1, 4), rate, np.zeros(loop.order), 0.0, 0.0
+    for k in range(steps):
+        turn = -turn if rng.random() < 0.01 or not 1 <= p + period * turn <= 4 else turn
+        w = np.sin(rng.uniform(0.95, 1.05) * 1.5 * k * period) * np.ones(len(loop.inputs)) * (k < steps // 2)
+        a, b, c, d = loop.frozen([{"stiffness": p, "stiffness_rate": turn}[n] for n in loop.box.names])
+        half = np.eye(len(a)) - period / 2 * a
+        z = c @ x + d @ w
+        energy, given = energy + float(z @ z), given + float(w @ w)
+        x = np.linalg.solve(half, (np.eye(len(a)) + period / 2 * a) @ x + period * b @ w)
+        p += period * turn
+    return np.sqrt(energy / given)
+
+
+def test_x_and_y_that_both_move_keep_several_promises():
+    """At least as low as either alone (whose inequalities they contain), with a controller that reads the rate."""
+    plant, criteria = spring_mass(rate=0.2, full=False), [lpv.HInfinity(), lpv.H2("w0", ["z0", "z1"], bound=0.7)]
+    found, one = (lpv.synthesize(plant, lpv.MultiObjective(criteria, lyapunov=MOVING, varying=v, points=5))
+                  for v in ("both", "measurements"))
+    assert found.solved and found.figures[1]["verified"] <= 0.7 * 1.03
+    assert found.figures[0]["promised"] <= one.figures[0]["promised"] * 1.002
+    assert set(found.controller.box.names) == {"stiffness", "stiffness_rate"}
+    assert found.gamma_lower <= found.gamma_verified <= found.figures[0]["promised"]
+    assert lpv.verify(found.certificate, found.closed_loop).holds
+    lower = replace(found.certificate, gamma=0.97 * found.gamma_lower)
+    assert not lpv.verify(lower, found.closed_loop).holds
+    rng = np.random.default_rng(5)
+    most = max(_along(found.closed_loop, rng, 0.2) for _ in range(3))
+    assert 0.3 * found.gamma_verified < most <= found.gamma_verified
+
+
+@pytest.mark.slow
+def test_one_gain_agrees_with_output_feedback_where_both_move():
+    plant = spring_mass(rate=0.2, full=False)
+    one = lpv.synthesize(plant, lpv.OutputFeedback(MOVING, points=7))
+    other = lpv.synthesize(plant, lpv.MultiObjective(lpv.HInfinity(), lyapunov=MOVING, varying="both", points=7))
+    assert other.gamma_verified == pytest.approx(one.gamma_verified, rel=0.02)
+
+
+def test_a_variance_where_both_move_lies_between_the_frozen_norm_and_the_promise():
+    plant = spring_mass(rate=0.2, full=False)
+    found = lpv.synthesize(plant, lpv.MultiObjective(lpv.H2(), lyapunov=MOVING, varying="both", points=5))
+    figure, loop = found.figures[0], found.closed_loop
+    names = loop.box.names
+    frozen = []
+    for p in np.linspace(1, 4, 31):
+        a, b, c, _ = loop.frozen([{"stiffness": p, "stiffness_rate": 0.0}[n] for n in names])
+        frozen.append(np.sqrt(np.trace(c @ solve_continuous_lyapunov(a, -b @ b.T) @ c.T)))
+    assert figure["lower"] == pytest.approx(max(frozen), rel=1e-3)
+    assert figure["lower"] <= figure["verified"] <= figure["promised"]
