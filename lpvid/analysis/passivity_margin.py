@@ -94,7 +94,7 @@ class PassivityMargin:
                  for i, (n, u) in enumerate(zip(self.names, self.units, strict=True))]
         where = ", ".join([*spans, f"{_number(float(f[columns[0]]))} to {_number(float(f[columns[-1]]))} Hz"])
         if not np.isfinite(damping[mask]).all():
-            return f"unstable at {where}"
+            return f"is unstable at {where}"
         row, column = np.unravel_index(int(np.argmin(np.where(mask, damping, np.inf))), mask.shape)
         held = zip(self.scheduling[row].tolist(), self.units, strict=True)
         at = ", ".join([*(f"{_number(v)} {u}".rstrip() for v, u in held), f"{_number(float(f[column]))} Hz"])

@@ -16,7 +16,7 @@ def compare(
     files: Annotated[list[str], typer.Argument(metavar="MODEL… DATA…", help="Model files (.json), then measurements.",
                                                show_default=False)],
     input: options.Inputs = None, output: options.Outputs = None, schedule: options.Schedule = None,
-    role: options.Role = None, flip: options.Flip = None, sample_rate: options.SampleRate = None,
+    role: options.Role = None, flip: options.Flip = None, sample_rate: options.ModelsRate = None,
     training: Annotated[bool, typer.Option("--training", help="These data are those the models were fitted to: label "
                                            "the figures so.")] = False,
     out: options.Out = None, json: options.Json = False,
@@ -25,13 +25,14 @@ def compare(
 
     Any kinds together: transfer functions, state spaces, damper models, extended models. Each runs at its own rate.
     """
-    from lpvid.cli.data import read_clocked, split_names
+    from lpvid.cli.data import asked_rate, models_rate, read_clocked, split_names
     from lpvid.cli.parts import refuse_still
     from lpvid.errors import InputError
     from lpvid.export.serialise import load
     from lpvid.validation.comparing import compare_models
 
     results = Results(out)
+    given, raw = asked_rate(sample_rate)
     models, data = [f for f in files if f.endswith(".json")], [f for f in files if not f.endswith(".json")]
     if not models or not data:
         raise InputError("lpvid compare needs model files and data", got=", ".join(files) or "nothing",
@@ -41,9 +42,9 @@ def compare(
     with_roles = with_roles_of(named)
     with working("reading") as report_progress:
         loaded = {name: load(file) for name, file in zip(labels(models), models, strict=True)}
-        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given)
         report_progress("simulating")
-        found = compare_models(loaded, records, sample_rate=None if clockless else sample_rate,
+        found = compare_models(loaded, records, sample_rate=models_rate(records, given, raw, clockless),
                                label="training" if training else "held-out", fitted=with_roles)
         refuse_still(found.models[0].model, found.models[0].found)
         if results.kept:

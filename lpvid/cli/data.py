@@ -129,6 +129,16 @@ def working_rate(records: Sequence[Record], rate: float | None, raw: bool) -> tu
     return (None, ()) if raw else (found, notes)
 
 
+def models_rate(records: Sequence[Record], rate: float | None, raw: bool, clockless: bool) -> float | None:
+    """The rate at which a model is asked to run [Hz]; None for its own, to which the data are resampled.
+
+    Of files without a clock the stated rate is the one they were measured at, and no request.
+    """
+    from lpvid.condition.preparing import common_rate
+
+    return common_rate(records) if raw else None if clockless else rate
+
+
 def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
                  sample_rate: float | None = None) -> list[Record]:
     """Records behind the command line's DATA, with roles and signs applied.

@@ -25,6 +25,10 @@ SampleRateOrRaw = Annotated[str | None, typer.Option("--sample-rate", metavar="H
                                                      "out: data above 1024 Hz are decimated to about 500 Hz or four "
                                                      "times their bandwidth; raw "
                                                      "keeps them.")]
+ModelsRate = Annotated[str | None, typer.Option("--sample-rate", metavar="HZ|raw", help="Rate of files without a "
+                                                "time column. A model runs at its own rate: data of another are "
+                                                "resampled to it, and a note states so; raw, or another rate, "
+                                                "refuses them.")]
 Beside = Annotated[list[str] | None, typer.Option("--beside", metavar="MODEL", help="Another model on the same "
                                                   "records, in the report's tables and figures; repeat for several.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results and report.html.",

@@ -26,7 +26,7 @@ class Format(StrEnum):
 @command
 def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
              schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
-             sample_rate: options.SampleRate = None,
+             sample_rate: options.ModelsRate = None,
              format: Annotated[Format, typer.Option("--format", help="Format of the simulation.")] = Format.CSV,
              out: options.Out = None, json: options.Json = False) -> None:
     """Run a model freely along records; writes simulation.csv (or parquet, mat), simulation.json and report.html.
@@ -35,21 +35,22 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
     there are several. A run starts from the first measured samples; without a measured output it starts from zero. Data
     of another rate are resampled to the model's, and a note states so.
     """
-    from lpvid.cli.data import read_clocked, split_names
+    from lpvid.cli.data import asked_rate, models_rate, read_clocked, split_names
     from lpvid.cli.parts import parts
     from lpvid.export.serialise import load
     from lpvid.validation import acting_model
     from lpvid.validation.free_runs import free_runs
 
     results = Results(out)
+    given, raw = asked_rate(sample_rate)
     with working("reading") as report_progress:
         loaded = load(model)
-        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
-        acting = acting_model(loaded, records, sample_rate)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given)
+        acting = acting_model(loaded, records, given)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         records = [r.with_roles(parts(acting, named)) for r in records]
         report_progress("simulating")
-        found = free_runs(acting, records, None if clockless else sample_rate)
+        found = free_runs(acting, records, models_rate(records, given, raw, clockless))
         if results.kept:
             _deliver(results, found, format.value, model.name, report_progress)
     conclude(results, found.to_dict(), repr(found), json)

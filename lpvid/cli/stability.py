@@ -32,7 +32,8 @@ def stability(model: options.ModelFile,
               largest_rate: Annotated[bool, typer.Option("--largest-rate", help="Also find the fastest motion within "
                               "the range that is certified.")] = False,
               draws: Annotated[int, typer.Option("--draws", min=0, metavar="N", help="Draw N models from the "
-                               "parameters' covariance: for which share does the same certificate hold?")] = 0,
+                               "parameters' covariance (300 for the frozen poles): for which share does the same "
+                               "certificate hold?")] = 0,
               gain: Annotated[bool, typer.Option("--gain", help="Also bound the induced L2 gain from inputs to "
                               "outputs.")] = False,
               seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws from the parameters' "

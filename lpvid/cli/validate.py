@@ -15,7 +15,7 @@ from lpvid.errors import InputError
 @command
 def validate(model: options.ModelFile, data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
              schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
-             sample_rate: options.SampleRate = None,
+             sample_rate: options.ModelsRate = None,
              horizon: Annotated[list[int] | None, typer.Option("--horizon", metavar="K", min=2,
                                 help="Also predict this "
                                 "many samples ahead; repeat for several.")] = None,
@@ -29,30 +29,31 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     another rate are resampled to the model's, and a note states so.
     """
     from lpvid.cli.beside import beside_sections, compared, load_beside
-    from lpvid.cli.data import read_clocked, split_names
+    from lpvid.cli.data import asked_rate, models_rate, read_clocked, split_names
     from lpvid.cli.parts import parts, refuse_still
     from lpvid.export.serialise import load
     from lpvid.validation import acting_model
 
     results = Results(out)
+    given, raw = asked_rate(sample_rate)
     with working("reading") as report_progress:
         loaded = load(model)
         name, others = load_beside(beside, str(model))
         if chunk is not None:
             if others:
                 raise InputError("--beside needs whole records", got="--chunk", mend="lpvid compare on a part of them")
-            _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": sample_rate}, chunk,
+            _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": given}, chunk,
                       "training" if training else "held-out", json, report_progress)
             return
-        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
-        loaded = acting_model(loaded, records, sample_rate)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given)
+        loaded = acting_model(loaded, records, given)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         measured, records = records, [r.with_roles(parts(loaded, named)) for r in records]
         from lpvid import validation
 
         report_progress("simulating")
         label = "training" if training else "held-out"
-        rate = None if clockless else sample_rate  # of files without a clock it is the rate they were measured at
+        rate = models_rate(records, given, raw, clockless)
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
         refuse_still(loaded, found)
         beside_it = compared((name, loaded), others, measured, label, rate, named)

@@ -18,7 +18,7 @@ from lpvid.identification.output_error import OutputError
 from lpvid.identification.passive_search import PassiveSearch, Reached
 from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.stage_fit import shorten
+from lpvid.identification.stage_fit import fitted_stages, shorten
 from lpvid.identification.structure import Structure
 from lpvid.lmi.passive_form import preload
 from lpvid.model.input_stage import TanhStage
@@ -217,12 +217,6 @@ def _offset(model: LPVTransferFunction) -> float:
 
 
 def _stage_notes(model: LPVTransferFunction, given: ARX) -> list[str]:
-    stated = []
-    for noun, stage, name in (("input stage", model.input_stage, given.stage),
-                              ("scheduling filter", model.scheduling_stage, given.schedule_filter)):
-        if stage is not None and isinstance(name, str):
-            values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
-            stated.append(f"{noun} {name} fitted along with the passive model: {values}")
-    return stated
+    return [f"fitted along with the passive model: {stated}" for stated in fitted_stages(model, given)]
 
 

@@ -20,7 +20,7 @@ from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_search import EDGE, SHORT, Campaign, PredictionErrorOutcome, better, mean_square, ranked
 from lpvid.identification.pem_starts import Start, equation_start, perturbed, stabilised
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.stage_fit import SAMPLES, shorten
+from lpvid.identification.stage_fit import SAMPLES, fitted_stages, shorten, unresolved
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
@@ -189,7 +189,7 @@ class PredictionError(Structure):
             problem, found = self._no_worse(records, first, problem, found)
         described = f"{len(models)} starts ranked, {len(inside) + len(outside)} different and bounded"
         return self._package(records, first, problem, found.search,
-                             [*self._first_notes(first), *self._notes(problem, first, found, described)])
+                             [*self._first_notes(first), *self._notes(records, problem, first, found, described)])
 
     def _no_worse(
         self,
@@ -248,7 +248,8 @@ class PredictionError(Structure):
         return [n for n in first.notes if not (free and n.startswith("fitted to the free run"))]
 
     def _notes(
-        self, problem: PredictionErrorProblem, first: Identification, found: PredictionErrorOutcome, described: str
+        self, records: Sequence[Record], problem: PredictionErrorProblem, first: Identification,
+        found: PredictionErrorOutcome, described: str
     ) -> list[str]:
         search = found.search
         least = problem.residuals(problem.point(first.model))
@@ -258,11 +259,8 @@ class PredictionError(Structure):
             f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"
         ]
         model = problem.model_at(search.trial.point.shared)
-        for noun, stage, asked in (("input stage", model.input_stage, self.stage),
-                                   ("scheduling filter", model.scheduling_stage, self.schedule_filter)):
-            if stage is not None and isinstance(asked, str):
-                values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
-                notes.append(f"{noun} {asked} fitted along with the model: {values}")
+        notes += [f"fitted along with the model: {stated}" for stated in fitted_stages(model, self.arx)]
+        notes += unresolved(model, self.arx, records)
         if problem.n_past:
             what = "past innovations" if problem.noise.kind == "armax" else "past outputs"
             values = ", ".join(f"{v:.4g}" for v in search.trial.point.past[0].ravel()[:4])

@@ -12,7 +12,7 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.result import Identification
-from lpvid.model.input_stage import STAGES, InputStage
+from lpvid.model.input_stage import NARROWEST, STAGES, InputStage
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
@@ -20,6 +20,7 @@ from lpvid.simulation import simulate
 
 if TYPE_CHECKING:
     from lpvid.identification.arx import ARX
+    from lpvid.model.transfer_function import LPVTransferFunction
 
 SAMPLES = 40_000
 """samples on which the stages are searched; the final regression uses all."""
@@ -60,22 +61,44 @@ def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Ident
     found = [_refine(sample, structure, box, starts[i]) for i in order]
     best = min(found, key=lambda pair: pair[0])[1]
     result = best.of(structure).regress(records, box)
-    collapsed = () if best.stage is None or not best.stage_scales.size else unresolved(best.stage, records, result)
-    stated = f"fitted to the free run on training data: {best.describe()}; the covariance holds it fixed"
-    return result.replace(notes=(*result.notes, *collapsed, stated))
+    stated = " and ".join(fitted_stages(result.model, structure))
+    return result.replace(notes=(*result.notes, *unresolved(result.model, structure, records),
+                                 f"fitted to the free run on training data: {stated}; the covariance holds it fixed"))
 
 
-def unresolved(stage: InputStage, records: Sequence[Record], found: Identification) -> tuple[str, ...]:
-    """Whether fewer samples lie inside the stage's knee than it has parameters: its bend is then not identifiable."""
-    model, free = found.model, int(np.count_nonzero(stage.scales(1.0)))
+def fitted_stages(model: LPVTransferFunction, structure: ARX) -> list[str]:
+    """Parameters, with units, of every stage of the model that the structure only names."""
+    found, stage, lag = [], model.input_stage, model.scheduling_stage
+    if stage is not None and isinstance(structure.stage, str):
+        unit = model.box.units[stage.variable] if model.box.names else ""
+        values = stage.stated(model.inputs[stage.channel].unit, unit)
+        found.append(f"input stage {structure.stage} ({values})")
+    if lag is not None and isinstance(structure.schedule_filter, str):
+        found.append(f"scheduling filter {structure.schedule_filter} ({lag.stated()})")
+    return found
+
+
+def unresolved(model: LPVTransferFunction, structure: ARX, records: Sequence[Record]) -> tuple[str, ...]:
+    """Whether the bend of a fitted stage is not identifiable, or one of its parameters at the search's bound.
+
+    It is not identifiable where fewer samples lie inside the knee than the stage has free parameters.
+    """
+    stage = model.input_stage
+    if stage is None or not isinstance(structure.stage, str):
+        return ()
+    free = int(np.count_nonzero(stage.scales(1.0)))
     u = np.concatenate([np.abs(r[model.inputs[stage.channel].name]) for r in records])
     knee = stage.knee(np.vstack([r.matrix(model.box.names) for r in records]))
     inside = int(np.count_nonzero((u > 0) & (u < knee)))
-    if inside >= free:
-        return ()
     unit, name = model.inputs[stage.channel].unit, model.inputs[stage.channel].name
-    return (f"not identifiable: the knee of the input stage, {float(knee.max()):.2g} {unit}, has collapsed: {inside} "
-            f"samples of {name} lie inside it, so that the stage acts as sign({name})",)
+    if inside < free:
+        return (f"not identifiable: the knee of the input stage, {float(knee.max()):.2g} {unit}, has collapsed: "
+                f"{inside} samples of {name} lie inside it, so that the stage acts as sign({name})",)
+    if not stage.at_bound:
+        return ()
+    (width, slope), variable = stage.KNEE, model.box.names[stage.variable]
+    return (f"at its bound: {width} of the input stage, {NARROWEST:g} {unit}: where {variable} is 0 "
+            f"the stage acts as sign({name}), and its width elsewhere is that of {slope} alone",)
 
 
 @dataclass(frozen=True)
@@ -102,15 +125,6 @@ class _Stages:
         lag = self.lag if self.lag is None or not self.lag_scales.size else (
             self.lag.with_vector(self.lag.vector + step[cut:]))
         return replace(self, stage=stage, lag=lag)
-
-    def describe(self) -> str:
-        parts = []
-        for kind, noun, moving in (("input stage", self.stage, self.stage_scales),
-                                   ("scheduling filter", self.lag, self.lag_scales)):
-            if noun is not None and moving.size:
-                values = ", ".join(f"{k} {v:.4g}" for k, v in noun.to_dict().items() if isinstance(v, float))
-                parts.append(f"{kind} {noun.to_dict()['kind']} ({values})")
-        return " and ".join(parts)
 
 
 def _starts(records: Sequence[Record], structure: ARX, box: Scheduling) -> list[_Stages]:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.codec import Coded
 from lpvid.model.signals import Signal
+
+NARROWEST = 1e-9
+"""Lower bound of a knee under search, in the shaped input's SI unit: as good as sign(u), and no division by zero."""
 
 
 class InputStage(Coded, ABC):
@@ -21,6 +25,8 @@ class InputStage(Coded, ABC):
     NOUN = "input stage"
     KINDS_IN = ("lpvid.model.zone_lines",)
     JSON = ("kind", ...)
+    KNEE: ClassVar[tuple[str, ...]] = ()
+    """Names of the knee at scheduling 0 and of its change with the scheduling; none where it is a polynomial."""
 
     channel: int
     variable: int
@@ -44,6 +50,30 @@ class InputStage(Coded, ABC):
         InputStage
             A copy.
         """
+
+    def stated(self, shaped: str, scheduling: str) -> str:
+        """Parameters by name with their units, for a note of a fit.
+
+        Parameters
+        ----------
+        shaped, scheduling : str
+            Units of the shaped input and of the scheduling variable that moves the stage.
+
+        Returns
+        -------
+        str
+        """
+        per = f"/({scheduling})" if scheduling not in ("", "1") else ""
+        units = {name: f"1{per}" if per else "" for name in self.to_dict() if name.endswith("slope")}
+        if self.KNEE:
+            units |= {self.KNEE[0]: shaped, self.KNEE[1]: f"({shaped}){per}" if per else shaped}
+        return ", ".join(f"{k} {v:.4g} {units.get(k, '')}".rstrip() for k, v in self.to_dict().items()
+                         if isinstance(v, float))
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether the search has taken the knee at scheduling 0 to its lower bound."""
+        return bool(self.KNEE) and getattr(self, self.KNEE[0]) <= NARROWEST
 
     @abstractmethod
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
@@ -164,6 +194,7 @@ class TanhStage(InputStage):
     """
 
     kind = "tanh"
+    KNEE: ClassVar[tuple[str, ...]] = ("v0", "slope")
 
     v0: float = 0.05
     slope: float = 0.0
@@ -179,7 +210,7 @@ class TanhStage(InputStage):
         return np.array([self.v0, self.slope])
 
     def with_vector(self, vector: np.ndarray) -> TanhStage:
-        return replace(self, v0=max(float(vector[0]), 1e-9), slope=float(vector[1]))
+        return replace(self, v0=max(float(vector[0]), NARROWEST), slope=float(vector[1]))
 
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
         return (*inputs, Signal(f"tanh({inputs[self.channel].name})"))
@@ -241,6 +272,7 @@ class ThreeZoneStage(InputStage):
     """
 
     kind = "three-zone"
+    KNEE: ClassVar[tuple[str, ...]] = ("limit", "limit_slope")
 
     limit: float = 0.05
     limit_slope: float = 0.0
@@ -262,7 +294,7 @@ class ThreeZoneStage(InputStage):
 
     def with_vector(self, vector: np.ndarray) -> ThreeZoneStage:
         limit, limit_slope, upper, upper_slope, lower, lower_slope = (float(x) for x in vector)
-        return replace(self, limit=max(limit, 1e-9), limit_slope=limit_slope, upper=upper, upper_slope=upper_slope,
+        return replace(self, limit=max(limit, NARROWEST), limit_slope=limit_slope, upper=upper, upper_slope=upper_slope,
                        lower=lower, lower_slope=lower_slope)
 
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:

@@ -34,6 +34,15 @@ class SchedulingStage(Coded, ABC):
     def with_vector(self, vector: np.ndarray) -> SchedulingStage:
         """The same filter with other parameters, projected onto their admissible range."""
 
+    def stated(self) -> str:
+        """Parameters by name, which are times, for a note of a fit.
+
+        Returns
+        -------
+        str
+        """
+        return ", ".join(f"{k} {v:.4g} s" for k, v in self.to_dict().items() if isinstance(v, float))
+
     @abstractmethod
     def apply(self, p: np.ndarray, sample_time: float) -> np.ndarray:
         """(n, n_scheduling) filtered trajectory; the filter starts settled at the first sample."""

@@ -41,6 +41,8 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
                 Section("Measured and simulated", tuple(_overlays(found, records, fitted)))]
     if found.refused:
         sections.append(Section("Left out", (Notes(tuple(f"{n}: {why}" for n, why in found.refused.items())),)))
+    if found.remarks:
+        sections.append(Section("Remarks", (Notes(found.remarks),)))
     facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
              (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
     return Page("Models compared", found.verdict, verdict_grade(best.found), facts, (), tuple(sections),
@@ -68,6 +70,7 @@ def beside_section(found: ModelComparison, records: Sequence[Record],
     """
     refused: list[Item] = [Notes(tuple(f"{n}: {why}" for n, why in found.refused.items()))] if found.refused else []
     return Section("Beside other models", (_overall(found), _by_record(found), *refused,
+                                           *([Notes(found.remarks)] if found.remarks else []),
                                            *_overlays(found, records, fitted)))
 
 

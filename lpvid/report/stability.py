@@ -35,7 +35,7 @@ from lpvid.report.stability_reach import NOTHING, Questions, StabilityAnswers, r
 from lpvid.scheduling import Scheduling
 
 DRAWS = 300
-"""Models drawn from the parameter covariance."""
+"""Models drawn from the parameter covariance where no number of draws is requested."""
 MOST_LOCI = 4
 BECOMES = {"to-stable": "becomes stable", "to-unstable": "becomes unstable", "touching": "touches the limit"}
 CROSSES = {"complex": "a complex pair", "zero": "0", "imaginary": "an imaginary pair"}
@@ -165,7 +165,7 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     certificate = certify_stability(ranged, rate=rate)
     report_progress("frozen poles and critical values")
     frozen = frozen_stability(ranged)
-    drawn = _drawn(ranged, seed)
+    drawn = _drawn(ranged, seed, questions.draws if questions is not None and questions.draws else DRAWS)
     report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
     further = reach(ranged, certificate, rate, questions, seed, report_progress) if questions is not None else NOTHING
@@ -303,9 +303,9 @@ def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy
                      f"Pole locus over {found.variable}")
 
 
-def _drawn(model: Model, seed: int) -> list[Model]:
+def _drawn(model: Model, seed: int, draws: int = DRAWS) -> list[Model]:
     cloud = ParameterCloud.of(model)
-    return [] if cloud is None else list(cloud.draw(np.random.default_rng(seed), DRAWS))
+    return [] if cloud is None else list(cloud.draw(np.random.default_rng(seed), draws))
 
 
 def narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:

@@ -66,6 +66,16 @@ class ModelComparison(Shown):
         rest = "" if after is None else f"; next is {after.name}: {after.found.overall.free_run}"
         return f"Least free-run error on {label} data: {best.name}: {best.found.overall.free_run}{rest}."
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Notes of the validations, those of some models with their names: a swapped sign, resampling."""
+        found: dict[str, list[str]] = {}
+        for m in self.models:
+            for note in m.found.notes:
+                found.setdefault(note, []).append(m.name)
+        return tuple(note if len(names) == len(self.models) else f"{', '.join(names)}: {note}"
+                     for note, names in found.items())
+
     def to_dict(self) -> dict[str, Any]:
         """compare.json.
 
@@ -82,7 +92,8 @@ class ModelComparison(Shown):
         lines = [self.verdict]
         lines += [f"  {m.name} ({m.found.label}): {m.found.overall.free_run}; {m.found.overall.one_step}"
                   for m in self.models]
-        return "\n".join([*lines, *(f"  {name} cannot run here: {why}" for name, why in self.refused.items())])
+        lines += [f"  {name} cannot run here: {why}" for name, why in self.refused.items()]
+        return "\n".join([*lines, *(f"  note: {n}" for n in self.remarks)])
 
 
 def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Sequence[Record], *,
@@ -129,7 +140,7 @@ def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Se
         try:
             model = acting_model(given, listed, sample_rate)
             own = listed if fitted is None else fitted(model, listed)
-            rows.append(ComparedModel(name, model, validate(model, own, label=label)))
+            rows.append(ComparedModel(name, model, validate(model, own, sample_rate=sample_rate, label=label)))
         except InputError as error:
             refused[name] = str(error)
     if not rows:
