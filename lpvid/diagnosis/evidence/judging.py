@@ -17,9 +17,10 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
 
-NAMED, SURE = 0.5, 0.75
-"""calibrated probability from which a cause, or a family, is named: more probable than not; and from which it is sure,
-so that a story of such causes explains an error (docs/diagnosis.md: right and wrong names by this number)"""
+NAMED, SURE = 2 / 3, 0.75
+"""calibrated probability from which a cause, or a family, is named: twice as probable as not, as for one to whom a wrong
+name costs twice what a missing one does; and from which it is sure, so that a story of such causes explains an error
+(docs/diagnosis.md: right and wrong names by this number)"""
 FORM = 0.95
 """share of the weight of its component from which a special form is reported in its place"""
 LISTED = 0.05
