@@ -10,11 +10,10 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.weighing import Weighed
 
-COEFFICIENTS = (-1.93, 0.55, 0.61, 1.33, -0.56)
-"""a to e of the map, by logistic regression (Platt 1999) on 195 cases of both rigs, 318 components.
-`tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis.md says how far they hold"""
-MOST = 2.0
-"""logarithm of an error's reduction beyond which more proves no more: to a seventh of its square"""
+COEFFICIENTS = (-1.64, 1.01, 1.67)
+"""a, b and c of the map, by logistic regression (Platt 1999) on cases of both rigs and measured records, each source
+counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis.md says how
+far they hold"""
 TINY = 1e-300
 Finding = Callable[[Weighed], Effect | None]
 """The effect of a set by which it holds something; None where it does not."""
@@ -28,9 +27,6 @@ class Support:
     ----------
     weight, against : float
         Of these sets and of the others among all.
-    reduction : float
-        ln(E₋/E₊): E₊ is the squared error of the foremost of them, E₋ that of the best of the others. What nothing
-        else in the catalogue takes away.
     structured : float
         Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
         the law gets wrong by less than the noise is taken for a cause.
@@ -40,9 +36,7 @@ class Support:
 
     weight: float
     against: float
-    reduction: float
     structured: float
-    flexible: bool = False
 
     @classmethod
     def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding, structured: float) -> Support:
@@ -61,22 +55,16 @@ class Support:
         -------
         Support
         """
-        inside = [(p, w.fit.cost, e) for w, p in sets if (e := finding(w)) is not None]
-        outside = [(p, w.fit.cost) for w, p in sets if finding(w) is None]
-        if not inside:
-            return cls(0.0, 1.0, 0.0, structured)
-        _, cost, effect = max(inside, key=lambda t: t[0])
-        reduction = float(np.log(max(min(c for _, c in outside), TINY) / max(cost, TINY))) if outside else MOST
-        return cls(float(sum(t[0] for t in inside)), float(sum(p for p, _ in outside)), reduction, structured,
-                   effect.flexible and effect.component == effect.name)
+        inside = [finding(w) is not None for w, _ in sets]
+        weight, against = (float(sum(p for (_, p), there in zip(sets, inside, strict=True) if there is wanted))
+                           for wanted in (True, False))
+        return cls(weight, against, structured)
 
     @property
     def features(self) -> tuple[float, ...]:
-        """1, ±ln(1 + |l|) of the logarithm l of the odds, the reduction between 0 and `MOST`, the structured share, and
-        1 for a flexible form."""
+        """1, ±ln(1 + |l|) of the logarithm l of the odds, and the structured share."""
         odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
-        return (1.0, float(np.sign(odds) * np.log1p(abs(odds))), float(np.clip(self.reduction, 0.0, MOST)),
-                self.structured, float(self.flexible))
+        return 1.0, float(np.sign(odds) * np.log1p(abs(odds))), self.structured
 
     @property
     def probability(self) -> float:
@@ -84,10 +72,10 @@ class Support:
 
         Examples
         --------
-        >>> faint, strong = Support(0.5, 0.5, 0.0, 0.9), Support(0.99, 0.01, 1.0, 0.9)
-        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 1e-4, 3.0, 0.9).probability < 1
+        >>> faint, strong = Support(0.5, 0.5, 0.9), Support(0.99, 0.01, 0.9)
+        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 1e-4, 0.9).probability < 1
         True
-        >>> Support(0.99, 0.01, 1.0, 0.9, flexible=True).probability < strong.probability
+        >>> Support(0.99, 0.01, 0.1).probability < strong.probability
         True
         """
         if not self.weight > 0:

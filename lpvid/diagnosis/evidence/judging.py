@@ -17,9 +17,10 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
 
-NAMED, SURE = 0.5, 0.75
-"""calibrated probability from which a cause, or a family, is named: more probable than not; and from which it is sure,
-so that a story of such causes explains an error (docs/diagnosis.md: right and wrong names by this number)"""
+NAMED, SURE = 2 / 3, 0.75
+"""calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
+twice what a missing one does; and from which it is sure, so that a story of such causes explains an error
+(docs/diagnosis.md: right and wrong names by this number)"""
 FORM = 0.95
 """share of the weight of its component from which a special form is reported in its place"""
 LISTED = 0.05
@@ -39,7 +40,7 @@ class Member:
     ----------
     effect : Effect
     name : str
-        What may be named: the effect, or its component where that is more probable than not and this form of it is not.
+        What may be named: the effect, or its component where that is probable enough and this form of it is not.
     values : (k,) array
     probability, of_family : float
         That what is named is there, wherever it sits; that one of its family is. Calibrated.
@@ -233,7 +234,7 @@ def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], s
              ) -> tuple[str, Finding, Support]:
     """What an effect is named, what finds that in a set, and what speaks for it.
 
-    A special form is named where it is more probable than not; else its component, where that is: of a current that
+    A special form is named where it is probable enough; else its component, where that is: of a current that
     rises and falls unequally in all likely sets, the lag may be sure and that its edges differ not.
 
     Parameters
