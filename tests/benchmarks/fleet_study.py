@@ -26,9 +26,10 @@ from quartercar.effects import CATALOGUE
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect, write_csv
 
 FAULTS = {"coulomb-friction": 1.5, "backlash": 1.0, "asymmetry": 1.0, "coil-lag": 1.0, "series-compliance": 1.0}
-"""Causes and their sizes, each of which `fleet_power.py` finds in 8 of 8 files, chosen by that before a study was run. A
-gas spring is none: up to size 2.5 (20 kN/m) it finds one of 16, and from size 3 on the rig's gas is compressed to
-nothing within the stroke of half the files (1.4 MN), which is no specimen."""
+"""Causes and their sizes. Each is found by `fleet_power.py` in 8 of 8 files, by which they were chosen before a study.
+
+A gas spring is none of them: up to size 2.5 (20 kN/m) one of 16 is found, and from size 3 on the gas is compressed
+to nothing within the stroke of half the files (1.4 MN), which is no specimen."""
 HANGING = """import builtins, io, time
 plain = io.open
 def waiting(file, *words, **more):
