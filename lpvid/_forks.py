@@ -9,7 +9,6 @@ import select
 import signal
 import struct
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -64,8 +63,7 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
 
 
 def _possible(count: int) -> bool:
-    """A fork copies the calling thread alone: a lock that another one holds would stay held."""
-    return sys.platform == "linux" and threading.active_count() == 1 and 2 * count <= select.PIPE_BUF
+    return sys.platform == "linux" and _threads.undisturbed() and 2 * count <= select.PIPE_BUF
 
 
 def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object], forks: int
@@ -110,6 +108,7 @@ def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[obje
         return pid, answers
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+        sys.stdout = sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115 (no lock of the parent's)
         ends_with_parent(parent)
         gc.freeze()  # what the parent holds is not looked through, which would copy its pages
         _threads.alone()

@@ -6,8 +6,10 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
-from threading import Lock
+from threading import Lock, Thread, current_thread
+from threading import enumerate as enumerate_threads
 from typing import Any, Generic, TypeVar
+from weakref import WeakSet
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -41,6 +43,22 @@ def alone() -> None:
     """No further threads in this process: its neighbours have the processors."""
     with _crew.lock:
         _crew.busy = processors() + 1
+
+
+_showing: WeakSet[Thread] = WeakSet()
+
+
+@contextmanager
+def showing_progress() -> Iterator[None]:
+    """Threads begun inside the block do no more than write how the work goes: forks beside them are safe."""
+    before = set(enumerate_threads())
+    yield
+    _showing.update(set(enumerate_threads()) - before)
+
+
+def undisturbed() -> bool:
+    """Whether no other thread of this process computes: a fork copies the calling one alone, with all locks as held."""
+    return all(t is current_thread() or t in _showing for t in enumerate_threads())
 
 
 @contextmanager

@@ -10,13 +10,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import typer
 
+from lpvid._threads import showing_progress
 from lpvid.cli.invocation import Invocation
 from lpvid.errors import InputError, LpvError
 
@@ -97,8 +98,10 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(),
-                  console=Console(stderr=True), transient=True) as progress:
+    with ExitStack() as ending:
+        with showing_progress():
+            progress = ending.enter_context(Progress(SpinnerColumn(), TextColumn("{task.description}"),
+                                                     TimeElapsedColumn(), console=Console(stderr=True), transient=True))
         task = progress.add_task(what, total=None)
         yield lambda text: progress.update(task, description=text)
 
@@ -125,7 +128,8 @@ class StageLines:
         self._later = threading.Timer(PATIENCE, self._show)
         self._later.daemon = True
         if not self._quiet:
-            self._later.start()
+            with showing_progress():
+                self._later.start()
 
     def enter(self, text: str) -> None:
         """The next stage."""

@@ -24,7 +24,7 @@ def forking(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     """So many processors; threads of the test runner wait and hold no lock."""
     monkeypatch.setattr(_threads, "processors", lambda: request.param)
     monkeypatch.setattr(_threads, "_crew", _threads._Crew())
-    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    monkeypatch.setattr(_threads, "undisturbed", lambda: True)
     return request.param
 
 
@@ -80,9 +80,28 @@ def test_the_first_error_is_raised_and_no_process_is_left(forking: int) -> None:
 
 
 def test_beside_another_thread_nothing_is_forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threading, "active_count", lambda: 2)
     monkeypatch.setattr(_forks, "_by_forks", lambda *a: pytest.fail("a lock of the other thread may be held"))
+    end = threading.Event()
+    other = threading.Thread(target=end.wait)
+    other.start()
     assert in_forks(abs, [-1, 2, -3]) == [1, 2, 3]
+    end.set()
+    other.join()
+
+
+def test_a_thread_that_only_shows_progress_is_no_hindrance(monkeypatch: pytest.MonkeyPatch) -> None:
+    others = [t for t in threading.enumerate() if t is not threading.current_thread()]  # of the test runner
+    monkeypatch.setattr(_threads, "_showing", set(others))
+    end = threading.Event()
+    plain, showing = threading.Thread(target=end.wait), threading.Thread(target=end.wait)
+    with _threads.showing_progress():
+        showing.start()
+    assert _threads.undisturbed()
+    plain.start()
+    assert not _threads.undisturbed()
+    end.set()
+    plain.join()
+    showing.join()
 
 
 def test_forks_end_with_a_killed_parent() -> None:
@@ -91,12 +110,10 @@ def test_forks_end_with_a_killed_parent() -> None:
         from lpvid import _threads
         from lpvid._forks import in_forks
         _threads.processors = lambda: 2
-        in_forks(lambda k: (print(os.getpid(), flush=True), time.sleep(600)), range(2))
+        in_forks(lambda k: (os.write(1, f"{os.getpid()}\\n".encode()), time.sleep(600)), range(2))
     """
-    parent = subprocess.Popen([sys.executable, "-c", textwrap.dedent(code)], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
-    (fork,) = {int(parent.stdout.readline()) for _ in range(2)} - {parent.pid}
-    parent.kill()
-    parent.wait()
-    parent.stdout.close()
+    with subprocess.Popen([sys.executable, "-c", textwrap.dedent(code)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        (fork,) = {int(parent.stdout.readline()) for _ in range(2)} - {parent.pid}
+        parent.kill()
     assert gone(fork)

@@ -90,6 +90,7 @@ def test_transfer_functions_find_the_pole(file, structure, options, noise):
         assert described["training"]["residual_tests"][0]["passed"]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("structure, options", [("subspace", ("--order", 1)),
                                                 ("pem-ss", ("--order", 1, "--innovation")),
                                                 ("coprime", ("--na", 1, "--nb", 2))])
@@ -119,6 +120,7 @@ def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_p
     assert again["overall"]["free_run"]["esr"] == pytest.approx(described["training"]["overall"]["free_run"]["esr"])
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("structure, options", [("arx", ("--na", 1, "--nb", 1, "--nk", 0)),
                                                 ("oe", ("--na", 1, "--nb", 1, "--nk", 0)),
                                                 ("coprime", ("--na", 1, "--nb", 1, "--nk", 0)),
@@ -295,6 +297,7 @@ def moving_form(n: int, seed: int) -> dict[str, np.ndarray]:
             "force": y + 0.01 * y.std() * rng.standard_normal(n)}
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("form", ["controllable", "observable"])
 def test_refit_form_writes_the_form_with_its_own_figures(tmp_path, form):
     data = write(tmp_path / "run.csv", **moving_form(1500, 0))

@@ -29,6 +29,7 @@ def test_static_gain_reaches_the_published_optimum():
     assert lpv.verify(found.certificate, found.closed_loop).holds
 
 
+@pytest.mark.slow
 def test_one_state_comes_close_to_the_full_order_optimum():
     found = lpv.synthesize(scherer(), lpv.FixedStructure(LowOrder(1), starts=1))
     assert found.controller.order == 1

@@ -20,6 +20,7 @@ def test_without_scheduling_it_is_h_infinity_synthesis():
     assert 9.50808 <= found.gamma_verified <= 9.50808 * 1.021
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_scheduled_controller_keeps_its_promise_on_jumping_trajectories(sample_time):
     plant, rng = spring_mass(full=False, sample_time=sample_time), np.random.default_rng(0)

@@ -37,6 +37,7 @@ def test_one_gain_agrees_with_output_feedback():
     assert other.gamma_verified == pytest.approx(one.gamma_verified, rel=0.03)
 
 
+@pytest.mark.slow
 def test_variance_along_trajectories_in_continuous_time():
     plant = spring_mass(rate=0.2, full=False)
     found = lpv.synthesize(plant, lpv.MultiObjective(lpv.H2(), lyapunov=MOVING, varying="measurements", points=4))

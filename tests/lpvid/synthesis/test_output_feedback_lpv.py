@@ -138,6 +138,7 @@ def _frozen(p):
     return lpv.GeneralizedPlant(fixed, ["u1"], ["y1"])
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("varying", ["both", "controls", "measurements"])
 def test_every_factorisation_keeps_its_promise_along_trajectories(varying):
     result = lpv.synthesize(_spring(1.0), lpv.OutputFeedback(lpv.Polynomial("p", 1), varying=varying))

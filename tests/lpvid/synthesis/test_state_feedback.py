@@ -64,6 +64,7 @@ def test_a_moving_lyapunov_matrix_never_promises_more_than_the_quadratic_one():
     assert simulated_gain(moving.closed_loop, np.random.default_rng(3)) <= moving.gamma_verified
 
 
+@pytest.mark.slow
 def test_a_moving_lyapunov_matrix_proves_its_own_promise(monkeypatch):
     """Three states, two variables: P = X(p)⁻¹ is re-checked on the whole box, no other one is looked for."""
     rng, basis = np.random.default_rng(1), lpv.Polynomial(("p", "q"), degree=1)

@@ -121,6 +121,7 @@ def test_the_report_opens_in_a_browser(written, tmp_path):
     assert shot.stat().st_size > 50_000
 
 
+@pytest.mark.slow
 def test_reversed_records_are_diagnosed_and_said(tmp_path):
     record = bench("coulomb-friction").run(road(), 0).flip("force")
     found = lpv.diagnose(record, "guo", SOME)
@@ -131,6 +132,7 @@ def test_reversed_records_are_diagnosed_and_said(tmp_path):
     assert np.mean((run_of_it - record["force"]) ** 2) < 4e-3 * np.var(record["force"])
 
 
+@pytest.mark.slow
 def test_given_parameters_and_other_names_of_channels(tmp_path):
     record = bench().run(road(6.0), 0)
     other = lpv.Record({n: record.channel(r) for n, r in (("F", "force"), ("v", "velocity"), ("i", "current"))},

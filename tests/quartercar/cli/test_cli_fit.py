@@ -208,6 +208,7 @@ def test_a_report_opens_in_a_browser(written):
     assert "Damper models compared" in done.stdout and done.stdout.count("<figure>") >= 3
 
 
+@pytest.mark.slow
 def test_real_random_data(shared_data):
     """The prototype MR damper at 3004.8 Hz: decimated, the voltage standing for the current."""
     file = shared_data / "mr_damper_random" / "estimation.csv"

@@ -79,6 +79,7 @@ def test_it_rides_with_its_own_unit_and_range_and_says_where_it_extrapolates(fol
     assert f"command {described['coil']['lowest']:g} to {described['coil']['highest']:g} V, loop at 500 Hz" in stated
 
 
+@pytest.mark.slow
 def test_it_is_compared_as_it_is_with_fitted_dampers(folder, tmp_path):
     call("fit", folder / "run.csv", "--models", "linear", "--parameters", folder / "model.json", "--out", tmp_path)
     rows = json.loads((tmp_path / "comparison.json").read_text())["models"]
@@ -122,6 +123,7 @@ def test_results_and_folders_lead_to_the_model_beside_or_in_them(folder):
         assert stated in result and f"give '{folder / 'model.json'}'" in result
 
 
+@pytest.mark.slow
 def test_a_damper_without_current_is_ridden_with_a_note(folder, tmp_path):
     lpv.save(linear(b=[[400.0]], a=[[-0.5]], scheduling=Scheduling((), (), ())),
              folder / "fixed.json")

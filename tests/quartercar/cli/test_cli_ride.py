@@ -104,6 +104,7 @@ def test_a_law_from_a_file_and_json_alone(written):
     assert described["rides"][0]["figures"]["comfort"]["low"] is None
 
 
+@pytest.mark.slow
 def test_a_measured_road_and_a_damper_of_ones_own(tmp_path: Path):
     track = tmp_path / "track.csv"
     track.write_text("distance [m],height [mm]\n" + "\n".join(f"{0.1 * k},{10 * (k % 7)}" for k in range(120)) + "\n")

@@ -80,6 +80,7 @@ def test_a_measured_velocity_stays(rng: np.random.Generator) -> None:
     assert prepared.notes == ()
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("noise", [
     pytest.param(0.0, marks=pytest.mark.xfail(reason="a delay that fits nearly as well is named", strict=True)),
     NOISE])

@@ -62,6 +62,7 @@ def test_is_the_baseline_to_the_last_bit_without_them(names: tuple[str, ...], va
     np.testing.assert_array_equal(composition.predict(s, vector), composition.baseline.core(vector[:3])(s))
 
 
+@pytest.mark.slow
 def test_what_a_mass_changes_is_the_acceleration_whatever_is_in_series() -> None:
     t, x, v, a = motion(2000)
     s = Signals(PERIOD, {"velocity": v, "displacement": x}, 0 * t)

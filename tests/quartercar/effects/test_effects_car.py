@@ -159,6 +159,7 @@ def beyond(effect: Effect, choice: tuple[float, ...], base: QuarterCarBaseline, 
     return without(projector(base.sensitivities(s, base.vector)), change), float(np.linalg.norm(change))
 
 
+@pytest.mark.slow
 def test_geometry_knows_what_free_parameters_and_motion_alone_cannot_show():
     with_force, without_force = records(Truth(), 13)[0], records(Truth(), 13, actuated=False)[0]
     free = QuarterCarBaseline(CAR, free=FREE)

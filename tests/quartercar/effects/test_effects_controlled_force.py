@@ -66,6 +66,7 @@ def test_found_from_a_linear_law_with_its_numbers():
     assert "coil-lag" not in causes
 
 
+@pytest.mark.slow
 def test_its_lag_is_found_beside_it():
     causes = named(bingham(random_levels(), lag=0.02), "linear")
     lags = {"coil-lag", "command-delay", "rise-fall-lag"} & causes.keys()

@@ -82,6 +82,7 @@ def test_a_comparison_constrains_what_it_can_and_names_the_rest(runs):
     assert "lpv-arx certified: passive" in described and "the laws of linear are checked instead" in described
 
 
+@pytest.mark.slow
 def test_an_unconstrained_fit_of_an_active_force_says_so(runs):
     late = [Record({n: (np.roll(r[n], 2) if n == "force" else r[n]) for n in r.channels}, STEP, units=r.units,
                    name=r.name) for r in runs]
