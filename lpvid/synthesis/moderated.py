@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from lpvid.synthesis.progress import stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, least_bound
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, singular
 
@@ -63,6 +64,12 @@ class Moderated:
 
     def _least(self, k: int) -> tuple[ProjectedInequalities, MatrixPair | None]:
         if k not in self.found:
-            noisy = replace(self.projected, plant=regular(self.projected.plant, self.sizes[k]))
-            self.found[k] = noisy, least_bound(noisy, self.clock, solvers=self.solvers, known=self.best, roughly=True)
+            noisy, least = replace(self.projected, plant=regular(self.projected.plant, self.sizes[k])), None
+            if stopped():
+                return noisy, None
+            try:
+                least = least_bound(noisy, self.clock, solvers=self.solvers, known=self.best, roughly=True)
+            except KeyboardInterrupt as error:  # the plant's own pair is there to go on with
+                stop_at(error)
+            self.found[k] = noisy, least
         return self.found[k]

@@ -21,7 +21,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
-from lpvid.synthesis.progress import remember, stage, stopped
+from lpvid.synthesis.progress import remember, stage, stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomy
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, restrained, stirred
 from lpvid.synthesis.result import Synthesis
@@ -174,7 +174,11 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             missed = _missed(problem, formula)
             if len(missed):
                 return missed, best
-            found = _written(problem, formula)
+            try:
+                found = _written(problem, formula)
+            except KeyboardInterrupt as error:  # what there is must be verified before it is returned
+                stop_at(error)
+                found = _written(problem, formula)
             if found is not None:
                 found = _slower(problem, formula, found, wanted, 1 + back_off)
                 verified = found.gamma_verified or np.inf
@@ -212,7 +216,13 @@ def _stirred(problem: FeedbackProblem, projected: ProjectedInequalities, best: M
     for size in STIRRED:
         for by_controls in (True, False):
             other = replace(projected, plant=stirred(projected.plant, size, by_controls=by_controls))
-            pair = least_bound(other, clock, solvers=problem.solvers[:1])
+            try:
+                pair = least_bound(other, clock, solvers=problem.solvers[:1])
+            except KeyboardInterrupt as error:
+                if found[1] is None:
+                    raise
+                stop_at(error)
+                return found
             least = np.inf if found[1] is None or found[1].status == ROOMY else found[1].gamma
             if pair is not None and pair.status != ROOMY and pair.gamma < (1 - MISSED) * least:
                 found = other, pair
@@ -224,8 +234,12 @@ def _target(problem: FeedbackProblem, projected: ProjectedInequalities, best: Ma
     """The bound that is requested, and a remark where that is not the least."""
     if best.gamma > NOTHING * _size(projected.plant):
         return best.gamma, ()
-    noisy = least_bound(replace(projected, plant=restrained(projected.plant, NOISE[-1])), clock,
-                        solvers=problem.solvers)
+    try:
+        noisy = least_bound(replace(projected, plant=restrained(projected.plant, NOISE[-1])), clock,
+                            solvers=problem.solvers)
+    except KeyboardInterrupt as error:
+        stop_at(error)
+        noisy = None
     if noisy is None or noisy.gamma <= best.gamma:
         return max(best.gamma, 1e-300), ()
     return noisy.gamma, (f"the least bound is zero to a solver's accuracy; {noisy.gamma:.3g} is what moderate gains "
@@ -278,12 +292,16 @@ def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthes
     """The controller without its states that are faster than the plant, where neither the verified gain nor the one
     with the scheduling held is more than a factor above what they are with them."""
     box = problem.plant.plant
-    if box.sample_time is not None or problem.variations.moving or problem.strictly_proper:
+    if box.sample_time is not None or problem.variations.moving or problem.strictly_proper or stopped():
         return found
     allowed, held = wanted or factor * (found.gamma_verified or np.inf), factor * (found.gamma_lower or np.inf)
-    stage("without the fast states of the controller")
-    slow = without_fast_states(formula, problem.points, allowed, min(allowed, held), problem.corners)
-    small = None if slow is None else _written(problem, slow, allowed)
+    try:
+        stage("without the fast states of the controller")
+        slow = without_fast_states(formula, problem.points, allowed, min(allowed, held), problem.corners)
+        small = None if slow is None else _written(problem, slow, allowed)
+    except KeyboardInterrupt as error:
+        stop_at(error)
+        return found
     if slow is None or small is None or (small.gamma_verified or np.inf) > allowed or (small.gamma_lower or 0.0) > held:
         return found
     note = (f"{len(slow.split) - slow.slow} state(s) of the controller, over {FAST:g} times faster than the plant's "

@@ -175,10 +175,15 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
     """
     pair, timed = replace(pair, gamma=gamma), Rounds(f"a well-conditioned controller for {gamma:.4g}", rounds)
     for _ in range(rounds):
-        timed.enter()
-        roots = roots_of(problem, pair)
-        program = problem.program(roots, sizes_at(problem, roots, pair), gamma=gamma)
-        found = next(_usable(program, clock, solvers), None)
+        try:
+            timed.enter()
+            roots = roots_of(problem, pair)
+            program = problem.program(roots, sizes_at(problem, roots, pair), gamma=gamma)
+            found = next(_usable(program, clock, solvers), None)
+        except KeyboardInterrupt as error:  # the pair of the least bound has room at this one
+            stop_at(error)
+            yield pair
+            return
         if found is None:
             return
         pair = found

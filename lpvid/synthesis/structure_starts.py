@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from scipy.linalg import schur, solve_continuous_are, solve_discrete_are
@@ -204,7 +205,8 @@ def _slowest(controller: Matrices, order: int) -> Matrices | None:
     a, b, c, d = controller
     speeds = np.sort(np.abs(np.linalg.eigvals(a[len(a) // 2])))
     limit = 0.5 * (speeds[order - 1] + speeds[order]) if order else -1.0
-    _, t, kept = schur(a[len(a) // 2], sort=lambda re, im: np.hypot(re, im) <= limit)
+    ordered: Any = schur(a[len(a) // 2], sort=lambda re, im: np.hypot(re, im) <= limit)
+    t, kept = np.asarray(ordered[1]), int(ordered[2])
     if kept != order:  # a pair of complex poles would be torn apart
         return None
     a, b, c = t.T @ a @ t, t.T @ b, c @ t

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.published_plants import quarter_car
-from helpers.synthesis_plants import scherer
+from helpers.published_plants import near_integrators, quarter_car
+from helpers.synthesis_plants import ill_conditioned, scherer
 
 import lpvid as lpv
 from lpvid.model.signals import Signal
@@ -74,6 +74,29 @@ def test_an_interruption_keeps_the_bound_so_far():
     found = lpv.synthesize(quarter_car(), lpv.OutputFeedback(), progress=stop)
     assert found.solved and "interrupted after" in found.notes[0]
     assert plain.gamma_verified * 0.99 <= found.gamma_verified <= 1.3 * plain.gamma_verified
+
+
+@pytest.mark.parametrize("make", [lambda: near_integrators(1e-2), ill_conditioned])
+def test_an_interruption_after_the_first_bound_leaves_a_controller(make):
+    """Ctrl-C at any stage once there is a bound: while matrices are conditioned, while verifying."""
+    stated: list[str] = []
+    plain = lpv.synthesize(make(), lpv.OutputFeedback(), progress=stated.append)
+    first = next(k for k, text in enumerate(stated) if "so far" in text)
+    for last in range(first, len(stated)):
+        found = lpv.synthesize(make(), lpv.OutputFeedback(), progress=_interrupting(last))
+        assert "interrupted after" in found.notes[0], stated[last]
+        assert 0.99 * plain.infimum <= found.gamma_verified <= 1.12 * plain.infimum, stated[last]
+
+
+def _interrupting(last):
+    """Takes what is being done, and raises once, at the stage of that number."""
+    count = iter(range(last + 1))
+
+    def stop(_):
+        if next(count, None) == last:
+            raise KeyboardInterrupt
+
+    return stop
 
 
 def test_an_interruption_before_there_is_anything_is_handed_on():
