@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
 from lpvid.record import Record
 
-__all__ = ["Audit", "Finding", "audit"]
+__all__ = ["Audit", "Finding", "audit", "motion_remarks"]
 
 RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
@@ -80,3 +80,20 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     found += coherence.coherent_inputs(views, inputs)
     names = tuple(record.name for record in listed)
     return Audit(ordered(found, names), tuple(repr(record) for record in listed), names)
+
+
+def motion_remarks(records: Sequence[Record]) -> tuple[str, ...]:
+    """What the check of each velocity against its displacement warns of, for results of commands that do not audit.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As read.
+
+    Returns
+    -------
+    tuple of str
+        With record, channel and mend; a unit of one of the two that is wrong shows in their scale.
+    """
+    found = (f for r in records for f in motion.velocity_against_displacement(view(r, None)))
+    return tuple(dict.fromkeys(str(f) for f in found if f.severity == "warning"))

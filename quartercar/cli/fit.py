@@ -57,6 +57,7 @@ def fit(
     otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
     """
     from lpvid.cli.data import asked_rate, split_names
+    from lpvid.auditing import motion_remarks
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
@@ -74,7 +75,7 @@ def fit(
         found = compare(
             training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, report_progress
         )
-        found = found.with_notes(notes)
+        found = found.with_notes((*notes, *motion_remarks([*training, *kept])))
         _deliver(results, found, report_progress)
     if not found.complete:
         typer.echo("interrupted: the models that were done are kept; the result is marked incomplete", err=True)

@@ -131,7 +131,7 @@ def test_input_at_fault_ends_with_one_line(folder, tmp_path, arguments, stated):
 
 
 def test_raw_declines_to_resample(folder, tmp_path):
-    """Every command that resamples data to a model refuses data of another rate with raw, and takes those of its own."""
+    """Every command that resamples data to a model refuses those of another rate with raw."""
     record = lpv.read(folder / "run0.csv")[0]
     twice = tmp_path / "twice.csv"
     time = np.arange(2 * record.n_samples) * record.time_base.period / 2

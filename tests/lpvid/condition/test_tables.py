@@ -121,7 +121,7 @@ def test_units_name_what_the_columns_do_not():
     data = columns()
     expected, = as_records(data)
     units = {"t": "ms", "velocity": "mm/s", "Force": "kN"}
-    bare = {name: values for name, values in zip(units, data.values(), strict=True)}
+    bare = dict(zip(units, data.values(), strict=True))
     structure = lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")
     wanted = lpv.identify(data, structure, held_out=data)
     for given in (bare, np.column_stack(list(data.values()))):
