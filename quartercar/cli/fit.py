@@ -56,8 +56,8 @@ def fit(
     Channels are found by their names velocity, displacement, current, force; --input, --schedule and --output name them
     otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
     """
-    from lpvid.cli.data import asked_rate, split_names
     from lpvid.auditing import motion_remarks
+    from lpvid.cli.data import asked_rate, split_names
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
