@@ -53,11 +53,12 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
         sections.append(Section("What is left in the residuals", tuple(left)))
     sections += responses(model, shown)
     sections.append(Section("The model", (Paragraph(repr(model)),)))
-    turned = [n for n in found.notes if "--flip" in n]
-    if rest := tuple(n for n in found.notes if n not in turned):
+    caveats = [n for n in found.notes if "--flip" in n]
+    if rest := tuple(n for n in found.notes if n not in caveats):
         sections.append(Section("Remarks", (Notes(rest),)))
-    caveats = turned + ([f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the training "
-               "data: there the figures are extrapolation."] if found.extrapolation_share > 0 else [])
+    if found.extrapolation_share > 0:
+        caveats.append(f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the "
+                       "training data: there the figures are extrapolation.")
     return Page(f"Validation of {name}", verdict(found), verdict_grade(found), facts(found),
                 tuple(caveats), tuple(sections), _steps(found, name))
 
