@@ -105,6 +105,7 @@ def certificate_of(model: LPVTransferFunction, storage: Storage, multiplier: np.
         outcome.between_grid,
         "",
         "CLARABEL",
+        model.outputs[0].unit,
     )
 
 

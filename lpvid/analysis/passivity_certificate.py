@@ -58,6 +58,8 @@ class PassivityCertificate(StorageCertificate):
         What stands in the way where nothing is certified.
     solver : str
         What proposed the matrices.
+    unit : str
+        Of the preload, the output's.
     """
 
     kind: str
@@ -73,6 +75,7 @@ class PassivityCertificate(StorageCertificate):
     between_grid: bool
     why: str = ""
     solver: str = ""
+    unit: str = ""
 
     SCHEMA = "lpvid/passivity-certificate/1"
     NOUN = "a passivity certificate"
@@ -92,7 +95,7 @@ class PassivityCertificate(StorageCertificate):
         if not self.verified:
             return "no statement on the energy that the model can give"
         text = "passive: it gives back no more energy than is stored in it" + describe_box(self.box, self.kind)
-        text += f", apart from the constant output of {self.preload:.4g}" if self.preload else ""
+        text += f", apart from the constant output of {self.preload:.4g} {self.unit}".rstrip() if self.preload else ""
         return text + self.where
 
     def storage_at(self, p: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from lpvid.auditing import clock, coherence, excitation, force, gains, motion, naming, resting, spectrum, values
 from lpvid.auditing.findings import Audit, Finding, ordered
@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
 from lpvid.record import Record
 
-__all__ = ["Audit", "Finding", "audit"]
+__all__ = ["Audit", "Finding", "audit", "motion_remarks"]
 
 RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
@@ -33,7 +33,7 @@ DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
 
 
 def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[str] | None = None,
-          inputs: Sequence[str] = ()) -> Audit:
+          inputs: Sequence[str] = (), units: Mapping[str, str] | None = None) -> Audit:
     """Examine measured records before any model is fitted; nothing is changed.
 
     Parameters
@@ -44,6 +44,8 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
         Names or roles of the scheduling variables; by default every channel in A, V or K and every pure number.
     inputs : sequence of str
         Names or roles of a model's inputs; of several it is checked whether they move apart from each other.
+    units : mapping of str to str, optional
+        Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
     Returns
     -------
@@ -69,7 +71,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
         from lpvid.auditing.streamed import audit_stream
 
         return audit_stream(records, scheduling=scheduling, inputs=inputs)
-    listed = as_records(records)
+    listed = as_records(records, units=units)
     if not listed:
         raise InputError("no records to audit")
     views = [view(record, scheduling) for record in listed]
@@ -78,3 +80,20 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     found += coherence.coherent_inputs(views, inputs)
     names = tuple(record.name for record in listed)
     return Audit(ordered(found, names), tuple(repr(record) for record in listed), names)
+
+
+def motion_remarks(records: Sequence[Record]) -> tuple[str, ...]:
+    """What the check of each velocity against its displacement warns of, for results of commands that do not audit.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As read.
+
+    Returns
+    -------
+    tuple of str
+        With record, channel and mend; a unit of one of the two that is wrong shows in their scale.
+    """
+    found = (f for r in records for f in motion.velocity_against_displacement(view(r, None)))
+    return tuple(dict.fromkeys(str(f) for f in found if f.severity == "warning"))

@@ -132,7 +132,19 @@ def working_rate(records: Sequence[Record], rate: float | None, raw: bool) -> tu
 def models_rate(records: Sequence[Record], rate: float | None, raw: bool, clockless: bool) -> float | None:
     """The rate at which a model is asked to run [Hz]; None for its own, to which the data are resampled.
 
-    Of files without a clock the stated rate is the one they were measured at, and no request.
+    Parameters
+    ----------
+    records : sequence of Record
+    rate : float or None
+        As stated [Hz]; of files without a clock the one they were measured at, and no request.
+    raw : bool
+        Whether the data keep their own rate.
+    clockless : bool
+        Whether some file had no clock.
+
+    Returns
+    -------
+    float or None
     """
     from lpvid.condition.preparing import common_rate
 

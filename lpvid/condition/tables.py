@@ -139,7 +139,7 @@ def _seconds(column: Column, where: str) -> np.ndarray:
     return values
 
 
-def as_records(data: Any, name: str = "data") -> list[Record]:
+def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = None) -> list[Record]:
     """Records from whatever holds columns: records, dicts of arrays, data frames, datasets, or lists of these.
 
     A column is named ``name [unit]`` as in a file's header, and one is called ``time`` or ``t``; a list is several
@@ -149,8 +149,11 @@ def as_records(data: Any, name: str = "data") -> list[Record]:
     Parameters
     ----------
     data : Record, mapping, data frame, structured array, xarray Dataset, or sequence of these
+        With `units` also a plain (n, n_columns) array.
     name : str
         What to call records that have no name of their own; several are numbered.
+    units : mapping of str to str, optional
+        Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
     Returns
     -------
@@ -159,8 +162,8 @@ def as_records(data: Any, name: str = "data") -> list[Record]:
     Raises
     ------
     InputError
-        Something that holds no named columns (an array, a path), columns without a time, of unequal lengths or not
-        numbers.
+        Something that holds no named columns (an array without `units`, a path), columns without a time, of unequal
+        lengths or not numbers; a unit of no column, or of a Record, which has its own.
 
     Examples
     --------
@@ -169,15 +172,32 @@ def as_records(data: Any, name: str = "data") -> list[Record]:
     array([   0., 1000.,  500.])
     """
     if isinstance(data, Record):
-        return [data]
+        return [_with_own_units(data, units)]
+    if isinstance(data, np.ndarray) and data.ndim == 2 and units is not None:
+        data = _named_columns(data, units)
     if _columns_of(data) is not None:
-        return [_from_columns(data, name)]
+        return [_from_columns(data, name, units or {})]
     if isinstance(data, Iterable) and not isinstance(data, (str, bytes, np.ndarray)):
         data = list(data)
         several = len(data) > 1
         return [r for k, one in enumerate(data) for r in
-                ([one] if isinstance(one, Record) else [_from_columns(one, f"{name} {k + 1}" if several else name)])]
+                as_records(one, f"{name} {k + 1}" if several else name, units)]
     raise _no_record(data)
+
+
+def _with_own_units(record: Record, units: Mapping[str, str] | None) -> Record:
+    if units is not None:
+        raise InputError("units= belongs to columns whose names state none", got=f"record '{record.name}', which has "
+                         "its own", mend="leave units= out, or give them to lpv.Record(..., units={...})")
+    return record
+
+
+def _named_columns(data: np.ndarray, units: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """The columns of an array by the names in `units`."""
+    if data.shape[1] != len(units):
+        raise InputError("units= names every column of an array in order", got=f"{len(units)} names, {data.shape[1]} "
+                         "columns", mend='units={"time": "s", "velocity": "m/s", "force": "N"}')
+    return dict(zip(units, np.ascontiguousarray(data.T), strict=True))
 
 
 def _columns_of(data: Any) -> list[str] | None:
@@ -198,17 +218,20 @@ def _columns_of(data: Any) -> list[str] | None:
 def _no_record(data: Any) -> InputError:
     mend = "lpv.read(path) reads a file" if isinstance(data, (str, bytes)) or hasattr(data, "__fspath__") else (
         "wrap it in lpv.Record({\"velocity\": v, \"force\": f}, sample_time=..., units={...}), or give a dict or data "
-        "frame with named columns")
+        "frame with named columns, or an array with units={\"time\": \"s\", ...} naming its columns")
     return InputError("data are records, or columns by name", got=type(data).__name__, mend=mend)
 
 
-def _from_columns(data: Any, name: str) -> Record:
+def _from_columns(data: Any, name: str, stated: Mapping[str, str]) -> Record:
     headers = _columns_of(data)
     if headers is None:
         raise _no_record(data)
+    titles = [units.parse_header(str(header)) for header in headers]
+    for title in stated:
+        _checks.known_name(title, [known for known, _ in titles], "column in units=")
     columns = []
-    for header in headers:
-        title, unit = units.parse_header(str(header))
+    for header, (title, unit) in zip(headers, titles, strict=True):
+        unit = unit if unit is not None else stated.get(title)
         unit = unit if unit is not None else getattr(data[header], "attrs", {}).get("units")
         try:
             values = np.asarray(data[header], dtype=float)

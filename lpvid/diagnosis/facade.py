@@ -59,7 +59,7 @@ class Question:
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
-             progress: Progress | None = None) -> Diagnosis:
+             progress: Progress | None = None, units: Mapping[str, str] | None = None) -> Diagnosis:
     """Find what a baseline's simulation gets wrong, name the cause or why none, extend it, measure the gain.
 
     Parameters
@@ -81,6 +81,8 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         Resample to this rate [Hz].
     progress : callable, optional
         Receives in words what is being done.
+    units : mapping of str to str, optional
+        Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
     Returns
     -------
@@ -92,7 +94,9 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     InputError
         No such baseline or catalogue, missing channels, too little data.
     """
-    question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate,
+    training, kept = ([] if part is None else as_records(part, name, units)
+                      for part, name in ((records, "data"), (held_out, "held-out")))
+    question = pose(training, baseline, catalogue, kept, parameters=parameters, sample_rate=sample_rate,
                     progress=progress)
     return answer(question, settings, progress)
 

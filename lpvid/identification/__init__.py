@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -25,7 +25,8 @@ COLOURED_LIMIT = 400_000
 
 
 def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, *, sample_rate: float | None = None,
-             held_out: Record | Sequence[Record] | Chunks | None = None) -> Identification:
+             held_out: Record | Sequence[Record] | Chunks | None = None,
+             units: Mapping[str, str] | None = None) -> Identification:
     """Fit a structure to measured records.
 
     Parameters
@@ -39,6 +40,8 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
         Resample to this rate [Hz], anti-aliased; needed for jittered or mixed time bases.
     held_out : Record or sequence of Record, optional
         Data the fit does not see; its figures are reported beside the training figures.
+    units : mapping of str to str, optional
+        Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
     Returns
     -------
@@ -67,7 +70,9 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     """
     if isinstance(records, Chunks):
         return _streamed(records, structure, sample_rate, held_out)
-    listed = as_records(records)
+    listed = as_records(records, units=units)
+    if units is not None and held_out is not None:
+        held_out = as_records(held_out, "held-out", units)
     if not listed:
         raise InputError("no records to identify from")
     if "velocity" in structure.channels:

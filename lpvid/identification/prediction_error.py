@@ -259,7 +259,8 @@ class PredictionError(Structure):
             f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"
         ]
         model = problem.model_at(search.trial.point.shared)
-        notes += [f"fitted along with the model: {stated}" for stated in fitted_stages(model, self.arx)]
+        if stated := fitted_stages(model, self.arx):
+            notes.append(f"fitted along with the model: {' and '.join(stated)}")
         notes += unresolved(model, self.arx, records)
         if problem.n_past:
             what = "past innovations" if problem.noise.kind == "armax" else "past outputs"

@@ -67,7 +67,20 @@ def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Ident
 
 
 def fitted_stages(model: LPVTransferFunction, structure: ARX) -> list[str]:
-    """Parameters, with units, of every stage of the model that the structure only names."""
+    """Parameters, with units, of every stage of the model that the structure only names.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        Fitted.
+    structure : ARX
+        As requested.
+
+    Returns
+    -------
+    list of str
+        One entry for each stage.
+    """
     found, stage, lag = [], model.input_stage, model.scheduling_stage
     if stage is not None and isinstance(structure.stage, str):
         unit = model.box.units[stage.variable] if model.box.names else ""

@@ -41,11 +41,12 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
                 Section("Measured and simulated", tuple(_overlays(found, records, fitted)))]
     if found.refused:
         sections.append(Section("Left out", (Notes(tuple(f"{n}: {why}" for n, why in found.refused.items())),)))
-    if found.remarks:
-        sections.append(Section("Remarks", (Notes(found.remarks),)))
+    turned = tuple(n for n in found.remarks if "--flip" in n)
+    if rest := tuple(n for n in found.remarks if n not in turned):
+        sections.append(Section("Remarks", (Notes(rest),)))
     facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
              (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
-    return Page("Models compared", found.verdict, verdict_grade(best.found), facts, (), tuple(sections),
+    return Page("Models compared", found.verdict, verdict_grade(best.found), facts, turned, tuple(sections),
                 (NextStep("Look at the best one alone: where it is wrong, and what is left in its residuals.",
                       f"lpvid validate {best.name}.json DATA --out checked"),
                  NextStep("See how far it is stable.", f"lpvid stability {best.name}.json --out stability")))

@@ -35,7 +35,7 @@ def free_run_traces(shown: Comparison, signals: Sequence[str], caption: str) -> 
     """
     record = shown.record
     t, y, run, error = record.times, shown.measured, shown.free_run.output[:, 0], shown.error
-    limits = limits_of(y, run, 0.1)
+    limits = limits_of(y, np.concatenate([run, error]), 0.1)
     curves = (Curve(shown.origin, t, y), Curve("free run", t, run, "model"), Curve("error", t, error, "error"))
     panels = [Panel(label(shown.output, shown.unit), curves, limits, 260), *channel_panels(record, signals[:SIGNALS])]
     return Traces(tuple(panels), caption, f"Free run of {record.name} over time", marked=_marked(shown))

@@ -53,10 +53,12 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
         sections.append(Section("What is left in the residuals", tuple(left)))
     sections += responses(model, shown)
     sections.append(Section("The model", (Paragraph(repr(model)),)))
-    if found.notes:
-        sections.append(Section("Remarks", (Notes(found.notes),)))
-    caveats = [f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the training "
-               "data: there the figures are extrapolation."] if found.extrapolation_share > 0 else []
+    caveats = [n for n in found.notes if "--flip" in n]
+    if rest := tuple(n for n in found.notes if n not in caveats):
+        sections.append(Section("Remarks", (Notes(rest),)))
+    if found.extrapolation_share > 0:
+        caveats.append(f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the "
+                       "training data: there the figures are extrapolation.")
     return Page(f"Validation of {name}", verdict(found), verdict_grade(found), facts(found),
                 tuple(caveats), tuple(sections), _steps(found, name))
 
@@ -106,8 +108,10 @@ def verdict(found: Validation) -> str:
                 "them.")
     if run.esr is None:
         return f"No figure on {found.label} data: the output does not move there."
-    return (f"In free run on {found.label} data the model explains {100 * (1 - run.esr):.1f}\u00a0% of the output's "
-            f"variance (ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
+    explained = (f"{100 * (1 - run.esr):.1f}\u00a0% of the output's variance" if run.esr < 1 else
+                 f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
+    return (f"In free run on {found.label} data the model explains {explained} "
+            f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
             f"{number(run.mean_error, 3, run.rmse_unit)}).{worst_record(found)}")
 
 

@@ -24,7 +24,7 @@ from lpvid.report.courses import signal_traces
 from lpvid.report.page import percent
 from quartercar.criteria import comfort_classes
 from quartercar.plot import rides as plot
-from quartercar.plot.ride_spectra import sensitive_band, spectra
+from quartercar.plot.ride_spectra import SEGMENT, SEGMENTS, sensitive_band, spectra
 from quartercar.report.bound import bound_items, bound_row
 from quartercar.report.fit import Drawn
 from quartercar.rides.bound import Bound
@@ -87,7 +87,10 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
     if bounds:
         sections.append(Section("What the damper could have reached", bound_items(bounds)))
     for k, road in enumerate(found.roads, start=1):
-        averaged = [drawn[f"spectra_{k}"]] if f"spectra_{k}" in drawn else []
+        averaged = [drawn[f"spectra_{k}"] if f"spectra_{k}" in drawn else Paragraph(
+            f"No spectra of this road: an average of {SEGMENTS} segments of {SEGMENT:g} s, half overlapping, needs "
+            f"{SEGMENT * (SEGMENTS + 1) / 2:g} s after the first {LEAD:g} s. A longer road, or repeated more often, "
+            "has them.")]
         sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), ride_traces(found, road),
                                        *averaged)))
     sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]

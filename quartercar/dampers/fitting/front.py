@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,7 @@ CONSTANT = 0.1
 
 
 def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | Sequence[Record] = (),
-        settings: FitSettings | None = None) -> DamperFit:
+        settings: FitSettings | None = None, *, units: Mapping[str, str] | None = None) -> DamperFit:
     """Fit a damper model to the free run along records: least Σ(F̂ − F)², the model seeing motion and current alone.
 
     Parameters
@@ -41,6 +41,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     held_out : Record or sequence of Record
         Data that the fit does not see.
     settings : FitSettings, optional
+    units : mapping of str to str, optional
+        Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
     Returns
     -------
@@ -69,10 +71,10 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
         raise InputError("fit takes a damper", got=repr(damper), mend="quartercar.dampers.Guo(), or any other")
     settings = settings or FitSettings()
     channels = tuple(dict.fromkeys(("velocity", *damper.reads, "force")))  # velocity for the energy in the figures
-    training = prepared(records, channels, damper.start, settings.sample_rate)
+    training = prepared(as_records(records, units=units), channels, damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")
-    kept = prepared(held_out, channels, damper.start, settings.sample_rate)
+    kept = prepared(as_records(held_out, "held-out", units), channels, damper.start, settings.sample_rate)
     _one_rate(training, kept)
     damper, stated, polarity_note = _placed(damper, training, kept, settings.polarity)
     found = damper.estimate(training, settings)

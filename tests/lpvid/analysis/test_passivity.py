@@ -107,6 +107,7 @@ def test_a_force_at_rest_that_follows_the_current_has_no_certificate():
     assert preload(fixed) == pytest.approx(-120.0) and preload(moved) is None
     found = lpv.certify_passivity(fixed)
     assert found.verdict == "certified" and found.preload == pytest.approx(-120.0)
+    assert f"the constant output of -120 {fixed.outputs[0].unit}".rstrip() in found.claim
     assert "does work when that moves" in lpv.certify_passivity(moved).why
     # the work of a current that alternates against the motion, at v small: more than any storage
     k = np.arange(4000)

@@ -297,6 +297,8 @@ def test_stability_with_covariance(model, tmp_path):
     described = json.loads(run("stability", model, "--rate", 100, "--json").stdout)
     assert 0 <= described["probability"]["interval"][0] <= described["probability"]["probability"] <= 1
     assert described["probability"]["draws"] == 300
+    described = json.loads(run("stability", model, "--rate", 100, "--draws", 40, "--json").stdout)
+    assert described["probability"]["draws"] == 40
 
 
 def test_stability_without_scheduling(tmp_path):

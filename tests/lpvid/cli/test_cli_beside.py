@@ -90,6 +90,14 @@ def test_one_bad_record_is_in_the_verdict(folder: Path) -> None:
     assert "But not record &#39;bad&#39;" in banner and f"{bad['free_run']['fit_percent']:.1f}" in banner
 
 
+def test_compare_states_a_turned_sensor(folder: Path) -> None:
+    """The validations' notes, with a model's name where they are not of all."""
+    out = folder / "turned"
+    done = run("compare", folder / "a/model.json", folder / "b/model.json", folder / "bad.csv", "--out", out)
+    assert done.exit_code == 0 and "--flip force" in done.output
+    assert "--flip</span> force" in (out / "report.html").read_text()
+
+
 @pytest.mark.parametrize("name", ["1bad-name", "a b", "x__y", "é", "a" * 41])
 def test_a_name_that_not_every_tool_takes(folder: Path, name: str) -> None:
     out = folder / "exported"

@@ -119,6 +119,7 @@ def test_a_run_that_diverges_has_empty_cells_and_says_where(folder, tmp_path):
     (("model.json", "none.csv"), "there is no such file"),
     (("run0.csv", "run1.csv"), "is not a JSON file"),
     (("model.json", "run0.csv", "--sample-rate", "100"), "runs at its own rate"),
+    (("model.json", "run0.csv", "--sample-rate", "fast"), "must be a number"),
     (("model.json", "run0.csv", "--role", "current=force"), "another"),
     (("model.json", "run0.csv", "--input", "force,velocity"), "--input names 2"),
     (("model.json", "run0.csv", "blind.csv"), "only some records have the model's output"),
@@ -127,3 +128,19 @@ def test_input_at_fault_ends_with_one_line(folder, tmp_path, arguments, stated):
     paths = [folder / a if str(a).endswith((".csv", ".json")) else a for a in arguments]
     result = run(*paths, "--out", tmp_path / "out", code=2)
     assert stated in result.stderr and result.stderr.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+def test_raw_declines_to_resample(folder, tmp_path):
+    """Every command that resamples data to a model refuses those of another rate with raw."""
+    record = lpv.read(folder / "run0.csv")[0]
+    twice = tmp_path / "twice.csv"
+    time = np.arange(2 * record.n_samples) * record.time_base.period / 2
+    names = list(record.channels)
+    values = np.column_stack([time, *(np.repeat(record[n], 2) for n in names)])
+    header = ",".join(["time [s]", *(f"{n} [{record.unit(n)}]" for n in names)])
+    np.savetxt(twice, values, delimiter=",", header=header, comments="")
+    for command in ("simulate", "validate", "compare"):
+        for data, code in ((folder / "run0.csv", 0), (twice, 2)):
+            done = CliRunner().invoke(app, [command, str(folder / "model.json"), str(data), "--sample-rate", "raw"])
+            assert done.exit_code == code, done.output
+            assert (code == 0) or "runs at its own rate" in done.stderr

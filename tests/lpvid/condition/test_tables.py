@@ -114,3 +114,35 @@ def test_several_are_numbered_and_records_keep_their_names():
 def test_what_holds_no_columns_gets_one_line(wrong, description):
     with pytest.raises(InputError, match=description):
         lpv.audit(wrong)
+
+
+def test_units_name_what_the_columns_do_not():
+    """A plain array with units= is the dict with units in its names; so is a dict without."""
+    data = columns()
+    expected, = as_records(data)
+    units = {"t": "ms", "velocity": "mm/s", "Force": "kN"}
+    bare = dict(zip(units, data.values(), strict=True))
+    structure = lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")
+    wanted = lpv.identify(data, structure, held_out=data)
+    for given in (bare, np.column_stack(list(data.values()))):
+        record, = as_records(given, units=units)
+        assert record.sample_time == pytest.approx(expected.sample_time)
+        for name in ("velocity", "Force"):
+            assert record.unit(name) == expected.unit(name)
+            np.testing.assert_allclose(record[name], expected[name])
+        found = lpv.identify(given, structure, held_out=given, units=units)
+        np.testing.assert_allclose(found.model.b, wanted.model.b)
+        assert found.held_out.to_dict()["overall"] == wanted.held_out.to_dict()["overall"]
+        assert lpv.audit(given, units=units).to_dict() == lpv.audit(data).to_dict()
+
+
+@pytest.mark.parametrize(("given", "units", "stated"), [
+    (np.zeros((9, 3)), {"t": "s", "force": "N"}, "2 names, 3 columns"),
+    (np.zeros((9, 2)), None, "units="),
+    ({"t": np.arange(9.0), "force": np.ones(9)}, {"Kraft": "N"}, "Kraft"),
+    (lpv.Record({"force": np.ones(9)}, sample_time=0.1), {"force": "kN"}, "its own"),
+])
+def test_units_that_do_not_fit_are_one_line(given, units, stated):
+    with pytest.raises(InputError, match=stated) as caught:
+        as_records(given, units=units)
+    assert "\n" not in str(caught.value)

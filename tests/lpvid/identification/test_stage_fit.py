@@ -10,7 +10,8 @@ import pytest
 from lpvid.files import read
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
-from lpvid.identification.stage_fit import DIVERGED_COST, free_run_cost, shorten
+from lpvid.identification.output_error import OutputError
+from lpvid.identification.stage_fit import DIVERGED_COST, free_run_cost, shorten, unresolved
 from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.record import Record
@@ -176,3 +177,27 @@ def test_real_mr_damper_under_random_voltage(shared_data: Path) -> None:
     assert found.held_out is not None
     assert found.held_out.overall.free_run.esr <= 0.06
     assert any("resampled" in note for note in found.held_out.notes)
+
+
+def test_fitted_stages_are_stated_with_units(rng: np.random.Generator) -> None:
+    """v0 in the input's unit, its slope per unit of the scheduling, time constants in s; once for each estimator."""
+    record = bench(TanhStage(v0=0.1, slope=0.05), rng)
+    record = Record({n: record[n] for n in record.channels}, sample_time=TS,
+                    units={"velocity": "m/s", "current": "A", "force": "N"})
+    for structure in (ARX(na=1, nb=1, basis=P1, stage="tanh", schedule_filter="lag"),
+                      OutputError(na=1, nb=1, basis=P1, stage="tanh", schedule_filter="lag")):
+        stated, = (n for n in identify(record, structure).notes if "input stage tanh" in n)
+        assert "v0 0.1 m/s, slope 0.05 (m/s)/(A)" in stated and " s" in stated.split("tau_rise")[1]
+
+
+def test_a_knee_at_its_bound_is_named_with_its_unit(rng: np.random.Generator) -> None:
+    """v0 as low as the search goes, the width elsewhere from the slope: not collapsed, and stated all the same."""
+    record = bench(TanhStage(v0=1e-9, slope=0.1), rng)
+    record = Record({n: record[n] for n in record.channels}, sample_time=TS,
+                    units={"velocity": "m/s", "current": "A", "force": "N"})
+    asked = ARX(na=1, nb=1, basis=P1, stage="tanh")
+    model = identify(record, ARX(na=1, nb=1, basis=P1, stage=TanhStage(v0=1e-9, slope=0.1))).model
+    stated, = unresolved(model, asked, [record])
+    assert "v0" in stated and "1e-09 m/s" in stated and "current is 0" in stated
+    wide = identify(record, ARX(na=1, nb=1, basis=P1, stage=TanhStage(v0=1e-3, slope=0.1))).model
+    assert unresolved(wide, asked, [record]) == ()

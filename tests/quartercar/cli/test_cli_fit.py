@@ -135,6 +135,15 @@ def test_reversed_polarity_comes_first_and_flip_mends_it(files, tmp_path):
     assert mended["data"]["polarity"] == 1 and len(mended["data"]["training"]) == 2
 
 
+def test_a_displacement_of_the_wrong_unit_is_stated(files, tmp_path):
+    """Millimetres written as metres: the velocity is a thousandth of the displacement's slope."""
+    text = files[0].read_text().replace("displacement [mm]", "displacement [m]", 1)
+    (tmp_path / "wrong.csv").write_text(text)
+    shown = run(tmp_path / "wrong.csv", "--models", "linear").stdout
+    assert shown.count("velocity-scale") == 1 and "0.001 times the derivative of 'displacement'" in shown
+    assert "velocity-scale" not in run(files[0], "--models", "linear").stdout
+
+
 def test_a_published_set_beside_the_fits(files, tmp_path):
     (tmp_path / "handbook.json").write_text(json.dumps({"model": "guo", "parameters": {}}))
     described = json.loads(
