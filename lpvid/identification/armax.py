@@ -45,18 +45,9 @@ class ARMAX(PredictionError):
 
     nc: int = 2
     varying_noise: bool = False
-
-    @property
-    def kind(self) -> str:
-        return "armax"
-
-    @property
-    def _orders(self) -> tuple[str, ...]:
-        return ("nc", "varying_noise")
-
-    @property
-    def coloured(self) -> bool:
-        return False
+    kind = "armax"
+    _orders = ("nc", "varying_noise")
+    coloured = False
 
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("armax", np.zeros((self.nc, n_outputs, n_functions if self.varying_noise else 1)))

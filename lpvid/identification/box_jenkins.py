@@ -45,18 +45,9 @@ class BoxJenkins(PredictionError):
 
     nc: int = 2
     nd: int = 2
-
-    @property
-    def kind(self) -> str:
-        return "bj"
-
-    @property
-    def _orders(self) -> tuple[str, ...]:
-        return ("nc", "nd")
-
-    @property
-    def coloured(self) -> bool:
-        return False
+    kind = "bj"
+    _orders = ("nc", "nd")
+    coloured = False
 
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("box-jenkins", np.zeros((self.nc, n_outputs, 1)), np.zeros((self.nd, n_outputs)))

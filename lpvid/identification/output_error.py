@@ -46,17 +46,9 @@ class OutputError(PredictionError):
     array([0.8])
     """
 
-    @property
-    def kind(self) -> str:
-        return "oe"
-
-    @property
-    def _orders(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def coloured(self) -> bool:
-        return True
+    kind = "oe"
+    _orders = ()
+    coloured = True
 
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("output")

@@ -120,6 +120,8 @@ class ComplianceModel(Coded, SelfScheduled):
     substeps: int = 4
     noise_variance: float = 0.0
     metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
+    memory = 1
+    noise = NoiseModel("equation")
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -146,14 +148,6 @@ class ComplianceModel(Coded, SelfScheduled):
     @property
     def start(self) -> int:
         return max(self.direct.size, HEAD if len(self.elements) > 1 else 1)
-
-    @property
-    def memory(self) -> int:
-        return 1
-
-    @property
-    def noise(self) -> NoiseModel:
-        return NoiseModel("equation")
 
     @property
     def zero(self) -> int:

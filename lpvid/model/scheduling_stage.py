@@ -98,6 +98,7 @@ class SchedulingLag(SchedulingStage):
     variable: int = 0
     symmetric: bool = False
     with_delay: bool = False
+    n_states = 1
 
     def __post_init__(self) -> None:
         for name in ("tau_rise", "tau_fall", "delay"):
@@ -138,10 +139,6 @@ class SchedulingLag(SchedulingStage):
 
     def scales(self) -> np.ndarray:
         return np.maximum(0.7 * self.vector, 1e-9)
-
-    @property
-    def n_states(self) -> int:
-        return 1
 
     def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
         """(1 − exp(−T_s/τ))·width per sample, with the smaller time constant: one step of the lag's recursion."""

@@ -40,6 +40,7 @@ class DamperModel(SelfScheduled):
     sample_time: float
     box: Scheduling
     scheduling_stage: None = None
+    noise = NoiseModel("output")
 
     @classmethod
     def of(cls, damper: Damper, sample_time: float) -> DamperModel:
@@ -73,10 +74,6 @@ class DamperModel(SelfScheduled):
     @property
     def memory(self) -> int:
         return self.damper.start
-
-    @property
-    def noise(self) -> NoiseModel:
-        return NoiseModel("output")
 
     @property
     def vector(self) -> np.ndarray:

@@ -11,7 +11,6 @@ from quartercar.controllers.contract import Controller, Law, Setting, Values
 from quartercar.controllers.designed.lpv_hinf import WEIGHTS, BankedLaw, scheduled, task_of
 from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.designed.suspension_design import CRITERIA, Task
-from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.weighted import MEASUREMENTS
 
 
@@ -39,6 +38,8 @@ class LpvHinfClipped(Controller):
     measured: str = "observed"
     criterion: str = "hinf"
     lag: float = 0.004
+    parameters = WEIGHTS
+    demands = "force"
 
     def check_settings(self) -> None:
         checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
@@ -46,16 +47,8 @@ class LpvHinfClipped(Controller):
         checks.positive(self.lag, "lag", "s")
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return WEIGHTS
-
-    @property
     def reads(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys([*MEASUREMENTS[self.measured], "suspension_velocity", "demanded", "attained"]))
-
-    @property
-    def demands(self) -> str:
-        return "force"
 
     def task(self, values: Mapping[str, float], setting: Setting) -> Task:
         """The design that values stand for, in a setting."""

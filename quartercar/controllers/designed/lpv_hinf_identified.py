@@ -16,7 +16,6 @@ from quartercar.controllers.designed.damper_law import READS, DamperGain, Damper
 from quartercar.controllers.designed.lpv_hinf import WEIGHTS
 from quartercar.controllers.designed.scheduled import SCALE
 from quartercar.dampers.contract import Damper
-from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.weighted import SuspensionWeights
 
 START = {"tyre_force": 8000.0, "stroke": 0.06, "demand": 200.0, "comfort_high": 9.0, "wheel_low": 3.0}
@@ -53,21 +52,12 @@ class LpvHinfIdentified(Controller):
     centre: float | None = None
     order: int | None = None
     back_off: float = 3.0
+    parameters = OWN
+    reads = READS
+    demands = "current"
 
     def check_settings(self) -> None:
         checks.positive(self.lag, "lag", "s")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return OWN
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return READS
-
-    @property
-    def demands(self) -> str:
-        return "current"
 
     def task(self, values: Mapping[str, float], setting: Setting) -> DamperTask:
         """The design that values stand for, in a setting."""
@@ -117,24 +107,15 @@ class IdentifiedController(Controller):
     limits: np.ndarray
     gain_vector: np.ndarray
     label: str = ""
+    parameters = (SCALE,)
+    reads = READS
+    demands = "current"
 
     def check_settings(self) -> None:
         n = len(np.atleast_2d(self.filter[0]))
         for name, shape in (("limits", (2,)), ("gain_vector", (n + 9,))):
             array = checks.shaped(checks.frozen_array(getattr(self, name), name), shape, name)
             object.__setattr__(self, name, checks.finite(array, name))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (SCALE,)
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return READS
-
-    @property
-    def demands(self) -> str:
-        return "current"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return DamperLaw([DamperGain(self.damper, self.centre, self.filter,  # type: ignore[arg-type]

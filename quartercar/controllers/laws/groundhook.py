@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from quartercar.controllers.contract import Controller, Law, Setting, Switching, Values
 from quartercar.controllers.laws.damping import HIGH, LOW
-from quartercar.dampers.parameter import Parameter
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -17,21 +16,9 @@ class Groundhook(Controller):
     name: ClassVar[str] = "groundhook"
     title: ClassVar[str] = "Groundhook, two-state"
     source: ClassVar[str] = "Valášek, Novák, Šika, Vaculín 1997; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "wheel_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters = LOW, HIGH
+    reads = "suspension_velocity", "wheel_velocity"
+    demands = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return Switching(values["low_damping"], values["high_damping"],

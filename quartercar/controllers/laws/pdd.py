@@ -9,7 +9,6 @@ import numpy as np
 
 from quartercar.controllers.contract import Controller, Law, Memoryless, Setting, Signals, Values
 from quartercar.controllers.laws.damping import HIGH, LOW
-from quartercar.dampers.parameter import Parameter
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -23,21 +22,9 @@ class PowerDriven(Controller):
     name: ClassVar[str] = "pdd"
     title: ClassVar[str] = "PDD"
     source: ClassVar[str] = "Morselli, Zanasi 2008; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_deflection", "suspension_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters = LOW, HIGH
+    reads = "suspension_deflection", "suspension_velocity"
+    demands = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         k, low = setting.parameters.spring_stiffness, values["low_damping"]
