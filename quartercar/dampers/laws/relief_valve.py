@@ -153,7 +153,7 @@ class LagDamper(DynamicDamper):
         return cls(**design.settings, values={n: known[n] for n in empty.names})
 
     def stepper(self, step: float) -> DamperStepper:
-        from quartercar.dampers.laws.relief_valve_stepper import ReliefValveStepper
+        from quartercar.dampers.laws._relief_valve_run import ReliefValveStepper
 
         return ReliefValveStepper(self, step)
 

@@ -139,7 +139,7 @@ class WangKamath(DynamicDamper):
         return np.array([f, (velocity - _flow(f, w)[0]) / w[1]], dtype=vector.dtype)
 
     def stepper(self, step: float) -> DamperStepper:
-        from quartercar.dampers.laws.wang_kamath_stepper import wang_kamath_move
+        from quartercar.dampers.laws._wang_kamath_kernels import wang_kamath_move
 
         return StateStepper(self, wang_kamath_move(self, step))
 
