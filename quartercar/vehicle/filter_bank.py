@@ -71,19 +71,57 @@ class Bank(ABC):
 
     @abstractmethod
     def begin(self, current: np.ndarray) -> None:
-        """Settled at zero motion and (cars,) filtered currents."""
+        """Settled at zero motion.
+
+        Parameters
+        ----------
+        current : (cars,) array
+            Filtered currents [A].
+        """
 
     @abstractmethod
     def approach(self, p: np.ndarray) -> np.ndarray:
-        """(cars, 8) law of the force at the coming sample, in the form of `tanh_form`, at (cars,) filtered currents."""
+        """Law of the force at the coming sample.
+
+        Parameters
+        ----------
+        p : (cars,) array
+            Filtered currents there [A].
+
+        Returns
+        -------
+        (cars, 8) array
+            In the form of `tanh_form`.
+        """
 
     @abstractmethod
     def commit(self, z: np.ndarray, v: np.ndarray) -> None:
-        """Take the sample that was approached, at (cars,) displacements and velocities."""
+        """Take the sample that was approached.
+
+        Parameters
+        ----------
+        z, v : (cars,) arrays
+            Displacements [m] and velocities [m/s] of the dampers.
+        """
 
     @abstractmethod
     def ahead(self, z: np.ndarray, v: np.ndarray, p: np.ndarray, steps: int) -> np.ndarray:
-        """(cars, G) force some samples ahead, were the motion held and the filtered current each of (G,) values."""
+        """Force some samples ahead, were the motion held and the filtered current each of some values.
+
+        Parameters
+        ----------
+        z, v : (cars,) arrays
+            Displacements [m] and velocities [m/s].
+        p : (G,) array
+            Filtered currents [A].
+        steps : int
+            Samples ahead.
+
+        Returns
+        -------
+        (cars, G) array
+            Force [N].
+        """
 
     def _scheduling(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Basis functions (n, M) and 1/v0 (n,) at filtered currents."""
@@ -114,7 +152,14 @@ class Bank(ABC):
 
 
 class FilterBank(Bank):
-    """Copies of one transfer function, as a `Bank`."""
+    """Copies of one transfer function.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        As `filter_of` gives it.
+    cars : int
+    """
 
     def __init__(self, model: LPVTransferFunction, cars: int) -> None:
         super().__init__(model, cars)
@@ -168,11 +213,17 @@ class FilterBank(Bank):
 
 
 class StateBank(Bank):
-    """Copies of one state space, as a `Bank`.
+    """Copies of one state space.
 
     ::
 
         F = C(p) d + D(p) U(v, z) + g(p),    d⁺ = A(p) d + B(p) U(v, z) + f(p)
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        As `filter_of` gives it.
+    cars : int
     """
 
     def __init__(self, model: LPVStateSpace, cars: int) -> None:

@@ -109,6 +109,7 @@ NEAR = 0.25
 LAGS = tuple((t, d) for t in (0.003, 0.010, 0.030) for d in (0.001, 0.004, 0.012))
 """time constants and delays from which the search for the lag starts [s]"""
 
+
 @dataclass(frozen=True)
 class SubProblem:
     """One sub-problem.
