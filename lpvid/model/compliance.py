@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -120,8 +121,8 @@ class ComplianceModel(Coded, SelfScheduled):
     substeps: int = 4
     noise_variance: float = 0.0
     metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
-    memory = 1
-    noise = NoiseModel("equation")
+    memory: ClassVar[int] = 1
+    noise: ClassVar[NoiseModel] = NoiseModel("equation")
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -184,7 +185,7 @@ class QuasiLPVModel(Coded, SelfScheduled):
     scheduling_stage: SchedulingStage | None = None
     noise_variance: float = 0.0
     metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
-    noise = NoiseModel("equation")
+    noise: ClassVar[NoiseModel] = NoiseModel("equation")
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__

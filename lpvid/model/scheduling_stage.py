@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -98,7 +99,7 @@ class SchedulingLag(SchedulingStage):
     variable: int = 0
     symmetric: bool = False
     with_delay: bool = False
-    n_states = 1
+    n_states: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         for name in ("tau_rise", "tau_fall", "delay"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -48,8 +49,8 @@ class Fourier(Basis):
     harmonics: int = 1
     period: float = 2 * math.pi
     origin: float = 0.0
-    degree = None
-    lags = (0, 0)
+    degree: ClassVar[None] = None
+    lags: ClassVar[tuple[int, int]] = (0, 0)
 
     def __post_init__(self) -> None:
         if len(_checks.names(self.name, "a Fourier basis")) > 1:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class Polynomial(Basis):
     degree: int = 1  # type: ignore[assignment]
     centre: tuple[float, ...] = ()
     half_width: tuple[float, ...] = ()
-    lags = (0, 0)
+    lags: ClassVar[tuple[int, int]] = (0, 0)
 
     def __post_init__(self) -> None:
         names = _checks.names(self.names, "a polynomial basis") if self.names else ()

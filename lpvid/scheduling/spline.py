@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -44,8 +45,8 @@ class Spline(Basis):
     segments: int = 3
     order: int = 3
     knots: tuple[float, ...] = ()
-    degree = None
-    lags = (0, 0)
+    degree: ClassVar[None] = None
+    lags: ClassVar[tuple[int, int]] = (0, 0)
 
     def __post_init__(self) -> None:
         _checks.count(self.segments, "segments of a spline", at_least=1)

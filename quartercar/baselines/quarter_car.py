@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -69,7 +70,7 @@ class QuarterCarBaseline(Coded, Baseline):
     name: str = field(default="quarter-car", init=False)
     output_unit: str = field(default="m", init=False)
     static: bool = field(default=False, init=False)
-    start = 1
+    start: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         checks.one_of(self.output, OUTPUTS, "output")

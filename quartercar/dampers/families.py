@@ -27,7 +27,7 @@ COMPLEX_STEP = 1e-30
 class LawDamper(Damper):
     """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
 
-    clock = None
+    clock: ClassVar[float | None] = None
 
     def to_model(self, sample_time: float) -> SelfScheduled:
         """As a model of lpvid at this period; its predictions are its free run."""
@@ -73,7 +73,7 @@ class LawDamper(Damper):
 class StaticDamper(LawDamper):
     """A damper without memory: force is a function of displacement, velocity and current at the same instant."""
 
-    start = 0
+    start: ClassVar[int] = 0
 
     @abstractmethod
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
@@ -126,7 +126,7 @@ class DynamicDamper(LawDamper):
 
     exported_instead: ClassVar[str] = "extended-bouc-wen"
     """the model with a step of fixed length that is nearest to this one"""
-    start = 1
+    start: ClassVar[int] = 1
 
     @property
     @abstractmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class IsoRoad(RideRoad):
     road_class: str = "C"
     speed: float = quantity(20.0, "m/s", "of the car")
     duration: float = quantity(20.0, "s", "that counts")
-    settle = LEAD
+    settle: ClassVar[float] = LEAD
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
@@ -107,7 +108,7 @@ class Bump(RideRoad):
     speed: float = quantity(8.0, "m/s", "of the car")
     duration: float = quantity(4.0, "s", "from just before the bump on")
     road_class: str = "A"
-    settle = LEAD
+    settle: ClassVar[float] = LEAD
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
@@ -147,7 +148,7 @@ class SineSweep(RideRoad):
     lowest: float = quantity(0.5, "Hz", "frequency")
     highest: float = quantity(20.0, "Hz", "frequency")
     duration: float = quantity(30.0, "s", "of the sweep")
-    settle = 0.0
+    settle: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         for name, unit in (("amplitude", "m"), ("lowest", "Hz"), ("highest", "Hz"), ("duration", "s")):
@@ -182,7 +183,7 @@ class MeasuredRoad(RideRoad):
     track: roads.Track
     speed: float = 10.0
     laps: int = 1
-    settle = 0.0
+    settle: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         checks.positive(self.speed, "speed", "m/s")

@@ -59,8 +59,8 @@ class LpvHinf(Controller):
     measured: str = "observed"
     criterion: str = "hinf"
     lag: float = 0.004
-    parameters = (*WEIGHTS, *LIMITS)
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (*WEIGHTS, *LIMITS)
+    demands: ClassVar[str] = "force"
 
     def check_settings(self) -> None:
         checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")

@@ -11,6 +11,7 @@ from quartercar.controllers.contract import Controller, Law, Setting, Values
 from quartercar.controllers.designed.lpv_hinf import WEIGHTS, BankedLaw, scheduled, task_of
 from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.designed.suspension_design import CRITERIA, Task
+from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.weighted import MEASUREMENTS
 
 
@@ -38,8 +39,8 @@ class LpvHinfClipped(Controller):
     measured: str = "observed"
     criterion: str = "hinf"
     lag: float = 0.004
-    parameters = WEIGHTS
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = WEIGHTS
+    demands: ClassVar[str] = "force"
 
     def check_settings(self) -> None:
         checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")

@@ -16,6 +16,7 @@ from quartercar.controllers.designed.damper_law import READS, DamperGain, Damper
 from quartercar.controllers.designed.lpv_hinf import WEIGHTS
 from quartercar.controllers.designed.scheduled import SCALE
 from quartercar.dampers.contract import Damper
+from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.weighted import SuspensionWeights
 
 START = {"tyre_force": 8000.0, "stroke": 0.06, "demand": 200.0, "comfort_high": 9.0, "wheel_low": 3.0}
@@ -52,9 +53,9 @@ class LpvHinfIdentified(Controller):
     centre: float | None = None
     order: int | None = None
     back_off: float = 3.0
-    parameters = OWN
-    reads = READS
-    demands = "current"
+    parameters: ClassVar[tuple[Parameter, ...]] = OWN
+    reads: ClassVar[tuple[str, ...]] = READS
+    demands: ClassVar[str] = "current"
 
     def check_settings(self) -> None:
         checks.positive(self.lag, "lag", "s")
@@ -107,9 +108,9 @@ class IdentifiedController(Controller):
     limits: np.ndarray
     gain_vector: np.ndarray
     label: str = ""
-    parameters = (SCALE,)
-    reads = READS
-    demands = "current"
+    parameters: ClassVar[tuple[Parameter, ...]] = (SCALE,)
+    reads: ClassVar[tuple[str, ...]] = READS
+    demands: ClassVar[str] = "current"
 
     def check_settings(self) -> None:
         n = len(np.atleast_2d(self.filter[0]))

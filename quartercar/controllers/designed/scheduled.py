@@ -55,7 +55,7 @@ class ScheduledController(Controller):
     nominal_damping: float = 0.0
     anti_windup: np.ndarray | None = None
     label: str = ""
-    parameters = (SCALE,)
+    parameters: ClassVar[tuple[Parameter, ...]] = (SCALE,)
 
     def check_settings(self) -> None:
         model = self.model

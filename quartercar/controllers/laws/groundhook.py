@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from quartercar.controllers.contract import Controller, Law, Setting, Switching, Values
 from quartercar.controllers.laws.damping import HIGH, LOW
+from quartercar.dampers.parameter import Parameter
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -16,9 +17,9 @@ class Groundhook(Controller):
     name: ClassVar[str] = "groundhook"
     title: ClassVar[str] = "Groundhook, two-state"
     source: ClassVar[str] = "Valášek, Novák, Šika, Vaculín 1997; equation sheet 4.8"
-    parameters = LOW, HIGH
-    reads = "suspension_velocity", "wheel_velocity"
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "wheel_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return Switching(values["low_damping"], values["high_damping"],

@@ -21,11 +21,12 @@ class Hybrid(Controller):
     name: ClassVar[str] = "hybrid"
     title: ClassVar[str] = "Hybrid"
     source: ClassVar[str] = "Ahmadian, Pare 2000; equation sheet 4.8"
-    parameters = (LOW, HIGH, Parameter("sky_damping", "N*s/m", "c_s", 2000.0, 100.0, 15000.0, log=True),
-                  Parameter("ground_damping", "N*s/m", "c_g", 1500.0, 100.0, 15000.0, log=True),
-                  Parameter("sky_share", "", "alpha", 0.5, 0.0, 1.0))
-    reads = "suspension_velocity", "body_velocity", "wheel_velocity"
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        LOW, HIGH, Parameter("sky_damping", "N*s/m", "c_s", 2000.0, 100.0, 15000.0, log=True),
+        Parameter("ground_damping", "N*s/m", "c_g", 1500.0, 100.0, 15000.0, log=True),
+        Parameter("sky_share", "", "alpha", 0.5, 0.0, 1.0))
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_velocity", "wheel_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         low, high = values["low_damping"], values["high_damping"]

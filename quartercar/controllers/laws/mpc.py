@@ -53,10 +53,11 @@ class Predictive(Controller):
     horizon: float = 0.15
     rounds: int = 4
     given_weight: float = 1.0
-    parameters = TYRE, STROKE
-    reads = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity",
-             "current", "road_ahead")
-    demands = "current"
+    parameters: ClassVar[tuple[Parameter, ...]] = TYRE, STROKE
+    reads: ClassVar[tuple[str, ...]] = (
+        "suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity",
+        "current", "road_ahead")
+    demands: ClassVar[str] = "current"
 
     def check_settings(self) -> None:
         checks.positive(self.horizon, "horizon of mpc", "s")

@@ -9,6 +9,7 @@ import numpy as np
 
 from quartercar.controllers.contract import Controller, Law, Memoryless, Setting, Signals, Values
 from quartercar.controllers.laws.damping import HIGH, LOW
+from quartercar.dampers.parameter import Parameter
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -22,9 +23,9 @@ class PowerDriven(Controller):
     name: ClassVar[str] = "pdd"
     title: ClassVar[str] = "PDD"
     source: ClassVar[str] = "Morselli, Zanasi 2008; equation sheet 4.8"
-    parameters = LOW, HIGH
-    reads = "suspension_deflection", "suspension_velocity"
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH
+    reads: ClassVar[tuple[str, ...]] = "suspension_deflection", "suspension_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         k, low = setting.parameters.spring_stiffness, values["low_damping"]

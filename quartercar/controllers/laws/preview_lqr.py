@@ -46,9 +46,9 @@ class PreviewQuadratic(Controller):
     name: ClassVar[str] = "preview-lqr"
     title: ClassVar[str] = "Preview LQ, clipped"
     source: ClassVar[str] = "Tomizuka 1976, J. Dyn. Syst. Meas. Control 98, 309-315; Louam, Wilson, Sharp 1988"
-    parameters = LOW, HIGH, TYRE, STROKE, EFFORT, LAG
-    reads = (*STATES, "suspension_velocity", "attained", "road_ahead")
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH, TYRE, STROKE, EFFORT, LAG
+    reads: ClassVar[tuple[str, ...]] = (*STATES, "suspension_velocity", "attained", "road_ahead")
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)

@@ -19,9 +19,10 @@ class SkyhookAccelerationDriven(Controller):
     name: ClassVar[str] = "sh-add"
     title: ClassVar[str] = "SH-ADD"
     source: ClassVar[str] = "Savaresi, Spelta 2007; equation sheet 4.8"
-    parameters = (LOW, HIGH, Parameter("crossover", "rad/s", "alpha", 12.0, 2.0, 60.0, log=True))
-    reads = "suspension_velocity", "body_velocity", "body_acceleration"
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        LOW, HIGH, Parameter("crossover", "rad/s", "alpha", 12.0, 2.0, 60.0, log=True))
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_velocity", "body_acceleration"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         alpha = values["crossover"]

@@ -21,9 +21,9 @@ class LinearSkyhook(Controller):
     name: ClassVar[str] = "skyhook-linear"
     title: ClassVar[str] = "Skyhook, linear"
     source: ClassVar[str] = "Sammier, Sename, Dugard 2003; equation sheet 4.8"
-    parameters = LOW, HIGH, Parameter("passive_share", "", "alpha", 0.2, 0.0, 1.0)
-    reads = "suspension_velocity", "body_velocity"
-    demands = "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH, Parameter("passive_share", "", "alpha", 0.2, 0.0, 1.0)
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         low, high, share = values["low_damping"], values["high_damping"], values["passive_share"]

@@ -71,14 +71,16 @@ class ExtendedBoucWen(SemiActiveDamper):
     title: ClassVar[str] = "Generalised extended Bouc-Wen"
     source: ClassVar[str] = "seed 002, equations (1)-(5)"
     exponent: float = 2.0
-    row_parameters = tuple(Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",
-                                     p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
-                                     p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
-    gas_parameters = gas_spring(True)
-    growing = tuple(f"{name}_{d}" for name in ("damping", "yield_force") for d in DIRECTIONS)
-    needs_displacement = True
-    linear = ()  # the gas spring is, but projecting off two of so many costs more than it saves
-    start = 1
+    row_parameters: ClassVar[tuple[Parameter, ...]] = tuple(
+        Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",
+                  p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
+                  p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
+    gas_parameters: ClassVar[tuple[Parameter, ...]] = gas_spring(True)
+    growing: ClassVar[tuple[str, ...]] = tuple(f"{name}_{d}" for name in ("damping", "yield_force") for d in DIRECTIONS)
+    needs_displacement: ClassVar[bool] = True
+    linear: ClassVar[tuple[str, ...]] = ()
+    """the gas spring is, but projecting off two of so many costs more than it saves"""
+    start: ClassVar[int] = 1
 
     def check_settings(self) -> None:
         checks.positive(self.exponent - 0.999, "exponent of the Bouc-Wen law, from 1")

@@ -60,7 +60,7 @@ class ForceMap(SemiActiveDamper):
     source: ClassVar[str] = "seed 002, equation (6)"
     knots: tuple[float, ...] = (-0.5, -0.2, -0.05, 0.0, 0.05, 0.2, 0.5)
     spring: bool = True
-    start = 0
+    start: ClassVar[int] = 0
 
     def check_settings(self) -> None:
         k = self.knots

@@ -37,7 +37,7 @@ class Linear(LawDamper):
     title: ClassVar[str] = "Mass, viscous, spring"
     source: ClassVar[str] = "linear baseline"
     spring: bool = True
-    start = 0
+    start: ClassVar[int] = 0
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -98,7 +98,7 @@ class NetworkDamper(StaticDamper):
 
     asymmetric: bool = False
     smoothing: float = 1e-3
-    reads = ("velocity",)
+    reads: ClassVar[tuple[str, ...]] = ("velocity",)
 
     @property
     @abstractmethod
@@ -218,7 +218,7 @@ class SeriesNetwork(NetworkDamper):
     name: ClassVar[str] = "network-series"
     title: ClassVar[str] = "Series network"
     source: ClassVar[str] = "seed 003, (5)"
-    network = LAMINAR, QUADRATIC
+    network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_force(speed, theta[0], theta[1], 0.0)
@@ -247,7 +247,7 @@ class ParallelNetwork(NetworkDamper):
     name: ClassVar[str] = "network-parallel"
     title: ClassVar[str] = "Parallel network"
     source: ClassVar[str] = "seed 003, (6)"
-    network = ORIFICE, LEAK
+    network: ClassVar[tuple[Parameter, ...]] = ORIFICE, LEAK
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return parallel_force(speed, theta[0], theta[1])
@@ -277,7 +277,7 @@ class MixedNetwork(NetworkDamper):
     name: ClassVar[str] = "network-mixed"
     title: ClassVar[str] = "Mixed network"
     source: ClassVar[str] = "equations.md, E3.9"
-    network = LAMINAR, QUADRATIC, LEAK
+    network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC, LEAK
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_force(speed, theta[0], theta[1], theta[2])

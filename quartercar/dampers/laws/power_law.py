@@ -196,8 +196,8 @@ class PowerLaw(PowerLawDamper):
     name: ClassVar[str] = "power-law"
     title: ClassVar[str] = "Power law"
     source: ClassVar[str] = "seed 000, (4)"
-    statics = ()
-    reads = ("velocity",)
+    statics: ClassVar[tuple[Parameter, ...]] = ()
+    reads: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def check_settings(self) -> None:
         checks.positive(self.reference_speed, "reference_speed", "m/s")

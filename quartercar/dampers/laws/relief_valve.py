@@ -90,8 +90,9 @@ class LagDamper(DynamicDamper):
     chamber_lengths: tuple[float, float] | None = None
     smoothing: float = 1e-3
     friction_speed: float = 1e-3
-    linear = ()
-    states = ("x_V1 [m]", "x_V1' [m/s]", "x_V2 [m]", "x_V2' [m/s]", "pressure difference [Pa]")
+    linear: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[str, ...]] = (
+        "x_V1 [m]", "x_V1' [m/s]", "x_V2 [m]", "x_V2' [m/s]", "pressure difference [Pa]")
 
     def check_settings(self) -> None:
         for name in POSITIVE:
@@ -304,7 +305,7 @@ class ReliefValve(LagDamper):
     name: ClassVar[str] = "relief-valve"
     title: ClassVar[str] = "Relief valve"
     source: ClassVar[str] = "Titurus & Lieven, (7)-(8)"
-    further = ()
+    further: ClassVar[tuple[Parameter, ...]] = ()
 
     def series_loss(self, vector: np.ndarray) -> complex:
         return 0.0
@@ -326,8 +327,8 @@ class ReliefValveOrifice(LagDamper):
     name: ClassVar[str] = "relief-valve-orifice"
     title: ClassVar[str] = "Relief valve with series orifice"
     source: ClassVar[str] = "Titurus & Lieven, (9)-(11)"
-    further = (Parameter("series_loss", "N*s^2/m^2", "holes behind a valve, A_P³/(N_O K_O)²", 27000.0, 1e-6, 1e12,
-                         log=True),)
+    further: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("series_loss", "N*s^2/m^2", "holes behind a valve, A_P³/(N_O K_O)²", 27000.0, 1e-6, 1e12, log=True),)
 
     def series_loss(self, vector: np.ndarray) -> complex:
         return vector[8]

@@ -70,7 +70,7 @@ class WangKamath(DynamicDamper):
     degree: int = 0
     force_scale: float = 1000.0
     current_scale: float = 1.0
-    states = ("f [1]", "df/dt [1/s]")
+    states: ClassVar[tuple[str, ...]] = ("f [1]", "df/dt [1/s]")
 
     def check_settings(self) -> None:
         """Degree 0 to 2, none beside `growing`, scales above zero."""
