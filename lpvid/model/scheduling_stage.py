@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -46,11 +45,6 @@ class SchedulingStage(Coded, ABC):
     @abstractmethod
     def scales(self) -> np.ndarray:
         """(k,) search step of each parameter."""
-
-    @property
-    @abstractmethod
-    def n_states(self) -> int:
-        """States that the filter adds to a realisation."""
 
     @abstractmethod
     def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
@@ -99,7 +93,6 @@ class SchedulingLag(SchedulingStage):
     variable: int = 0
     symmetric: bool = False
     with_delay: bool = False
-    n_states: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         for name in ("tau_rise", "tau_fall", "delay"):

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from quartercar.characterisation.runs import NOISE, RecordPiece
+from quartercar.characterisation.runs import NOISE, RecordPiece, integral
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 CLASSES = 50
@@ -57,13 +57,9 @@ def steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
     long = [(a, b) for a, b in pairs if min(a.stop - a.start, b.stop - b.start) >= SHORTEST_HOLD]
     if not long:
         return [], f"no level is held for {SHORTEST_HOLD} samples"
-    x = raw["displacement"] if raw.has("displacement") else _travel(raw["velocity"], float(raw.sample_time or 0.0))
+    x = raw["displacement"] if raw.has("displacement") else integral(raw["velocity"], float(raw.sample_time or 0.0))
     found = [s for a, b in long if (s := _step(current, x, float(raw.sample_time or 0.0), a, b)) is not None]
     return found, "" if found else "the speed is not constant about any step of the current"
-
-
-def _travel(velocity: np.ndarray, period: float) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(0.5 * period * (velocity[1:] + velocity[:-1]))])
 
 
 def _level(current: np.ndarray, span: slice) -> float:
