@@ -10,8 +10,6 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
-PASSBAND = 0.4
-"""highest frequency kept within 1e-3, as a share of the lower of the two sampling rates."""
 SAME_RATE = 1e-4
 """relative difference below which two sampling rates, or a rate and a whole multiple of another, are one."""
 _LARGEST = 2**28

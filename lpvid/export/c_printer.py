@@ -4,27 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 
-from lpvid.export.expression import ArrayElement, ByPrecision, Symbol
-from lpvid.export.printing import Printer
-from lpvid.export.step_program import (
-    Assign,
-    AssignIndex,
-    Branch,
-    Declare,
-    DeclareArray,
-    DeclareIndex,
-    LoopStatement,
-    Remark,
-    Statement,
-    StepProgram,
-)
+from lpvid.export.expression import Array, ArrayElement, ByPrecision
+from lpvid.export.printing import Printer, wrapped
+from lpvid.export.step_program import StepProgram
 
 HOMES = {"input": "u->", "output": "y->", "state": "s->", "parameter": "p->", "rate": "dx->", "local": "",
          "state_tangent": "ds->", "input_tangent": "du->", "rate_tangent": "ddx->", "output_tangent": "dy->"}
-WORDS = {"and": "&&", "or": "||", "not": "!"}
 
 
 class CPrinter(Printer):
@@ -37,6 +26,8 @@ class CPrinter(Printer):
     """
 
     explicit = True
+    words = MappingProxyType({"and": "&&", "or": "||", "not": "!"})
+    remark, when, otherwise, closed, loop_closed = "/* {} */", "if ({}) {{", "} else {", "}", "}"
 
     def __init__(self, program: StepProgram, precision: str) -> None:
         self._single, self._real = precision == "float", f"{program.name}_real"
@@ -50,15 +41,12 @@ class CPrinter(Printer):
     def constant(self, value: ByPrecision) -> str:
         return self.number(value.single if self._single else value.double)
 
-    def scalar(self, symbol: Symbol) -> str:
-        return HOMES[symbol.home] + symbol.name
+    def place(self, home: str, name: str) -> str:
+        return HOMES[home] + name
 
     def element(self, element: ArrayElement) -> str:
         places = "".join(f"[{self.index(i)}]" for i in element.index)
-        return f"{HOMES[element.array.home]}{element.array.name}{places}"
-
-    def operator(self, operator: str) -> str:
-        return WORDS[operator]
+        return self.place(element.array.home, element.array.name) + places
 
     def function(self, name: str, arguments: Sequence[str]) -> str:
         return f"{name}{'f' if self._single else ''}({', '.join(arguments)})"
@@ -72,42 +60,21 @@ class CPrinter(Printer):
     def real(self, index: str) -> str:
         return f"(({self._real})({index}))"
 
-    def lines(self, statement: Statement, depth: int) -> list[str]:
-        pad = self.indent * depth
-        if isinstance(statement, Declare):
-            name = statement.symbol.name
-            fixed = "" if name in self._moving else "const "
-            return wrapped(f"{pad}{fixed}{self._real} {name} = {self.text(statement.value)};")
-        if isinstance(statement, DeclareArray):
-            shape = "".join(f"[{n}]" for n in statement.array.shape)
-            return [f"{pad}{self._real} {statement.array.name}{shape} = {{0}};"]
-        if isinstance(statement, DeclareIndex):
-            return [f"{pad}int {statement.counter.name} = {self.index(statement.value)};"]
-        if isinstance(statement, Assign):
-            target = statement.target
-            place = self.scalar(target) if isinstance(target, Symbol) else self.element(target)
-            return wrapped(f"{pad}{place} = {self.text(statement.value)};")
-        if isinstance(statement, AssignIndex):
-            return [f"{pad}{statement.counter.name} = {self.index(statement.value)};"]
-        if isinstance(statement, Remark):
-            return [f"{pad}/* {statement.text} */"]
-        if isinstance(statement, LoopStatement):
-            i, first, last = statement.counter.name, statement.first, statement.last
-            head = (f"for (int {i} = {last - 1}; {i} >= {first}; {i}--)" if statement.down else
-                    f"for (int {i} = {first}; {i} < {last}; {i}++)")
-            return [f"{pad}{head} {{", *self.block(statement.body, depth + 1), f"{pad}}}"]
-        assert isinstance(statement, Branch)
-        out = [*wrapped(f"{pad}if ({self.text(statement.condition)}) {{"), *self.block(statement.then, depth + 1)]
-        if statement.other:
-            out += [f"{pad}}} else {{", *self.block(statement.other, depth + 1)]
-        return [*out, f"{pad}}}"]
+    def declare(self, name: str, value: str) -> str:
+        return f"{'' if name in self._moving else 'const '}{self._real} {name} = {value}"
 
+    def zeros(self, array: Array) -> str:
+        return f"{self._real} {array.name}{''.join(f'[{n}]' for n in array.shape)} = {{0}}"
 
-def wrapped(line: str) -> list[str]:
-    """A long line of C broken at spaces."""
-    start = " " * (len(line) - len(line.lstrip()))
-    return textwrap.wrap(line.strip(), 110, initial_indent=start, subsequent_indent=start + "    ",
-                         break_long_words=False, break_on_hyphens=False)
+    def declare_index(self, name: str, value: str) -> str:
+        return f"int {name} = {value}"
+
+    def loop(self, counter: str, first: int, last: int, down: bool) -> str:
+        span = f"{last - 1}; {counter} >= {first}; {counter}--" if down else f"{first}; {counter} < {last}; {counter}++"
+        return f"for (int {counter} = {span}) {{"
+
+    def broken(self, line: str) -> list[str]:
+        return wrapped(line)
 
 
 def c_number(value: float, single: bool = False) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.exporting import Content, Export, written
-from lpvid.export.frozen_grid import frozen_grid, linear_model
+from lpvid.export.python_control import frozen_grid, linear_model
 from lpvid.export.step_builder import checked_name
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.export.expression import Array, Symbol
 from lpvid.export.step_program import StepProgram
 
 ENTRY_POINTS = "lpvid.exports"
@@ -156,8 +159,6 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
     """
     if isinstance(noun, Exportable):
         return noun
-    from lpvid.export.holding import held
-
     for exporter in exporters():
         if exporter.accepts(noun):
             chosen = options or Options()
@@ -206,3 +207,68 @@ def within(samples: int, low: np.ndarray, high: np.ndarray, rng: np.random.Gener
     return 0.5 * (low + high) + 0.5 * (high - low) * smooth_noise(samples, low.size, rng)
 
 
+def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
+    """The same step with some inputs held at values: they become parameters, and the model is frozen there.
+
+    Parameters
+    ----------
+    found : Exportable
+    at : mapping of str to float
+        By the input's name in the model.
+
+    Returns
+    -------
+    Exportable
+        Its reference is the simulation along a trajectory with these inputs constant.
+
+    Raises
+    ------
+    InputError
+        A name that is no input, a value outside the range that the model knows, or no input left.
+    """
+    if not at:
+        return found
+    program = found.program
+    known = {q.label or q.name: q for q in program.inputs}
+    for name, value in at.items():
+        q = known[_checks.known_name(name, tuple(known), "input")]
+        slack = 1e-9 * max(abs(q.lower), abs(q.upper), 1.0) if np.isfinite(q.lower) and np.isfinite(q.upper) else 0.0
+        if not q.lower - slack <= _checks.real(value, f"the held value of '{name}'") <= q.upper + slack:
+            raise InputError(f"'{name}' cannot be held there", got=f"{value:g} outside {q.lower:g} to {q.upper:g}",
+                             mend="a value inside the range of the model")
+    if len(at) == len(known):
+        raise InputError("every input would be held", got=", ".join(at), mend="hold the scheduling alone")
+    fixed = {known[n].name: float(v) for n, v in at.items()}
+    kept = [i for i, q in enumerate(program.inputs) if q.name not in fixed]
+    constant = np.array([fixed.get(q.name, 0.0) for q in program.inputs])
+
+    def full(u: np.ndarray) -> np.ndarray:
+        out = np.tile(constant, (len(u), 1))
+        out[:, kept] = u
+        return out
+
+    moved = tuple(dataclasses.replace(q, start=np.array(fixed[q.name]), description=f"{q.description}, held")
+                  for q in program.inputs if q.name in fixed)
+    text = ", ".join(f"{n} = {v:g}" for n, v in at.items())
+
+    def place(s: Symbol) -> Symbol:
+        return Symbol("parameter", s.name) if s.home == "input" and s.name in fixed else s
+
+    frozen = dataclasses.replace(
+        program, inputs=tuple(program.inputs[i] for i in kept), parameters=(*moved, *program.parameters),
+        body=rewritten(program.body, place),
+        notes=(*program.notes, f"Frozen at {text}; that is a parameter."))
+    return Exportable(frozen, lambda u: found.reference(full(u)), lambda n, rng: found.excite(n, rng)[:, kept],
+                      found.model)
+
+
+def rewritten(node: Any, change: Callable[[Symbol], Symbol]) -> Any:
+    """Statements and expressions with every scalar replaced by what `change` makes of it."""
+    if isinstance(node, Symbol):
+        return change(node)
+    if isinstance(node, (tuple, list)):
+        return type(node)(rewritten(n, change) for n in node)
+    if dataclasses.is_dataclass(node) and not isinstance(node, (type, Array)):
+        values = {f.name: rewritten(getattr(node, f.name), change) for f in dataclasses.fields(node)}
+        return type(node)(**values)
+    return node

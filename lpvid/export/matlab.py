@@ -19,8 +19,8 @@ from lpvid.export.basis_steps import basis_values
 from lpvid.export.c_build import run_tool
 from lpvid.export.exportable import SAMPLES, Exportable, Options, exportable, within
 from lpvid.export.exporting import Content, Export, written
-from lpvid.export.frozen_grid import FrozenGrid, frozen_grid, linear_model, varying_state_space
 from lpvid.export.matlab_printer import CHOOSE, MatlabPrinter, matlab_step
+from lpvid.export.python_control import FrozenGrid, frozen_grid, linear_model, varying_state_space
 from lpvid.export.step_builder import StepBuilder, checked_name
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.signals import Signal

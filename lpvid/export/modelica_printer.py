@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
-from lpvid.export.expression import ArrayElement, ByPrecision, Counter, Index, Symbol
-from lpvid.export.printing import Printer
-from lpvid.export.step_program import (
-    Assign,
-    AssignIndex,
-    Branch,
-    Declare,
-    DeclareArray,
-    DeclareIndex,
-    LoopStatement,
-    Quantity,
-    Remark,
-    Statement,
-    StepProgram,
-)
+from lpvid.export.expression import Array, ArrayElement, Counter, Index
+from lpvid.export.printing import Printer, wrapped
+from lpvid.export.step_program import Branch, LoopStatement, Quantity, Statement, StepProgram
 
 WORDS = frozenset((
     "abs", "algorithm", "and", "annotation", "assert", "block", "break", "cardinality", "class", "connect",
@@ -34,7 +22,6 @@ WORDS = frozenset((
     "terminate", "then", "time", "true", "type", "vector", "when", "while", "within", "zeros", "before", "after",
     "held", "states", "tested", "found", "samples", "error", "U", "X", "Y", "Block", "Check", "step"))
 """Keywords (Modelica 3.6, 2.3.3), built-in functions, and names that the functions printed here use themselves."""
-FUNCTIONS = {"fabs": "abs", "fmin": "min", "fmax": "max"}
 
 
 class ModelicaPrinter(Printer):
@@ -44,28 +31,24 @@ class ModelicaPrinter(Printer):
     of theirs at the top; `declared` lists them after `block`, and `conditional` those that first occur in a branch.
     """
 
+    first_index = 1
+    functions = MappingProxyType({"fabs": "abs", "fmin": "min", "fmax": "max"})
+    assign, remark, when, otherwise = "{} := {}", "// {}", "if {} then", "else"
+    closed, loop_closed = "end if;", "end for;"
+
     def __init__(self) -> None:
         self.declared: dict[str, str] = {}
         self.conditional: dict[str, str] = {}
         self._now: dict[str, str] = {}
         self._branches = 0
 
-    def number(self, value: float) -> str:
-        return repr(float(value))
-
-    def constant(self, value: ByPrecision) -> str:
-        return self.number(value.double)
-
-    def scalar(self, symbol: Symbol) -> str:
-        name = {"rate": f"der_{symbol.name}"}.get(symbol.home, symbol.name)
-        return self._now.get(name, spelled(name)) if symbol.home == "local" else spelled(name)
+    def place(self, home: str, name: str) -> str:
+        name = f"der_{name}" if home == "rate" else name
+        return self._now.get(name, spelled(name)) if home == "local" else spelled(name)
 
     def element(self, element: ArrayElement) -> str:
         places = ", ".join(self.index(i + 1) for i in element.index)
-        return f"{self.scalar(Symbol(element.array.home, element.array.name))}[{places}]"
-
-    def operator(self, operator: str) -> str:
-        return operator
+        return f"{self.place(element.array.home, element.array.name)}[{places}]"
 
     def index(self, index: Index) -> str:
         return self._now.get(index.name, spelled(index.name)) if isinstance(index, Counter) else super().index(index)
@@ -73,7 +56,7 @@ class ModelicaPrinter(Printer):
     def function(self, name: str, arguments: Sequence[str]) -> str:
         if name == "pow":
             return f"(({arguments[0]})^({arguments[1]}))"
-        return f"{FUNCTIONS.get(name, name)}({', '.join(arguments)})"
+        return super().function(name, arguments)
 
     def choice(self, condition: str, then: str, other: str) -> str:
         return f"(if {condition} then {then} else {other})"
@@ -95,41 +78,38 @@ class ModelicaPrinter(Printer):
             self.conditional[found] = kind
         return found
 
+    def declare(self, name: str, value: str) -> str:
+        return f"{self._declare(name, 'Real')} := {value}"
+
+    def declare_index(self, name: str, value: str) -> str:
+        return f"{self._declare(name, 'Integer')} := {value}"
+
+    def zeros(self, array: Array) -> str:
+        shape = ", ".join(map(str, array.shape))
+        return f"{self._declare(array.name, f'Real[{shape}]')} := zeros({shape})"
+
+    def loop(self, counter: str, first: int, last: int, down: bool) -> str:
+        return f"for {counter}_i in {f'{last - 1}:-1:{first}' if down else f'{first}:{last - 1}'} loop"
+
+    def broken(self, line: str) -> list[str]:
+        return wrapped(line)
+
     def lines(self, statement: Statement, depth: int) -> list[str]:
-        pad = self.indent * depth
-        if isinstance(statement, Declare):
-            value = self.text(statement.value)
-            return wrapped(f"{pad}{self._declare(statement.symbol.name, 'Real')} := {value};")
-        if isinstance(statement, DeclareArray):
-            shape = ", ".join(map(str, statement.array.shape))
-            return [f"{pad}{self._declare(statement.array.name, f'Real[{shape}]')} := zeros({shape});"]
-        if isinstance(statement, DeclareIndex):
-            value = self.index(statement.value)
-            return wrapped(f"{pad}{self._declare(statement.counter.name, 'Integer')} := {value};")
-        if isinstance(statement, AssignIndex):
-            return wrapped(f"{pad}{self.index(statement.counter)} := {self.index(statement.value)};")
-        if isinstance(statement, Assign):
-            target = statement.target
-            place = self.scalar(target) if isinstance(target, Symbol) else self.element(target)
-            return wrapped(f"{pad}{place} := {self.text(statement.value)};")
-        if isinstance(statement, Remark):
-            return [f"{pad}// {statement.text}"]
-        if isinstance(statement, LoopStatement):
-            first, last = statement.first, statement.last - 1
-            span = f"{last}:-1:{first}" if statement.down else f"{first}:{last}"
-            name, outside = statement.counter.name, self._now.get(statement.counter.name)
-            self._now[name] = f"{name}_i"  # not the name of a local variable, which a block beside may declare
-            out = [f"{pad}for {name}_i in {span} loop", *self.block(statement.body, depth + 1), f"{pad}end for;"]
-            self._now.pop(name)
-            if outside is not None:
-                self._now[name] = outside
-            return out
-        assert isinstance(statement, Branch)
+        if not isinstance(statement, LoopStatement):
+            return super().lines(statement, depth)
+        name, outside = statement.counter.name, self._now.get(statement.counter.name)
+        self._now[name] = f"{name}_i"  # not the name of a local variable, which a block beside may declare
+        out = super().lines(statement, depth)
+        self._now.pop(name)
+        if outside is not None:
+            self._now[name] = outside
+        return out
+
+    def branch(self, statement: Branch, depth: int) -> list[str]:
         self._branches += 1
-        out = [*wrapped(f"{pad}if {self.text(statement.condition)} then"), *self.block(statement.then, depth + 1)]
-        out += [f"{pad}else", *self.block(statement.other, depth + 1)] if statement.other else []
+        out = super().branch(statement, depth)
         self._branches -= 1
-        return [*out, f"{pad}end if;"]
+        return out
 
 
 def spelled(name: str) -> str:
@@ -141,13 +121,6 @@ def spelled(name: str) -> str:
     ('force', 'flow_')
     """
     return f"{name}_" if name in WORDS else name
-
-
-def wrapped(line: str) -> list[str]:
-    """A long line broken at spaces."""
-    start = " " * (len(line) - len(line.lstrip()))
-    return textwrap.wrap(line.strip(), 110, initial_indent=start, subsequent_indent=start + "    ",
-                         break_long_words=False, break_on_hyphens=False)
 
 
 def literal(value: np.ndarray) -> str:

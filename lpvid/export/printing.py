@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import textwrap
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from lpvid.export.expression import (
+    Array,
     ArrayElement,
     ByPrecision,
     Call,
@@ -21,7 +23,17 @@ from lpvid.export.expression import (
     Select,
     Symbol,
 )
-from lpvid.export.step_program import Statement
+from lpvid.export.step_program import (
+    Assign,
+    AssignIndex,
+    Branch,
+    Declare,
+    DeclareArray,
+    DeclareIndex,
+    LoopStatement,
+    Remark,
+    Statement,
+)
 
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "+": 5, "-": 5, "*": 6, "/": 6, "neg": 7, "not": 7}
 """Binding strength of the operators, weakest first; the three languages agree on these."""
@@ -34,31 +46,28 @@ class Printer(ABC):
     indent = "    "
     explicit = False
     """whether operators of different strength stand in parentheses beside each other (MISRA C:2012, rule 12.1)"""
+    first_index = 0
+    words: Mapping[str, str] = {}
+    """of "and", "or", "not", where the language has others"""
+    functions: Mapping[str, str] = {}
+    """names of functions that are not those of C"""
+    assign, end, remark = "{} = {}", ";", "{}"
+    when, otherwise, closed, loop_closed = "", "", "", ""
+    """a branch's lines, and the last one of a loop; empty where there is none"""
 
     # -- a language's own words --------------------------------------------------------------------------------------
     @abstractmethod
-    def number(self, value: float) -> str:
-        """A real constant."""
+    def place(self, home: str, name: str) -> str:
+        """A scalar or an array by its home and name.
 
-    @abstractmethod
-    def constant(self, value: ByPrecision) -> str:
-        """A constant by precision."""
+        Parameters
+        ----------
+        home, name : str
 
-    @abstractmethod
-    def scalar(self, symbol: Symbol) -> str:
-        """A scalar by its home and name."""
-
-    @abstractmethod
-    def element(self, element: ArrayElement) -> str:
-        """An entry of an array."""
-
-    @abstractmethod
-    def operator(self, operator: str) -> str:
-        """The word for "and", "or", "not"."""
-
-    @abstractmethod
-    def function(self, name: str, arguments: Sequence[str]) -> str:
-        """A call."""
+        Returns
+        -------
+        str
+        """
 
     @abstractmethod
     def choice(self, condition: str, then: str, other: str) -> str:
@@ -73,12 +82,171 @@ class Printer(ABC):
         """An index as a real number."""
 
     @abstractmethod
+    def zeros(self, array: Array) -> str:
+        """The statement that declares an array.
+
+        Parameters
+        ----------
+        array : Array
+
+        Returns
+        -------
+        str
+        """
+
+    @abstractmethod
+    def loop(self, counter: str, first: int, last: int, down: bool) -> str:
+        """The first line of a loop over counter = first … last − 1, or down from there.
+
+        Parameters
+        ----------
+        counter : str
+        first, last : int
+        down : bool
+
+        Returns
+        -------
+        str
+        """
+
+    # -- alike in most languages -------------------------------------------------------------------------------------
+    def number(self, value: float) -> str:
+        """A real constant."""
+        return repr(float(value))
+
+    def constant(self, value: ByPrecision) -> str:
+        """A constant by precision."""
+        return self.number(value.double)
+
+    def element(self, element: ArrayElement) -> str:
+        """An entry of an array.
+
+        Parameters
+        ----------
+        element : ArrayElement
+
+        Returns
+        -------
+        str
+        """
+        places = ", ".join(self.index(i + self.first_index) for i in element.index)
+        return f"{self.place(element.array.home, element.array.name)}({places})"
+
+    def function(self, name: str, arguments: Sequence[str]) -> str:
+        """A call."""
+        return f"{self.functions.get(name, name)}({', '.join(arguments)})"
+
+    def declare(self, name: str, value: str) -> str:
+        """The statement that declares a local scalar with its first value.
+
+        Parameters
+        ----------
+        name, value : str
+
+        Returns
+        -------
+        str
+        """
+        return self.assign.format(name, value)
+
+    def declare_index(self, name: str, value: str) -> str:
+        """The statement that declares an index with its first value.
+
+        Parameters
+        ----------
+        name, value : str
+
+        Returns
+        -------
+        str
+        """
+        return self.assign.format(name, value)
+
+    def broken(self, line: str) -> list[str]:
+        """A line as the language wants long ones.
+
+        Parameters
+        ----------
+        line : str
+
+        Returns
+        -------
+        list of str
+        """
+        return [line]
+
     def lines(self, statement: Statement, depth: int) -> list[str]:
-        """Lines of one statement; `block` prints those inside."""
+        """Lines of one statement; `block` prints those inside.
+
+        Parameters
+        ----------
+        statement : Statement
+        depth : int
+            Of indentation.
+
+        Returns
+        -------
+        list of str
+        """
+        pad = self.indent * depth
+        if isinstance(statement, LoopStatement):
+            head = self.loop(statement.counter.name, statement.first, statement.last, statement.down)
+            return [pad + head, *self.block(statement.body, depth + 1), *self._last(pad, self.loop_closed)]
+        if isinstance(statement, Branch):
+            return self.branch(statement, depth)
+        if isinstance(statement, Remark):
+            return [pad + self.remark.format(statement.text)]
+        if isinstance(statement, Declare):
+            text = self.declare(statement.symbol.name, self.text(statement.value))
+        elif isinstance(statement, DeclareArray):
+            text = self.zeros(statement.array)
+        elif isinstance(statement, DeclareIndex):
+            text = self.declare_index(statement.counter.name, self.index(statement.value))
+        elif isinstance(statement, AssignIndex):
+            text = self.assign.format(self.index(statement.counter), self.index(statement.value))
+        else:
+            assert isinstance(statement, Assign)
+            text = self.assign.format(self.text(statement.target), self.text(statement.value))
+        return self.broken(f"{pad}{text}{self.end}")
+
+    def branch(self, statement: Branch, depth: int) -> list[str]:
+        """Lines of a branch.
+
+        Parameters
+        ----------
+        statement : Branch
+        depth : int
+            Of indentation.
+
+        Returns
+        -------
+        list of str
+        """
+        pad = self.indent * depth
+        out = [*self.broken(pad + self.when.format(self.text(statement.condition))),
+               *self.block(statement.then, depth + 1)]
+        if statement.other:
+            out += [pad + self.otherwise, *self.block(statement.other, depth + 1)]
+        return [*out, *self._last(pad, self.closed)]
+
+    @staticmethod
+    def _last(pad: str, word: str) -> list[str]:
+        return [pad + word] if word else []
 
     # -- settled here ------------------------------------------------------------------------------------------------
     def block(self, body: Sequence[Statement], depth: int) -> list[str]:
-        """Lines of statements."""
+        """Lines of statements.
+
+        Parameters
+        ----------
+        body : sequence of Statement
+        depth : int
+            Of indentation.
+
+        Returns
+        -------
+        list of str
+        """
         return [line for statement in body for line in self.lines(statement, depth)]
 
     def text(self, expr: Expr) -> str:
@@ -102,7 +270,7 @@ class Printer(ABC):
         if isinstance(expr, ByPrecision):
             return self.constant(expr), ATOM
         if isinstance(expr, Symbol):
-            return self.scalar(expr), ATOM
+            return self.place(expr.home, expr.name), ATOM
         if isinstance(expr, ArrayElement):
             return self.element(expr), ATOM
         if isinstance(expr, Call):
@@ -118,11 +286,11 @@ class Printer(ABC):
         level = LEVELS[expr.operator]
         if expr.operator in ("neg", "not"):
             inner, bound = self._text(expr.operands[0])
-            word = "-" if expr.operator == "neg" else self.operator("not")
+            word = "-" if expr.operator == "neg" else self.words.get("not", "not ")
             return f"{word}{inner if bound > level else f'({inner})'}", level
         (left, a), (right, b) = (self._text(o) for o in expr.operands)
         logical = expr.operator in ("and", "or")
-        word = self.operator(expr.operator) if logical else expr.operator
+        word = self.words.get(expr.operator, expr.operator)
         bare = ("neg", "not")
         if logical or self.explicit:
             alike = not logical and _operator(expr.operands[0]) in (_PEERS.get(expr.operator, ()) + bare)
@@ -132,6 +300,13 @@ class Printer(ABC):
             left = left if a >= level else f"({left})"
             right = right if b > level else f"({right})"
         return f"{left} {word} {right}", level
+
+
+def wrapped(line: str) -> list[str]:
+    """A long line broken at spaces."""
+    start = " " * (len(line) - len(line.lstrip()))
+    return textwrap.wrap(line.strip(), 110, initial_indent=start, subsequent_indent=start + "    ",
+                         break_long_words=False, break_on_hyphens=False)
 
 
 _PEERS = {"+": ("+", "-"), "-": ("+", "-"), "*": ("*", "/"), "/": ("*", "/")}

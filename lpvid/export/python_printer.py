@@ -7,20 +7,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lpvid.export.expression import ArrayElement, ByPrecision, Symbol
+from lpvid.export.expression import Array, ArrayElement
 from lpvid.export.printing import Printer
-from lpvid.export.step_program import (
-    Assign,
-    AssignIndex,
-    Branch,
-    Declare,
-    DeclareArray,
-    DeclareIndex,
-    LoopStatement,
-    Remark,
-    Statement,
-    StepProgram,
-)
+from lpvid.export.step_program import Statement, StepProgram
 
 Step = Callable[[dict, dict, dict, dict], None]
 """(parameters, states, inputs, outputs), by name; states and outputs are changed in place."""
@@ -32,25 +21,14 @@ HOMES = {"input": "u", "output": "y", "state": "s", "parameter": "p"}
 class PythonPrinter(Printer):
     """Python on plain floats and numpy arrays."""
 
-    def number(self, value: float) -> str:
-        return repr(float(value))
+    end, remark, when, otherwise = "", "# {}", "if {}:", "else:"
 
-    def constant(self, value: ByPrecision) -> str:
-        return self.number(value.double)
-
-    def scalar(self, symbol: Symbol) -> str:
-        return symbol.name if symbol.home == "local" else f"{HOMES[symbol.home]}[{symbol.name!r}]"
+    def place(self, home: str, name: str) -> str:
+        return name if home == "local" else f"{HOMES[home]}[{name!r}]"
 
     def element(self, element: ArrayElement) -> str:
-        array = element.array
-        name = array.name if array.home == "local" else f"{HOMES[array.home]}[{array.name!r}]"
-        return f"{name}[{', '.join(self.index(i) for i in element.index)}]"
-
-    def operator(self, operator: str) -> str:
-        return "not " if operator == "not" else operator
-
-    def function(self, name: str, arguments: Sequence[str]) -> str:
-        return f"{name}({', '.join(arguments)})"
+        places = ", ".join(map(self.index, element.index))
+        return f"{self.place(element.array.home, element.array.name)}[{places}]"
 
     def choice(self, condition: str, then: str, other: str) -> str:
         return f"(({then}) if {condition} else ({other}))"
@@ -61,28 +39,14 @@ class PythonPrinter(Printer):
     def real(self, index: str) -> str:
         return f"float({index})"
 
-    def lines(self, statement: Statement, depth: int) -> list[str]:
-        pad = self.indent * depth
-        if isinstance(statement, Declare):
-            return [f"{pad}{statement.symbol.name} = {self.text(statement.value)}"]
-        if isinstance(statement, DeclareArray):
-            return [f"{pad}{statement.array.name} = zeros({statement.array.shape})"]
-        if isinstance(statement, (DeclareIndex, AssignIndex)):
-            return [f"{pad}{statement.counter.name} = {self.index(statement.value)}"]
-        if isinstance(statement, Assign):
-            target = statement.target
-            place = self.scalar(target) if isinstance(target, Symbol) else self.element(target)
-            return [f"{pad}{place} = {self.text(statement.value)}"]
-        if isinstance(statement, Remark):
-            return [f"{pad}# {statement.text}"]
-        if isinstance(statement, LoopStatement):
-            first, last = statement.first, statement.last
-            span = f"{last - 1}, {first - 1}, -1" if statement.down else f"{first}, {last}"
-            return [f"{pad}for {statement.counter.name} in range({span}):", *self.block(statement.body, depth + 1)]
-        assert isinstance(statement, Branch)
-        inner = self.block(statement.then, depth + 1)
-        out = [f"{pad}if {self.text(statement.condition)}:", *(inner or [f"{pad}{self.indent}pass"])]
-        return out + ([f"{pad}else:", *self.block(statement.other, depth + 1)] if statement.other else [])
+    def zeros(self, array: Array) -> str:
+        return f"{array.name} = zeros({array.shape})"
+
+    def loop(self, counter: str, first: int, last: int, down: bool) -> str:
+        return f"for {counter} in range({f'{last - 1}, {first - 1}, -1' if down else f'{first}, {last}'}):"
+
+    def block(self, body: Sequence[Statement], depth: int) -> list[str]:
+        return super().block(body, depth) or [f"{self.indent * depth}pass"]
 
 
 def python_source(program: StepProgram) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,18 +46,9 @@ class ARMAX(PredictionError):
 
     nc: int = 2
     varying_noise: bool = False
-
-    @property
-    def kind(self) -> str:
-        return "armax"
-
-    @property
-    def _orders(self) -> tuple[str, ...]:
-        return ("nc", "varying_noise")
-
-    @property
-    def coloured(self) -> bool:
-        return False
+    kind: ClassVar[str] = "armax"
+    _orders: ClassVar[tuple[str, ...]] = ("nc", "varying_noise")
+    coloured: ClassVar[bool] = False
 
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("armax", np.zeros((self.nc, n_outputs, n_functions if self.varying_noise else 1)))

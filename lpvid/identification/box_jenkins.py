@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,18 +46,9 @@ class BoxJenkins(PredictionError):
 
     nc: int = 2
     nd: int = 2
-
-    @property
-    def kind(self) -> str:
-        return "bj"
-
-    @property
-    def _orders(self) -> tuple[str, ...]:
-        return ("nc", "nd")
-
-    @property
-    def coloured(self) -> bool:
-        return False
+    kind: ClassVar[str] = "bj"
+    _orders: ClassVar[tuple[str, ...]] = ("nc", "nd")
+    coloured: ClassVar[bool] = False
 
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("box-jenkins", np.zeros((self.nc, n_outputs, 1)), np.zeros((self.nd, n_outputs)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import Start, output_starts
@@ -46,17 +47,9 @@ class OutputError(PredictionError):
     array([0.8])
     """
 
-    @property
-    def kind(self) -> str:
-        return "oe"
-
-    @property
-    def _orders(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def coloured(self) -> bool:
-        return True
+    kind: ClassVar[str] = "oe"
+    _orders: ClassVar[tuple[str, ...]] = ()
+    coloured: ClassVar[bool] = True
 
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("output")

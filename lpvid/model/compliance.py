@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -120,6 +121,8 @@ class ComplianceModel(Coded, SelfScheduled):
     substeps: int = 4
     noise_variance: float = 0.0
     metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
+    memory: ClassVar[int] = 1
+    noise: ClassVar[NoiseModel] = NoiseModel("equation")
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -146,14 +149,6 @@ class ComplianceModel(Coded, SelfScheduled):
     @property
     def start(self) -> int:
         return max(self.direct.size, HEAD if len(self.elements) > 1 else 1)
-
-    @property
-    def memory(self) -> int:
-        return 1
-
-    @property
-    def noise(self) -> NoiseModel:
-        return NoiseModel("equation")
 
     @property
     def zero(self) -> int:

@@ -12,8 +12,8 @@ import numpy as np
 from lpvid import _checks
 from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
-from lpvid.model.signals import Signal
-from lpvid.model.transfer_function import _as_signals, _point
+from lpvid.model.signals import Signal, as_signals
+from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Scheduling
 
 if TYPE_CHECKING:
@@ -105,8 +105,8 @@ class LFTModel(Coded):
         if min(matrix.shape) < inner:
             raise InputError("the matrix of an LFT is too small", got=f"shape {matrix.shape}",
                              why=f"{self.order} states and {self.width} repeated parameters need more")
-        set_(self, "inputs", _as_signals(self.inputs, "u", matrix.shape[1] - inner))
-        set_(self, "outputs", _as_signals(self.outputs, "y", matrix.shape[0] - inner))
+        set_(self, "inputs", as_signals(self.inputs, "u", matrix.shape[1] - inner))
+        set_(self, "outputs", as_signals(self.outputs, "y", matrix.shape[0] - inner))
         if (len(self.outputs), len(self.inputs)) != (matrix.shape[0] - inner, matrix.shape[1] - inner):
             raise InputError("signals do not match the matrix of an LFT",
                              got=f"{len(self.outputs)} outputs and {len(self.inputs)} inputs for shape {matrix.shape}")

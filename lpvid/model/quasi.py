@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -184,6 +185,7 @@ class QuasiLPVModel(Coded, SelfScheduled):
     scheduling_stage: SchedulingStage | None = None
     noise_variance: float = 0.0
     metadata: Mapping = field(default_factory=dict, metadata=VERBATIM)
+    noise: ClassVar[NoiseModel] = NoiseModel("equation")
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -212,10 +214,6 @@ class QuasiLPVModel(Coded, SelfScheduled):
     @property
     def memory(self) -> int:
         return max(self.na, 1)
-
-    @property
-    def noise(self) -> NoiseModel:
-        return NoiseModel("equation")
 
     @property
     def vector(self) -> np.ndarray:

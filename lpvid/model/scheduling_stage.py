@@ -55,11 +55,6 @@ class SchedulingStage(Coded, ABC):
     def scales(self) -> np.ndarray:
         """(k,) search step of each parameter."""
 
-    @property
-    @abstractmethod
-    def n_states(self) -> int:
-        """States that the filter adds to a realisation."""
-
     @abstractmethod
     def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
         """Fastest |dp/dt| [units per second] at the filter's output when its input moves at will in a range of `width`.
@@ -147,10 +142,6 @@ class SchedulingLag(SchedulingStage):
 
     def scales(self) -> np.ndarray:
         return np.maximum(0.7 * self.vector, 1e-9)
-
-    @property
-    def n_states(self) -> int:
-        return 1
 
     def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
         """(1 − exp(−T_s/τ))·width per sample, with the smaller time constant: one step of the lag's recursion."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lpvid.codec import Coded
@@ -27,3 +28,23 @@ class Signal(Coded):
 def signals(names: tuple[str, ...] | list[str], prefix: str, count: int) -> tuple[Signal, ...]:
     """Signals from names, or numbered ones where none were given."""
     return tuple(Signal(n) for n in names) if names else tuple(Signal(f"{prefix}{i + 1}") for i in range(count))
+
+
+def as_signals(given: Sequence, prefix: str, count: int) -> tuple[Signal, ...]:
+    """Signals from signals or names, one or several; numbered ones where none were given.
+
+    Parameters
+    ----------
+    given : Signal, str, or sequence of them
+        Empty where none were given.
+    prefix : str
+        Of numbered ones.
+    count : int
+        How many numbered ones.
+
+    Returns
+    -------
+    tuple of Signal
+    """
+    listed = (given,) if isinstance(given, (str, Signal)) else tuple(given)
+    return tuple(s if isinstance(s, Signal) else Signal(str(s)) for s in listed) or signals((), prefix, count)

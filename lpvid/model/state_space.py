@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid._shown import Shown
-from lpvid.codec import VERBATIM, Coded
-from lpvid.errors import InputError
-from lpvid.model.conversion import Convertible
+from lpvid.codec import VERBATIM
 from lpvid.model.input_stage import InputStage
+from lpvid.model.lpv_model import LPVModel
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
-from lpvid.model.transfer_function import _as_signals, _point
+from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Basis, Scheduling
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False)
-class LPVStateSpace(Coded, Convertible, Shown):
+class LPVStateSpace(LPVModel):
     """State-space LPV model, discrete (``sample_time`` set) or continuous (None).
 
     ::
@@ -102,24 +96,11 @@ class LPVStateSpace(Coded, Convertible, Shown):
         arrays["output_offset"] = (_checks.frozen_array(offset_g, "output_offset"), (m, ny))
         if self.observer_gain is not None:
             arrays["observer_gain"] = (_checks.frozen_array(self.observer_gain, "observer_gain"), (m, n, ny))
-        noise = np.zeros((ny, ny)) if self.noise_covariance is None else self.noise_covariance
-        arrays["noise_covariance"] = (_checks.frozen_array(noise, "noise_covariance"), (ny, ny))
         for name, (array, shape) in arrays.items():
             set_(self, name, _checks.finite(_checks.shaped(array, shape, name), name))
         if self.sample_time is not None:
             set_(self, "sample_time", _checks.positive(self.sample_time, "sample_time", "s"))
-        names = self.basis.names
-        box = self.scheduling or Scheduling(names, (-1.0,) * len(names), (1.0,) * len(names))
-        if tuple(box.names) != tuple(names):
-            raise InputError("the basis and the scheduling name different variables", got=f"{names} and {box.names}")
-        set_(self, "scheduling", box)
-        set_(self, "outputs", _as_signals(self.outputs, "y", ny))
-        set_(self, "inputs", _as_signals(self.inputs, "u", nu if self.input_stage is None else 1))
-        if len(self.outputs) != ny or len(self.filter_inputs) != nu:
-            raise InputError("signals do not match the matrices",
-                             got=f"{len(self.outputs)} outputs and {len(self.filter_inputs)} filter inputs "
-                                 f"for D of shape {d.shape}")
-        set_(self, "metadata", dict(self.metadata))
+        self._settle(ny, nu, f"D of shape {d.shape}")
 
     @property
     def order(self) -> int:
@@ -140,17 +121,6 @@ class LPVStateSpace(Coded, Convertible, Shown):
     def is_discrete(self) -> bool:
         """True for a discrete-time model."""
         return self.sample_time is not None
-
-    @property
-    def filter_inputs(self) -> tuple[Signal, ...]:
-        """Inputs of the linear part."""
-        return self.inputs if self.input_stage is None else self.input_stage.signals(self.inputs)
-
-    @property
-    def box(self) -> Scheduling:
-        """The scheduling variables' names, box and rate bounds."""
-        assert self.scheduling is not None
-        return self.scheduling
 
     @property
     def start(self) -> int:
@@ -175,64 +145,9 @@ class LPVStateSpace(Coded, Convertible, Shown):
         return a, b, c, d
 
     def companion(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(n, n) state matrix whose eigenvalues are the frozen poles.
-
-        Parameters
-        ----------
-        p : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        (n, n) array
-            A.
-        """
         return self.frozen(p)[0]
 
-    def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(n,) poles with the scheduling frozen at `p`.
-
-        Parameters
-        ----------
-        p : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        (n,) array
-            Of the z plane; [1/s] in continuous time.
-        """
-        return np.linalg.eigvals(self.companion(p)) if self.order else np.empty(0)
-
-    def replace(self, **changes) -> LPVStateSpace:
-        """A copy with some fields changed.
-
-        Parameters
-        ----------
-        **changes
-            New values by field.
-
-        Returns
-        -------
-        LPVStateSpace
-            A copy.
-        """
-        return replace(self, **changes)
-
     def forcing(self, reach: float, state: float = 0.0) -> float:
-        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
-
-        Parameters
-        ----------
-        reach : float
-            Largest modulus of an input.
-        state : float
-            Sum of the moduli of a state that is given.
-
-        Returns
-        -------
-        float
-        """
         assert self.state_offset is not None and self.output_offset is not None
         moved = reach * np.abs(self.B).sum() + np.abs(self.state_offset).sum() + state
         return float(reach * np.abs(self.D).sum() + np.abs(self.output_offset).sum() + moved * np.abs(self.C).sum())

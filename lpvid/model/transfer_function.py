@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid._shown import Shown
-from lpvid.codec import ADDED, VERBATIM, Coded
-from lpvid.errors import InputError
-from lpvid.model.conversion import Convertible
+from lpvid.codec import ADDED, VERBATIM
 from lpvid.model.input_stage import InputStage
+from lpvid.model.lpv_model import LPVModel
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage
-from lpvid.model.signals import Signal, signals
+from lpvid.model.signals import Signal
 from lpvid.scheduling import Basis, Scheduling
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False)
-class LPVTransferFunction(Coded, Convertible, Shown):
+class LPVTransferFunction(LPVModel):
     r"""Discrete LPV input-output model with coefficients linear in a basis of the scheduling variables.
 
     ::
@@ -106,25 +100,7 @@ class LPVTransferFunction(Coded, Convertible, Shown):
         set_(self, "b", _checks.shaped(b, (None, ny, nu, m), "b"))
         set_(self, "c", _checks.finite(_checks.shaped(_checks.frozen_array(c, "c"), (None, ny, m), "c"), "c"))
         set_(self, "sample_time", _checks.positive(self.sample_time, "sample_time", "s"))
-        box = self.scheduling
-        if box is None:
-            names = self.basis.names
-            box = Scheduling(names, (-1.0,) * len(names), (1.0,) * len(names))
-        if tuple(box.names) != tuple(self.basis.names):
-            raise InputError("the basis and the scheduling name different variables",
-                             got=f"{self.basis.names} and {box.names}")
-        set_(self, "scheduling", box)
-        set_(self, "outputs", _as_signals(self.outputs, "y", ny))
-        count = nu if self.input_stage is None else max(len(self.inputs), 1)
-        set_(self, "inputs", _as_signals(self.inputs, "u", count))
-        width = len(self.filter_inputs)
-        if len(self.outputs) != ny or width != nu:
-            raise InputError("signals do not match the coefficients",
-                             got=f"{len(self.outputs)} outputs and {width} filter inputs for b of shape {b.shape}")
-        noise = np.zeros((ny, ny)) if self.noise_covariance is None else self.noise_covariance
-        noise = _checks.shaped(_checks.frozen_array(noise, "noise_covariance"), (ny, ny), "noise_covariance")
-        set_(self, "noise_covariance", _checks.finite(noise, "noise_covariance"))
-        set_(self, "metadata", dict(self.metadata))
+        self._settle(ny, nu, f"b of shape {b.shape}")
         self.noise.check(ny, m)
 
     @classmethod
@@ -190,17 +166,6 @@ class LPVTransferFunction(Coded, Convertible, Shown):
         reach = self.basis.lags[1]
         return max([0, *back]) + (max(reach, 0))
 
-    @property
-    def filter_inputs(self) -> tuple[Signal, ...]:
-        """Inputs of the linear part."""
-        return self.inputs if self.input_stage is None else self.input_stage.signals(self.inputs)
-
-    @property
-    def box(self) -> Scheduling:
-        """The scheduling variables' names, box and rate bounds."""
-        assert self.scheduling is not None
-        return self.scheduling
-
     # -- frozen behaviour ----------------------------------------------------------------------------------------
     def coefficients(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coefficients with the scheduling frozen at `p` of shape (n_scheduling,).
@@ -221,66 +186,9 @@ class LPVTransferFunction(Coded, Convertible, Shown):
         return self.a @ phi, self.b @ phi, self.c @ phi
 
     def companion(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(na·ny, na·ny) block companion matrix whose eigenvalues are the frozen poles.
-
-        Parameters
-        ----------
-        p : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        (na·ny, na·ny) array
-            In observer form.
-        """
-        a, _, _ = self.coefficients(p)
-        return block_companion(a)
-
-    def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(na·ny,) poles with the scheduling frozen at `p`.
-
-        Parameters
-        ----------
-        p : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        (na·ny,) array
-            Of the z plane.
-        """
-        return np.linalg.eigvals(self.companion(p)) if self.na else np.empty(0)
-
-    # -- deriving -----------------------------------------------------------------------------------------------
-    def replace(self, **changes) -> LPVTransferFunction:
-        """A copy with some fields changed.
-
-        Parameters
-        ----------
-        **changes
-            New values by field.
-
-        Returns
-        -------
-        LPVTransferFunction
-            A copy.
-        """
-        return replace(self, **changes)
+        return block_companion(self.coefficients(p)[0])
 
     def forcing(self, reach: float, state: float = 0.0) -> float:
-        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
-
-        Parameters
-        ----------
-        reach : float
-            Largest modulus of an input.
-        state : float
-            Sum of the moduli of a state that is given.
-
-        Returns
-        -------
-        float
-        """
         assert self.c is not None
         return float(reach * np.abs(self.b).sum() + np.abs(self.c).sum())
 
@@ -300,13 +208,6 @@ class LPVTransferFunction(Coded, Convertible, Shown):
                 f"basis {{{', '.join(self.basis.labels)}}}, {1 / self.sample_time:.6g} Hz"
                 + (", coefficients at p(k-i)" if self.lagged else "")
                 + ("" if self.noise.kind == "equation" else f", {self.noise.kind} noise"))
-
-
-def _as_signals(given: Sequence, prefix: str, count: int) -> tuple[Signal, ...]:
-    listed = (given,) if isinstance(given, (str, Signal)) else tuple(given)
-    if listed:
-        return tuple(s if isinstance(s, Signal) else Signal(str(s)) for s in listed)
-    return signals((), prefix, count)
 
 
 def _point(p: Sequence[float] | np.ndarray, box: Scheduling) -> np.ndarray:

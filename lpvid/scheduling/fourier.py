@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -48,6 +49,8 @@ class Fourier(Basis):
     harmonics: int = 1
     period: float = 2 * math.pi
     origin: float = 0.0
+    degree: ClassVar[None] = None
+    lags: ClassVar[tuple[int, int]] = (0, 0)
 
     def __post_init__(self) -> None:
         if len(_checks.names(self.name, "a Fourier basis")) > 1:
@@ -70,14 +73,6 @@ class Fourier(Basis):
         inner = self.name if plain else f"2pi*({self.name}-{self.origin:g})/{self.period:g}"
         terms = [(f"{k}*" if k > 1 else "") + inner for k in range(1, self.harmonics + 1)]
         return ("1", *(f"{f}({t})" for t in terms for f in ("cos", "sin")))
-
-    @property
-    def degree(self) -> None:  # type: ignore[override]
-        return None
-
-    @property
-    def lags(self) -> tuple[int, int]:
-        return (0, 0)
 
     def _angles(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         k = np.arange(1, self.harmonics + 1) * (2 * math.pi / self.period)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,6 +46,7 @@ class Polynomial(Basis):
     degree: int = 1  # type: ignore[assignment]
     centre: tuple[float, ...] = ()
     half_width: tuple[float, ...] = ()
+    lags: ClassVar[tuple[int, int]] = (0, 0)
 
     def __post_init__(self) -> None:
         names = _checks.names(self.names, "a polynomial basis") if self.names else ()
@@ -76,10 +78,6 @@ class Polynomial(Basis):
             return "*".join(parts) or "1"
 
         return tuple(label(row) for row in self.exponents)
-
-    @property
-    def lags(self) -> tuple[int, int]:
-        return (0, 0)
 
     def _normalised(self, p: np.ndarray) -> np.ndarray:
         return (np.asarray(p, dtype=float) - np.array(self.centre)) / np.array(self.half_width)

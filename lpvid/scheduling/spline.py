@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -44,6 +45,8 @@ class Spline(Basis):
     segments: int = 3
     order: int = 3
     knots: tuple[float, ...] = ()
+    degree: ClassVar[None] = None
+    lags: ClassVar[tuple[int, int]] = (0, 0)
 
     def __post_init__(self) -> None:
         _checks.count(self.segments, "segments of a spline", at_least=1)
@@ -70,14 +73,6 @@ class Spline(Basis):
     @property
     def labels(self) -> tuple[str, ...]:
         return tuple(f"B{i}({self.name})" for i in range(self.size))
-
-    @property
-    def degree(self) -> None:  # type: ignore[override]
-        return None
-
-    @property
-    def lags(self) -> tuple[int, int]:
-        return (0, 0)
 
     def _full_knots(self) -> np.ndarray:
         if not self.knots:

@@ -11,14 +11,174 @@ import numpy as np
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
 from lpvid.model.hull import outside_share
-from lpvid.record import Record
-from lpvid.simulation import Model
+from lpvid.model.quasi import SelfScheduled
+from lpvid.model.scheduling_stage import SchedulingStage, memory
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Channel, Record
+from lpvid.simulation import Model, predict, simulate
 from lpvid.training_fingerprint import SAMPLES, seen_records
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
-from lpvid.validation.lag_sums import LagSums
 from lpvid.validation.report import OTHER_LAGS, Validation
 from lpvid.validation.residuals import LAGS, ResidualTest, independence, whiteness
-from lpvid.validation.streamed_runs import StreamedRuns
+
+
+class StreamedRuns:
+    """Carries what the next piece needs: the last samples, the free run's last outputs, the filter's past.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        With equation or output noise, and a basis that does not read ahead.
+
+    Raises
+    ------
+    InputError
+        Another kind of model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        if not isinstance(model, LPVTransferFunction) or isinstance(model, SelfScheduled) or \
+                model.noise.kind not in ("equation", "output"):
+            raise InputError("a stream runs along transfer functions with equation or output noise",
+                             got=repr(model)[:60], mend="read the records whole: lpv.read(...)")
+        if model.basis.lags[0] < 0:
+            raise InputError("a stream cannot read the scheduling ahead of time", mend="read the records whole")
+        self.stage = model.scheduling_stage
+        self.model = model if self.stage is None else model.replace(scheduling_stage=None)
+        assert model.sample_time is not None
+        self.reach = 0 if self.stage is None else memory(self.stage, model.sample_time)
+        self.channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names)))
+        self.cut()
+
+    def cut(self) -> None:
+        """What comes next does not continue what came before."""
+        self.tail: Record | None = None
+        self.past = np.zeros((0, self.model.n_outputs))
+        self.raw = np.zeros((0, len(self.model.box.names)))
+        self.diverged = False
+
+    def run(self, piece: Record) -> tuple[np.ndarray, np.ndarray, int, int | None] | None:
+        """The next piece of a record.
+
+        Returns
+        -------
+        (free, one_step, first, diverged_at) or None
+            Outputs of the samples from `first` of the piece on; None while the piece is too short to begin with.
+        """
+        piece = self._filtered(piece)
+        start = self.model.start
+        whole = piece if self.tail is None else _joined(self.tail, piece, self.channels)
+        if whole.n_samples <= start:
+            self.tail = whole
+            return None
+        fresh = self.past.shape[0] == 0 and not self.diverged
+        first = max(start - (whole.n_samples - piece.n_samples), 0)
+        step = predict(self.model, whole, 1)
+        if self.diverged:
+            free, at = np.full_like(step.output, np.nan), 0
+        else:
+            run = simulate(self.model, whole, "measured" if fresh or not start else self.past)
+            free, at = run.output, run.diverged_at
+            self.diverged = at is not None
+        if start:
+            self.past = np.array(free[-start:])
+            self.tail = whole.slice(whole.n_samples - start, whole.n_samples)
+        return free[start:], step.output[start:], first, None if at is None else max(at - start, 0)
+
+    def _filtered(self, piece: Record) -> Record:
+        """The piece with the scheduling as the coefficients see it."""
+        stage = self.stage
+        if not isinstance(stage, SchedulingStage):
+            return piece
+        names = list(self.model.box.names)
+        raw = np.vstack([self.raw, piece.matrix(names)])
+        assert self.model.sample_time is not None
+        p = stage.apply(raw, self.model.sample_time)[len(self.raw):]
+        self.raw = raw[max(len(raw) - self.reach, 0):]
+        channels = {n: Channel(piece[n], piece.unit(n)) for n in self.channels}
+        channels |= {n: Channel(p[:, k], piece.unit(n)) for k, n in enumerate(names)}
+        return replace(piece, channels=channels, time=None, roles={})
+
+
+def _joined(tail: Record, piece: Record, names: tuple[str, ...]) -> Record:
+    values = {n: Channel(np.concatenate([tail[n], piece[n]]), piece.unit(n)) for n in names}
+    return Record(values, sample_time=piece.sample_time, name=piece.name)
+
+
+BLOCK = 16_384
+"""Samples multiplied at once: two of them fit into a core's cache."""
+
+
+class LagSums:
+    """Σ_j (x(j+k) − x̄)(y(j) − ȳ) for k = 0 … lags, record by record, each about its own means.
+
+    With S_k = Σ_j x(j+k) y(j) over a record of n samples, the centred sum is S_k − x̄ Σ_{j<n−k} y(j) − ȳ Σ_{j≥k} x(j)
+    + (n − k) x̄ ȳ: the first and last `lags` samples are kept. Both signals are taken from their first piece's means,
+    which keeps the differences free of cancellation.
+
+    Parameters
+    ----------
+    lags : int
+    shortest : int
+        Records of no more samples count for nothing.
+
+    Examples
+    --------
+    >>> sums = LagSums(1, 0)
+    >>> for part in ([1.0, 2.0], [4.0, 1.0]):
+    ...     sums.add(np.array(part), np.array(part))
+    >>> sums.close(), sums.total
+    (True, array([ 6., -2.]))
+    """
+
+    def __init__(self, lags: int, shortest: int) -> None:
+        self.lags, self.shortest = lags, shortest
+        self.total, self.n = np.zeros(lags + 1), 0
+        self._clear()
+
+    def _clear(self) -> None:
+        self.count, self.sums = 0, np.zeros(self.lags + 1)
+        self.pivot = (0.0, 0.0)
+        self.x_sum = self.y_sum = 0.0
+        self.head, self.tail_y = np.zeros(0), np.zeros(0)
+
+    def add(self, x: np.ndarray, y: np.ndarray) -> None:
+        """The next samples of a record."""
+        if not x.size:
+            return
+        if not self.count:
+            self.pivot = (float(x.mean()), float(y.mean()))
+        for first in range(0, x.size, BLOCK):
+            part = slice(first, first + BLOCK)
+            self._block(x[part] - self.pivot[0], y[part] - self.pivot[1])
+
+    def _block(self, x: np.ndarray, y: np.ndarray) -> None:
+        past = np.concatenate([self.tail_y, y])
+        before = self.tail_y.size
+        for k in range(self.lags + 1):
+            reach = min(k, before)  # x(j) meets y(j − k), the first `k − reach` of which stand before the record
+            skip = k - reach
+            self.sums[k] += x[skip:] @ past[before - reach: past.size - k] if x.size > skip else 0.0
+        if self.head.size < self.lags:
+            self.head = np.concatenate([self.head, x[: self.lags - self.head.size]])
+        self.tail_y = past[max(past.size - self.lags, 0):] if self.lags else past[:0]
+        self.x_sum, self.y_sum = self.x_sum + float(x.sum()), self.y_sum + float(y.sum())
+        self.count += x.size
+
+    def close(self) -> bool:
+        """The end of a record; whether it was long enough to count."""
+        n = self.count
+        long = n > self.shortest
+        if long:
+            k = np.arange(self.lags + 1)
+            first = np.concatenate([[0.0], np.cumsum(self.head)])[np.minimum(k, self.head.size)]
+            last = np.concatenate([[0.0], np.cumsum(self.tail_y[::-1])])[np.minimum(k, self.tail_y.size)]
+            mx, my = self.x_sum / n, self.y_sum / n
+            centred = self.sums - mx * (self.y_sum - last) - my * (self.x_sum - first) + (n - k) * mx * my
+            self.total += np.where(k < n, centred, 0.0)
+            self.n += n
+        self._clear()
+        return long
 
 
 @dataclass

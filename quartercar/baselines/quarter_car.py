@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -69,6 +70,7 @@ class QuarterCarBaseline(Coded, Baseline):
     name: str = field(default="quarter-car", init=False)
     output_unit: str = field(default="m", init=False)
     static: bool = field(default=False, init=False)
+    start: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         checks.one_of(self.output, OUTPUTS, "output")
@@ -80,10 +82,6 @@ class QuarterCarBaseline(Coded, Baseline):
     @property
     def channels(self) -> tuple[str, ...]:
         return ROLES if self.actuated else ROLES[:3]
-
-    @property
-    def start(self) -> int:
-        return 1
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

@@ -196,18 +196,30 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
         piece = resample(raw, rate) if rate else raw
         integrated = not piece.has("displacement")
         if integrated:
-            piece = piece.with_channel("displacement", _integral(piece["velocity"], float(piece.sample_time or 1)), "m")
+            piece = piece.with_channel("displacement", integral(piece["velocity"], float(piece.sample_time or 1)), "m")
         (piece,), stated = with_motion([piece])
         notes = (*notes, *stated)
         found.append((piece, raw, specimen, integrated))
     return found, (*notes, *(w.replace("all records ", "") for w in why))
 
 
-def _integral(velocity: np.ndarray, period: float) -> np.ndarray:
+def integral(velocity: np.ndarray, period: float) -> np.ndarray:
     """Trapezoidal integral from 0.
 
     A zero error of the sensor becomes a drift, which cycles are fitted with; the mean is no measure of it where the
     record does not hold whole cycles.
+
+    Parameters
+    ----------
+    velocity : (n,) array
+        [m/s]
+    period : float
+        [s]
+
+    Returns
+    -------
+    (n,) array
+        [m]
     """
     return np.concatenate([[0.0], np.cumsum(0.5 * period * (velocity[1:] + velocity[:-1]))])
 

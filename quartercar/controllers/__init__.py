@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+import lazy_loader
 
 from lpvid.named_classes import NamedClasses
 
@@ -34,17 +35,16 @@ LAWS: tuple[tuple[str, str, str], ...] = (
 """Every law by its name on the command line: name, module, class. A new law adds its line here."""
 
 _EXPORTS = {
-    "quartercar.controllers.contract": ("Controller", "Law", "Setting"),
-    "quartercar.controllers.designed.schedule_rules": ("Excess", "GivenShare", "Measured", "Rule", "SaturationRatio",
-                                                       "Yield"),
-    **{module: (cls,) for _, module, cls in LAWS},
+    "contract": ("Controller", "Law", "Setting"),
+    "designed.schedule_rules": ("Excess", "GivenShare", "Measured", "Rule", "SaturationRatio", "Yield"),
+    **{module.removeprefix(f"{__name__}."): (cls,) for _, module, cls in LAWS},
 }
-_HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 CONTROLLERS = NamedClasses("control law", "quartercar.controllers", LAWS, "quartercar.controllers.contract:Controller")
 """`LAWS`, those of other packages (entry-point group ``quartercar.controllers``), and those that `register` adds."""
 
-__all__ = ["CONTROLLERS", "LAWS", "law_class", "law_names", "register", *sorted(_HOME)]
+__getattr__, __dir__, _exported = lazy_loader.attach(__name__, submod_attrs=_EXPORTS)
+__all__ = ["CONTROLLERS", "LAWS", "law_class", "law_names", "register", *_exported]  # pyright: ignore
 
 
 def law_class(name: str) -> type[Controller]:
@@ -85,15 +85,3 @@ def register(cls: type[C]) -> type[C]:
         Methods that it lacks, or a name that is taken.
     """
     return CONTROLLERS.register(cls)
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        value = getattr(importlib.import_module(_HOME[name]), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'quartercar.controllers' has no attribute '{name}'")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)

@@ -10,19 +10,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from lpvid.codec import encode
 from lpvid.errors import InputError
-from lpvid.toolkit import checks
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import Parametrised
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.nonlinear import Coil
 
 if TYPE_CHECKING:
-    import control
 
     from lpvid.export.expression import Expr
     from lpvid.export.step_builder import StepBuilder
@@ -144,7 +141,7 @@ class Switching(Law):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Controller(ABC):
+class Controller(Parametrised):
     """A control law with named, bounded parameters.
 
     Attributes
@@ -153,35 +150,7 @@ class Controller(ABC):
         Parameters by name, SI; those left out take their defaults.
     """
 
-    name: ClassVar[str]
-    """in kebab case, as on the command line"""
-    title: ClassVar[str]
-    """as in a table"""
-    source: ClassVar[str]
-    """paper and equation"""
-
-    values: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.check_settings()
-        if not isinstance(self.values, Mapping):
-            raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
-        known = {p.name: p for p in self.parameters}
-        for name in self.values:
-            checks.known_name(name, list(known), f"parameter of {self.name}")
-        values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
-        object.__setattr__(self, "values", MappingProxyType(values))
-
     # -- what a law describes -----------------------------------------------------------------------------------
-    @abstractmethod
-    def check_settings(self) -> None:
-        """Refuse settings that make no law; called before the parameters are read."""
-
-    @property
-    @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Every number that a tuning may move, with unit, range and default."""
-
     @property
     @abstractmethod
     def reads(self) -> tuple[str, ...]:
@@ -247,63 +216,11 @@ class Controller(ABC):
         """
         return self.begin({n: np.full(setting.cars, v) for n, v in self.values.items()}, setting)
 
-    # -- parameters --------------------------------------------------------------------------------------------------
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Parameter names, in order."""
-        return tuple(p.name for p in self.parameters)
-
-    @property
-    def vector(self) -> np.ndarray:
-        """(P,) parameters."""
-        return np.array([self.values[n] for n in self.names])
-
-    def with_values(self, **values: float) -> Self:
-        """The same law with some parameters replaced.
-
-        Parameters
-        ----------
-        **values : float
-            New values by parameter name, SI.
-
-        Returns
-        -------
-        Controller
-            A copy.
-        """
-        return replace(self, values={**self.values, **values})
-
-    def with_vector(self, vector: np.ndarray) -> Self:
-        """The same law with other parameters.
-
-        Parameters
-        ----------
-        vector : (P,) array
-            Parameters in the order of `names`, SI.
-
-        Returns
-        -------
-        Controller
-            A copy.
-        """
-        return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
-
     # -- storing -----------------------------------------------------------------------------------------------------
     @property
     def settings(self) -> dict[str, Any]:
         """Fields beside the parameters (models, schedules)."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "values"}
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON, with units.
-
-        Returns
-        -------
-        dict
-            What `from_dict` reads.
-        """
-        return {"kind": self.name, "settings": encode(self.settings),
-                "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters]}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Self:
@@ -337,32 +254,6 @@ class Controller(ABC):
             Fields of the constructor.
         """
         return dict(data)
-
-    def to_control(self, sample_time: float | None = None) -> control.NonlinearIOSystem:
-        """This law as a discrete python-control system, from the signals that it reads to its demand.
-
-        Parameters
-        ----------
-        sample_time : float, optional
-            Period [s]; left out, 1 ms, or that which a designed controller was designed for.
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-
-        Raises
-        ------
-        InputError
-            A law that must know its car, or is to be designed first; another period than a designed one has.
-        """
-        from lpvid.export.control_file import to_control
-
-        return to_control(self, sample_time=sample_time)
-
-    def __repr__(self) -> str:
-        shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
-                          for p in self.parameters[:8])
-        return f"{type(self).__name__}({shown})"
 
 
 def start_together(controllers: Sequence[Controller], setting: Setting) -> Law:

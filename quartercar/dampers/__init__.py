@@ -6,53 +6,14 @@ import importlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import lazy_loader
+
 from lpvid.named_classes import NamedClasses
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
 
 D = TypeVar("D")
-
-_EXPORTS = {
-    "quartercar.dampers.evaluation.compared": ("Compared", "Comparison"),
-    "quartercar.dampers.evaluation.comparison": ("CompareSettings", "compare"),
-    "quartercar.dampers.contract": ("Damper", "ExtrapolationWarning", "Run"),
-    "quartercar.dampers.laws.bouc_wen": ("BoucWen",),
-    "quartercar.dampers.drive": ("Drive",),
-    "quartercar.dampers.evaluation.energy": ("Cycle", "steady_cycle"),
-    "quartercar.dampers.facts": ("Facts",),
-    "quartercar.dampers.fitting": ("DamperFit", "FitSettings", "fit"),
-    "quartercar.dampers.laws.guo": ("Guo", "Guo5", "Guo6", "Guo7", "Guo15"),
-    "quartercar.dampers.blackbox.identified": ("Identified",),
-    "quartercar.dampers.laws.kwok": ("Kwok",),
-    "quartercar.dampers.families": ("DynamicDamper", "LawDamper", "StaticDamper"),
-    "quartercar.dampers.laws.extended_bouc_wen": ("ExtendedBoucWen",),
-    "quartercar.dampers.laws.force_map": ("ForceMap",),
-    "quartercar.dampers.laws.linear": ("Linear",),
-    "quartercar.dampers.blackbox.compliance": ("Compliance", "QuasiLpv"),
-    "quartercar.dampers.loading": ("load_damper",),
-    "quartercar.dampers.blackbox.lpv": ("LpvArx",),
-    "quartercar.dampers.blackbox.narx": ("Narx2", "Narx3"),
-    "quartercar.dampers.laws.network": ("MixedNetwork", "ParallelNetwork", "SeriesNetwork"),
-    "quartercar.dampers.parameter": ("Parameter",),
-    "quartercar.dampers.real_time": ("RealTime",),
-    "quartercar.dampers.fitting.stepwise": ("Stepwise", "identify_stepwise"),
-    "quartercar.dampers.preparing": ("Prepared", "prepare"),
-    "quartercar.dampers.published": ("read_parameters",),
-    "quartercar.dampers.laws.relief_valve": ("ReliefValve", "ReliefValveOrifice"),
-    "quartercar.dampers.laws.relief_valve_design": ("ReliefValveDesign",),
-    "quartercar.dampers.laws.wang_kamath": ("WangKamath",),
-    "quartercar.dampers.evaluation.passivity": ("Passivity", "check_passivity"),
-    "quartercar.dampers.bench.log_fit": ("fit_log_force",),
-    "quartercar.dampers.bench.slopes": ("SlopeDiagnosis", "log_slopes"),
-    "quartercar.dampers.laws.bridged": ("Branch", "Bridged"),
-    "quartercar.dampers.bench.network_squares": ("NetworkSquares", "fit_network_squares"),
-    "quartercar.dampers.bench.topology": ("NetworkChoice", "choose_network"),
-    "quartercar.dampers.bench.static_characteristic": ("StaticCharacteristic", "static_points"),
-    "quartercar.dampers.bench.steady_windows": ("WindowSettings", "steady_windows"),
-    "quartercar.dampers.laws.power_law": ("PowerLaw", "PowerLawFrictionGas"),
-}
-_HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 MODELS: tuple[tuple[str, str, str], ...] = (
     ("linear", "quartercar.dampers.laws.linear", "Linear"),
@@ -81,10 +42,39 @@ MODELS: tuple[tuple[str, str, str], ...] = (
 )
 """Every model by its name on the command line: name, module, class. A new model adds its line here."""
 
+_EXPORTS = {
+    "evaluation.compared": ("Compared", "Comparison"),
+    "evaluation.comparison": ("CompareSettings", "compare"),
+    "contract": ("Damper", "ExtrapolationWarning", "Run"),
+    "drive": ("Drive",),
+    "evaluation.energy": ("Cycle", "steady_cycle"),
+    "facts": ("Facts",),
+    "fitting": ("DamperFit", "FitSettings", "fit"),
+    "blackbox.identified": ("Identified",),
+    "families": ("DynamicDamper", "LawDamper", "StaticDamper"),
+    "loading": ("load_damper",),
+    "parameter": ("Parameter",),
+    "real_time": ("RealTime",),
+    "fitting.stepwise": ("Stepwise", "identify_stepwise"),
+    "preparing": ("Prepared", "prepare"),
+    "published": ("read_parameters",),
+    "laws.relief_valve_design": ("ReliefValveDesign",),
+    "evaluation.passivity": ("Passivity", "check_passivity"),
+    "bench.log_fit": ("fit_log_force",),
+    "bench.slopes": ("SlopeDiagnosis", "log_slopes"),
+    "laws.bridged": ("Branch", "Bridged"),
+    "bench.network_squares": ("NetworkSquares", "fit_network_squares"),
+    "bench.topology": ("NetworkChoice", "choose_network"),
+    "bench.static_characteristic": ("StaticCharacteristic", "static_points"),
+    "bench.steady_windows": ("WindowSettings", "steady_windows"),
+    **{module.removeprefix(f"{__name__}."): tuple(c for _, m, c in MODELS if m == module) for _, module, _ in MODELS},
+}
+
 DAMPERS = NamedClasses("damper model", "quartercar.dampers", MODELS, "quartercar.dampers.contract:Damper")
 """`MODELS`, those of other packages (entry-point group ``quartercar.dampers``), and those that `register` adds."""
 
-__all__ = ["DAMPERS", "MODELS", "model_class", "model_names", "register", *sorted(_HOME)]
+__getattr__, __dir__, _exported = lazy_loader.attach(__name__, submod_attrs=_EXPORTS)
+__all__ = ["DAMPERS", "MODELS", "model_class", "model_names", "register", *_exported]  # pyright: ignore
 
 
 STORED = (*MODELS, ("identified", "quartercar.dampers.blackbox.identified", "Identified"))
@@ -136,15 +126,3 @@ def register(cls: type[D]) -> type[D]:
         Methods that it lacks, or a name that is taken.
     """
     return DAMPERS.register(cls)
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        value = getattr(importlib.import_module(_HOME[name]), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'quartercar.dampers' has no attribute '{name}'")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)

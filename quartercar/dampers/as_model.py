@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class DamperModel(SelfScheduled):
     sample_time: float
     box: Scheduling
     scheduling_stage: None = None
+    noise: ClassVar[NoiseModel] = NoiseModel("output")
 
     @classmethod
     def of(cls, damper: Damper, sample_time: float) -> DamperModel:
@@ -73,10 +74,6 @@ class DamperModel(SelfScheduled):
     @property
     def memory(self) -> int:
         return self.damper.start
-
-    @property
-    def noise(self) -> NoiseModel:
-        return NoiseModel("output")
 
     @property
     def vector(self) -> np.ndarray:

@@ -6,7 +6,6 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -17,10 +16,9 @@ from lpvid.record import Record
 from lpvid.simulation import Simulation
 from lpvid.toolkit import Shown, checks
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import Parametrised
 
 if TYPE_CHECKING:
-    import control
 
     from lpvid.export.expression import Expr
     from lpvid.export.step_builder import StepBuilder
@@ -64,7 +62,7 @@ class Run(Simulation):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Damper(Adaptable, Shown):
+class Damper(Parametrised, Adaptable, Shown):
     """A damper model: a law with named parameters, from motion and current to force.
 
     Extension and tension are positive: a passive damper has mean(F·v) > 0 and a gas preload is a negative force.
@@ -87,14 +85,7 @@ class Damper(Adaptable, Shown):
     """
 
     DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
-    name: ClassVar[str]
-    """in kebab case, as on the command line"""
-    title: ClassVar[str]
-    """as in a table"""
-    source: ClassVar[str]
-    """paper and equation"""
 
-    values: Mapping[str, float] = field(default_factory=dict)
     current_range: tuple[float, float] | None = None
     current_unit: str = "A"
     centre: float = 0.0
@@ -102,14 +93,7 @@ class Damper(Adaptable, Shown):
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__
-        self.check_settings()
-        if not isinstance(self.values, Mapping):
-            raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
-        known = {p.name: p for p in self.parameters}
-        for name in self.values:
-            checks.known_name(name, list(known), f"parameter of {self.name}")
-        set_(self, "values", MappingProxyType({n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}))
+        super().__post_init__()
         if self.polarity not in (1, -1):
             raise InputError("polarity is 1 or -1", got=self.polarity)
         if not isinstance(self.current_unit, str):
@@ -120,18 +104,9 @@ class Damper(Adaptable, Shown):
             low, high = (checks.real(x, "a current of the fitted range") for x in self.current_range)
             if low > high:
                 raise InputError("current_range runs from low to high", got=f"{low:g} to {high:g}")
-            set_(self, "current_range", (low, high))
+            object.__setattr__(self, "current_range", (low, high))
 
     # -- what a model describes ---------------------------------------------------------------------------------
-    @abstractmethod
-    def check_settings(self) -> None:
-        """Refuse settings (orders, tables, degrees) that make no model; called before the parameters are read."""
-
-    @property
-    @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Every parameter with its unit, bounds and default, in the order of `vector`."""
-
     @property
     @abstractmethod
     def reads(self) -> tuple[str, ...]:
@@ -339,46 +314,6 @@ class Damper(Adaptable, Shown):
                          mend="write its method `expression` (docs/extending.md), or export another damper")
 
     # -- parameters --------------------------------------------------------------------------------------------------
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Parameter names, in order."""
-        return tuple(p.name for p in self.parameters)
-
-    @property
-    def vector(self) -> np.ndarray:
-        """(P,) parameters."""
-        return np.array([self.values[n] for n in self.names])
-
-    def with_vector(self, vector: np.ndarray) -> Self:
-        """The same model with other parameters.
-
-        Parameters
-        ----------
-        vector : (P,) array
-            Parameters in the order of `names`, SI.
-
-        Returns
-        -------
-        Damper
-            A copy.
-        """
-        return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
-
-    def with_values(self, **values: float) -> Self:
-        """The same model with some parameters replaced.
-
-        Parameters
-        ----------
-        **values : float
-            New values by parameter name, SI.
-
-        Returns
-        -------
-        Damper
-            A copy.
-        """
-        return replace(self, values={**self.values, **values})
-
     def replace(self, **changes: Any) -> Self:
         """A copy with some fields changed.
 
@@ -481,7 +416,7 @@ class Damper(Adaptable, Shown):
         """Fitted range without the ripple of filters and the rarest hundredth at either end, where that is known.
 
         What a filter overshoots at steps of the current is in `current_range`, since the fit has seen it and a run may
-        meet it, but no damper is driven there; see `quartercar.dampers.fitting.training.usual_currents`.
+        meet it, but no damper is driven there; see `quartercar.dampers.fitting.front.usual_currents`.
         """
         training = self.metadata.get("training", {})
         given = training.get("usual_currents") if isinstance(training, Mapping) else None
@@ -598,28 +533,6 @@ class Damper(Adaptable, Shown):
         common = {f.name for f in fields(Damper)}
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in common}
 
-    def to_control(self, sample_time: float | None = None) -> control.NonlinearIOSystem:
-        """This damper as a discrete python-control system, from its channels to its force.
-
-        Parameters
-        ----------
-        sample_time : float, optional
-            Period [s]; left out for a damper that runs at one of its own.
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            Discrete, with the damper's channels as inputs and the force [N] as output.
-
-        Raises
-        ------
-        InputError
-            A law that no step in closed form exists for, or one without a period.
-        """
-        from lpvid.export.control_file import to_control
-
-        return to_control(self, sample_time=sample_time)
-
     def to_dict(self) -> dict:
         """Plain data for JSON, with units.
 
@@ -628,8 +541,7 @@ class Damper(Adaptable, Shown):
         dict
             What `from_dict` reads.
         """
-        return {"kind": self.name, "settings": self.settings,
-                "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters],
+        return {**super().to_dict(),
                 "current_range": None if self.current_range is None else list(self.current_range),
                 "current_unit": self.current_unit, "centre": self.centre, "polarity": self.polarity,
                 "metadata": dict(self.metadata)}
@@ -664,9 +576,6 @@ class Damper(Adaptable, Shown):
             raise InputError(f"parameters of {cls.name} are missing", got=", ".join(sorted(missing)))
         return found
 
-    def __repr__(self) -> str:
-        shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
-                          for p in self.parameters[:8])
+    def _shown(self) -> str:
         more = f", … {len(self.parameters)} in all" if len(self.parameters) > 8 else ""
-        turned = ", polarity reversed" if self.polarity < 0 else ""
-        return f"{type(self).__name__}({shown}{more}{turned})"
+        return super()._shown() + more + (", polarity reversed" if self.polarity < 0 else "")

@@ -27,9 +27,7 @@ COMPLEX_STEP = 1e-30
 class LawDamper(Damper):
     """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
 
-    @property
-    def clock(self) -> float | None:
-        return None
+    clock: ClassVar[float | None] = None
 
     def to_model(self, sample_time: float) -> SelfScheduled:
         """As a model of lpvid at this period; its predictions are its free run."""
@@ -75,6 +73,8 @@ class LawDamper(Damper):
 class StaticDamper(LawDamper):
     """A damper without memory: force is a function of displacement, velocity and current at the same instant."""
 
+    start: ClassVar[int] = 0
+
     @abstractmethod
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
@@ -91,10 +91,6 @@ class StaticDamper(LawDamper):
         x, v, i = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float))
                                         for a in (displacement, velocity, current)))
         return self.law(x.ravel(), v.ravel(), i.ravel(), self.vector).reshape(v.shape)
-
-    @property
-    def start(self) -> int:
-        return 0
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         return self.law(drive.displacement, drive.velocity, drive.current, vector)
@@ -130,6 +126,7 @@ class DynamicDamper(LawDamper):
 
     exported_instead: ClassVar[str] = "extended-bouc-wen"
     """the model with a step of fixed length that is nearest to this one"""
+    start: ClassVar[int] = 1
 
     @property
     @abstractmethod
@@ -148,10 +145,6 @@ class DynamicDamper(LawDamper):
     @abstractmethod
     def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
         """Force at a state [N]."""
-
-    @property
-    def start(self) -> int:
-        return 1
 
     def stepper(self, step: float) -> DamperStepper:
         return StateStepper(self, rates_move(self, step))

@@ -1,13 +1,23 @@
-"""Parameter: one number of a damper law, with its unit and the bounds that physics sets."""
+"""Parameter: one number of a law, with its unit and the bounds that physics sets; Parametrised: a law made of them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+import numpy as np
+
+from lpvid.codec import encode
 from lpvid.errors import InputError
 from lpvid.toolkit import checks
 from lpvid.units import is_known, quantity_to_si
+
+if TYPE_CHECKING:
+    import control
 
 
 @dataclass(frozen=True)
@@ -64,3 +74,127 @@ class Parameter:
         except InputError as error:
             raise InputError(f"{self.name}: {error.what}", got=error.got, why=error.why,
                              mend=f'a number, or text such as "3 {self.unit}"') from None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Parametrised(ABC):
+    """A law with named, bounded parameters: what dampers and control laws have in common.
+
+    Attributes
+    ----------
+    values : mapping of str to float
+        Parameters by name, SI; those left out take their defaults.
+    """
+
+    name: ClassVar[str]
+    """in kebab case, as on the command line"""
+    title: ClassVar[str]
+    """as in a table"""
+    source: ClassVar[str]
+    """paper and equation"""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.check_settings()
+        if not isinstance(self.values, Mapping):
+            raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
+        known = {p.name: p for p in self.parameters}
+        for name in self.values:
+            checks.known_name(name, list(known), f"parameter of {self.name}")
+        values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
+        object.__setattr__(self, "values", MappingProxyType(values))
+
+    def check_settings(self) -> None:  # noqa: B027
+        """Refuse settings (orders, tables, models) that make no law; called before the parameters are read."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every parameter with its unit, bounds and default, in the order of `vector`."""
+
+    @property
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """Fields that a kind adds to the common ones (orders, tables, models, schedules)."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(P,) parameters."""
+        return np.array([self.values[n] for n in self.names])
+
+    def with_values(self, **values: float) -> Self:
+        """The same law with some parameters replaced.
+
+        Parameters
+        ----------
+        **values : float
+            New values by parameter name, SI.
+
+        Returns
+        -------
+        Parametrised
+            A copy.
+        """
+        return replace(self, values={**self.values, **values})
+
+    def with_vector(self, vector: np.ndarray) -> Self:
+        """The same law with other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        Parametrised
+            A copy.
+        """
+        return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
+
+    def to_control(self, sample_time: float | None = None) -> control.NonlinearIOSystem:
+        """This law as a discrete python-control system, from the signals that it reads to its force or demand.
+
+        Parameters
+        ----------
+        sample_time : float, optional
+            Period [s]; left out for a law that runs at one of its own; a control law without one takes 1 ms.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+
+        Raises
+        ------
+        InputError
+            A law that no step in closed form exists for; a control law that must know its car or is to be designed
+            first; another period than the law's own.
+        """
+        from lpvid.export.control_file import to_control
+
+        return to_control(self, sample_time=sample_time)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON, with units.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
+        return {"kind": self.name, "settings": encode(self.settings),
+                "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters]}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._shown()})"
+
+    def _shown(self) -> str:
+        """The first parameters, for `repr`."""
+        return ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
+                         for p in self.parameters[:8])

@@ -109,10 +109,34 @@ class Setup(NamedTuple):
     physics: Physics
     chain: MeasurementChain
 
-    def with_physics(self, **changes: float) -> Setup:
-        """The same setup with some numbers of the damper replaced."""
-        return self._replace(physics=self.physics._replace(**changes))
+    def number(self, name: str) -> float:
+        """A number of the damper or of the chain.
 
-    def with_chain(self, **changes: float) -> Setup:
-        """The same setup with some numbers of the chain replaced."""
-        return self._replace(chain=self.chain._replace(**changes))
+        Parameters
+        ----------
+        name : str
+            A field of `Physics` or `MeasurementChain`.
+
+        Returns
+        -------
+        float
+            In the unit of the field.
+        """
+        return getattr(self.physics if name in Physics._fields else self.chain, name)
+
+    def changed(self, **changes: float) -> Setup:
+        """The same setup with some numbers of the damper or of the chain replaced.
+
+        Parameters
+        ----------
+        **changes : float
+            New values by field of `Physics` or `MeasurementChain`.
+
+        Returns
+        -------
+        Setup
+            A copy.
+        """
+        of_damper = {name: value for name, value in changes.items() if name in Physics._fields}
+        of_chain = {name: value for name, value in changes.items() if name not in of_damper}
+        return self._replace(physics=self.physics._replace(**of_damper), chain=self.chain._replace(**of_chain))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -64,6 +65,7 @@ class IsoRoad(RideRoad):
     road_class: str = "C"
     speed: float = quantity(20.0, "m/s", "of the car")
     duration: float = quantity(20.0, "s", "that counts")
+    settle: ClassVar[float] = LEAD
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
@@ -74,10 +76,6 @@ class IsoRoad(RideRoad):
     @property
     def name(self) -> str:
         return f"ISO {self.road_class}, {self.speed:g} m/s"
-
-    @property
-    def settle(self) -> float:
-        return LEAD
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         samples = round((self.duration + self.settle) / sample_time)
@@ -110,6 +108,7 @@ class Bump(RideRoad):
     speed: float = quantity(8.0, "m/s", "of the car")
     duration: float = quantity(4.0, "s", "from just before the bump on")
     road_class: str = "A"
+    settle: ClassVar[float] = LEAD
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
@@ -121,10 +120,6 @@ class Bump(RideRoad):
     @property
     def name(self) -> str:
         return f"bump {1e3 * self.height:g} mm x {self.length:g} m, {self.speed:g} m/s"
-
-    @property
-    def settle(self) -> float:
-        return LEAD
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         base = IsoRoad(self.road_class, self.speed, self.duration).profile(sample_time, seed)
@@ -153,6 +148,7 @@ class SineSweep(RideRoad):
     lowest: float = quantity(0.5, "Hz", "frequency")
     highest: float = quantity(20.0, "Hz", "frequency")
     duration: float = quantity(30.0, "s", "of the sweep")
+    settle: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         for name, unit in (("amplitude", "m"), ("lowest", "Hz"), ("highest", "Hz"), ("duration", "s")):
@@ -163,10 +159,6 @@ class SineSweep(RideRoad):
     @property
     def name(self) -> str:
         return f"sweep {self.lowest:g}-{self.highest:g} Hz"
-
-    @property
-    def settle(self) -> float:
-        return 0.0
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         t = sample_time * np.arange(round(self.duration / sample_time))
@@ -191,6 +183,7 @@ class MeasuredRoad(RideRoad):
     track: roads.Track
     speed: float = 10.0
     laps: int = 1
+    settle: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         checks.positive(self.speed, "speed", "m/s")
@@ -208,10 +201,6 @@ class MeasuredRoad(RideRoad):
     def name(self) -> str:
         often = f", {self.laps} times" if self.laps > 1 else ""
         return f"{self.track.name or 'measured road'}, {self.speed:g} m/s{often}"
-
-    @property
-    def settle(self) -> float:
-        return 0.0
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         return self.track.over_time(self.speed, sample_time, self.laps)

@@ -117,7 +117,7 @@ class _LawFleet(Fleet):
         self._stop, self._tyre = _limits(car)
 
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
-        from quartercar.vehicle._batch_kernels import advance_all
+        from quartercar.vehicle._nonlinear_kernels import advance_all
 
         cars, stages = road.size, self._stages
         shares = (np.arange(self._parts)[:, None] + stages.ends[None]).ravel()
@@ -154,7 +154,7 @@ class _FilterFleet(Fleet):
         self._stop, self._tyre = _limits(car)
 
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
-        from quartercar.vehicle._batch_kernels import advance_all
+        from quartercar.vehicle._nonlinear_kernels import advance_all
 
         stages, step, cars = self._stages, np.array([self._step]), road.size
         command = self.car.coil.limited(command)

@@ -23,7 +23,7 @@ import lpvid as lpv
 from lpvid.condition import split_tail
 from lpvid.record import Record
 from quartercar.dampers import BoucWen, CompareSettings, Comparison, compare
-from quartercar.dampers.laws.spencer import LORD
+from quartercar.dampers.laws.bouc_wen import LORD
 
 Split = tuple[list[Record], list[Record], float | None]
 

@@ -16,9 +16,6 @@ from quartercar.dampers import Drive, Facts, Parameter, StaticDamper
 class Toy(StaticDamper):
     """What all toys share."""
 
-    def check_settings(self) -> None:
-        """Nothing to check."""
-
     @property
     def reads(self) -> tuple[str, ...]:
         return ("velocity",)

@@ -149,9 +149,6 @@ class Dahl(DynamicDamper):
     title: ClassVar[str] = "Dahl"
     source: ClassVar[str] = "Dahl (1968), TOR-0158(3107-18)-1"
 
-    def check_settings(self):
-        pass
-
     @property
     def parameters(self):
         return (Parameter("viscous", "N*s/m", "c", 500.0, 0.0),

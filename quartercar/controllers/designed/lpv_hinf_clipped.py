@@ -39,6 +39,8 @@ class LpvHinfClipped(Controller):
     measured: str = "observed"
     criterion: str = "hinf"
     lag: float = 0.004
+    parameters: ClassVar[tuple[Parameter, ...]] = WEIGHTS
+    demands: ClassVar[str] = "force"
 
     def check_settings(self) -> None:
         checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
@@ -46,16 +48,8 @@ class LpvHinfClipped(Controller):
         checks.positive(self.lag, "lag", "s")
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return WEIGHTS
-
-    @property
     def reads(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys([*MEASUREMENTS[self.measured], "suspension_velocity", "demanded", "attained"]))
-
-    @property
-    def demands(self) -> str:
-        return "force"
 
     def task(self, values: Mapping[str, float], setting: Setting) -> Task:
         """The design that values stand for, in a setting."""

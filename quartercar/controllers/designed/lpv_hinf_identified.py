@@ -53,21 +53,12 @@ class LpvHinfIdentified(Controller):
     centre: float | None = None
     order: int | None = None
     back_off: float = 3.0
+    parameters: ClassVar[tuple[Parameter, ...]] = OWN
+    reads: ClassVar[tuple[str, ...]] = READS
+    demands: ClassVar[str] = "current"
 
     def check_settings(self) -> None:
         checks.positive(self.lag, "lag", "s")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return OWN
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return READS
-
-    @property
-    def demands(self) -> str:
-        return "current"
 
     def task(self, values: Mapping[str, float], setting: Setting) -> DamperTask:
         """The design that values stand for, in a setting."""
@@ -117,24 +108,15 @@ class IdentifiedController(Controller):
     limits: np.ndarray
     gain_vector: np.ndarray
     label: str = ""
+    parameters: ClassVar[tuple[Parameter, ...]] = (SCALE,)
+    reads: ClassVar[tuple[str, ...]] = READS
+    demands: ClassVar[str] = "current"
 
     def check_settings(self) -> None:
         n = len(np.atleast_2d(self.filter[0]))
         for name, shape in (("limits", (2,)), ("gain_vector", (n + 9,))):
             array = checks.shaped(checks.frozen_array(getattr(self, name), name), shape, name)
             object.__setattr__(self, name, checks.finite(array, name))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (SCALE,)
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return READS
-
-    @property
-    def demands(self) -> str:
-        return "current"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return DamperLaw([DamperGain(self.damper, self.centre, self.filter,  # type: ignore[arg-type]

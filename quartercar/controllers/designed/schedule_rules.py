@@ -85,10 +85,7 @@ class Yield(Rule):
     per_deflection: float = 0.0
     ratio: bool = False
     kind: ClassVar[str] = "yield"
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "suspension_deflection"
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "suspension_deflection"
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         def value(seen: Signals) -> np.ndarray:
@@ -120,10 +117,7 @@ class SaturationRatio(Rule):
     offset: float = 0.0
     small: float = 1e-6
     kind: ClassVar[str] = "saturation-ratio"
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "demanded", "attained"
+    reads: ClassVar[tuple[str, ...]] = "demanded", "attained"
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         def value(seen: Signals) -> np.ndarray:
@@ -153,10 +147,7 @@ class Excess(Rule):
     highest: float = 10.0
     smoothing: float = 0.0
     kind: ClassVar[str] = "excess"
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "demanded", "attained"
+    reads: ClassVar[tuple[str, ...]] = "demanded", "attained"
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         share = 1.0 if self.smoothing <= 0 else -np.expm1(-setting.sample_time / self.smoothing)
@@ -185,10 +176,7 @@ class GivenShare(Rule):
     nominal_damping: float
     lowest: float = 0.0
     kind: ClassVar[str] = "given-share"
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "demanded", "attained", "suspension_velocity"
+    reads: ClassVar[tuple[str, ...]] = "demanded", "attained", "suspension_velocity"
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         base = np.zeros(setting.cars)

@@ -55,6 +55,7 @@ class ScheduledController(Controller):
     nominal_damping: float = 0.0
     anti_windup: np.ndarray | None = None
     label: str = ""
+    parameters: ClassVar[tuple[Parameter, ...]] = (SCALE,)
 
     def check_settings(self) -> None:
         model = self.model
@@ -76,10 +77,6 @@ class ScheduledController(Controller):
         if self.anti_windup is not None:
             gain = checks.shaped(checks.frozen_array(self.anti_windup, "anti_windup"), (model.order,), "anti_windup")
             object.__setattr__(self, "anti_windup", checks.finite(gain, "anti_windup"))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (SCALE,)
 
     @property
     def reads(self) -> tuple[str, ...]:

@@ -17,21 +17,9 @@ class AccelerationDriven(Controller):
     name: ClassVar[str] = "add"
     title: ClassVar[str] = "ADD"
     source: ClassVar[str] = "Savaresi, Silani, Bittanti 2005; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "body_acceleration"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_acceleration"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return Switching(values["low_damping"], values["high_damping"],

@@ -30,22 +30,11 @@ class ClippedOptimal(Controller):
     name: ClassVar[str] = "clipped-optimal"
     title: ClassVar[str] = "Clipped optimal"
     source: ClassVar[str] = "Karnopp 1983; Butsuen 1989; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (LOW, HIGH, Parameter("tyre_weight", "", "q_t, of the tyre's force", 0.1, 1e-3, 10.0, log=True),
-                Parameter("stroke_weight", "", "q_d, of the spring's force", 0.05, 1e-3, 10.0, log=True))
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return (*STATES, "suspension_velocity")
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        LOW, HIGH, Parameter("tyre_weight", "", "q_t, of the tyre's force", 0.1, 1e-3, 10.0, log=True),
+        Parameter("stroke_weight", "", "q_d, of the spring's force", 0.05, 1e-3, 10.0, log=True))
+    reads: ClassVar[tuple[str, ...]] = (*STATES, "suspension_velocity")
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         pairs = zip(values["tyre_weight"].tolist(), values["stroke_weight"].tolist(), strict=True)

@@ -17,21 +17,9 @@ class Groundhook(Controller):
     name: ClassVar[str] = "groundhook"
     title: ClassVar[str] = "Groundhook, two-state"
     source: ClassVar[str] = "Valášek, Novák, Šika, Vaculín 1997; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "wheel_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "wheel_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return Switching(values["low_damping"], values["high_damping"],

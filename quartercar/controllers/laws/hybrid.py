@@ -21,23 +21,12 @@ class Hybrid(Controller):
     name: ClassVar[str] = "hybrid"
     title: ClassVar[str] = "Hybrid"
     source: ClassVar[str] = "Ahmadian, Pare 2000; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (LOW, HIGH, Parameter("sky_damping", "N*s/m", "c_s", 2000.0, 100.0, 15000.0, log=True),
-                Parameter("ground_damping", "N*s/m", "c_g", 1500.0, 100.0, 15000.0, log=True),
-                Parameter("sky_share", "", "alpha", 0.5, 0.0, 1.0))
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "body_velocity", "wheel_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        LOW, HIGH, Parameter("sky_damping", "N*s/m", "c_s", 2000.0, 100.0, 15000.0, log=True),
+        Parameter("ground_damping", "N*s/m", "c_g", 1500.0, 100.0, 15000.0, log=True),
+        Parameter("sky_share", "", "alpha", 0.5, 0.0, 1.0))
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_velocity", "wheel_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         low, high = values["low_damping"], values["high_damping"]

@@ -53,25 +53,17 @@ class Predictive(Controller):
     horizon: float = 0.15
     rounds: int = 4
     given_weight: float = 1.0
+    parameters: ClassVar[tuple[Parameter, ...]] = TYRE, STROKE
+    reads: ClassVar[tuple[str, ...]] = (
+        "suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity",
+        "current", "road_ahead")
+    demands: ClassVar[str] = "current"
 
     def check_settings(self) -> None:
         checks.positive(self.horizon, "horizon of mpc", "s")
         checks.count(self.rounds, "rounds of mpc", at_least=1)
         if checks.real(self.given_weight, "given_weight of mpc") < 0:
             raise InputError("given_weight of mpc must not be negative", got=f"{self.given_weight:g}")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return TYRE, STROKE
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity",
-                "current", "road_ahead")
-
-    @property
-    def demands(self) -> str:
-        return "current"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         samples = round(self.horizon / setting.sample_time)

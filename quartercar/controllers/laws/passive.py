@@ -22,21 +22,9 @@ class Passive(Controller):
     name: ClassVar[str] = "passive"
     title: ClassVar[str] = "Passive"
     source: ClassVar[str] = "a constant current"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("fixed_current", "A", "i", 0.25, 0.0, 2.5),)
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def demands(self) -> str:
-        return "current"
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("fixed_current", "A", "i", 0.25, 0.0, 2.5),)
+    reads: ClassVar[tuple[str, ...]] = ()
+    demands: ClassVar[str] = "current"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return Memoryless(lambda seen: values["fixed_current"])

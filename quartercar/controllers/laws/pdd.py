@@ -23,21 +23,9 @@ class PowerDriven(Controller):
     name: ClassVar[str] = "pdd"
     title: ClassVar[str] = "PDD"
     source: ClassVar[str] = "Morselli, Zanasi 2008; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_deflection", "suspension_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH
+    reads: ClassVar[tuple[str, ...]] = "suspension_deflection", "suspension_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         k, low = setting.parameters.spring_stiffness, values["low_damping"]

@@ -46,21 +46,9 @@ class PreviewQuadratic(Controller):
     name: ClassVar[str] = "preview-lqr"
     title: ClassVar[str] = "Preview LQ, clipped"
     source: ClassVar[str] = "Tomizuka 1976, J. Dyn. Syst. Meas. Control 98, 309-315; Louam, Wilson, Sharp 1988"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH, TYRE, STROKE, EFFORT, LAG
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return (*STATES, "suspension_velocity", "attained", "road_ahead")
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH, TYRE, STROKE, EFFORT, LAG
+    reads: ClassVar[tuple[str, ...]] = (*STATES, "suspension_velocity", "attained", "road_ahead")
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)

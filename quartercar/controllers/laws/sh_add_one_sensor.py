@@ -17,21 +17,10 @@ class SkyhookAccelerationDrivenOneSensor(Controller):
     name: ClassVar[str] = "sh-add-1s"
     title: ClassVar[str] = "SH-ADD, one sensor"
     source: ClassVar[str] = "Savaresi, Spelta 2009; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (LOW, HIGH, Parameter("crossover", "rad/s", "alpha", 12.0, 2.0, 60.0, log=True))
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "body_acceleration"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        LOW, HIGH, Parameter("crossover", "rad/s", "alpha", 12.0, 2.0, 60.0, log=True))
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_acceleration"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         alpha = values["crossover"]

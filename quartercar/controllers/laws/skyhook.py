@@ -17,21 +17,9 @@ class Skyhook(Controller):
     name: ClassVar[str] = "skyhook"
     title: ClassVar[str] = "Skyhook, two-state"
     source: ClassVar[str] = "Karnopp, Crosby, Harwood 1974; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "body_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         return Switching(values["low_damping"], values["high_damping"],

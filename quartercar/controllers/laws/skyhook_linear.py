@@ -21,21 +21,9 @@ class LinearSkyhook(Controller):
     name: ClassVar[str] = "skyhook-linear"
     title: ClassVar[str] = "Skyhook, linear"
     source: ClassVar[str] = "Sammier, Sename, Dugard 2003; equation sheet 4.8"
-
-    def check_settings(self) -> None:
-        pass
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return LOW, HIGH, Parameter("passive_share", "", "alpha", 0.2, 0.0, 1.0)
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return "suspension_velocity", "body_velocity"
-
-    @property
-    def demands(self) -> str:
-        return "force"
+    parameters: ClassVar[tuple[Parameter, ...]] = LOW, HIGH, Parameter("passive_share", "", "alpha", 0.2, 0.0, 1.0)
+    reads: ClassVar[tuple[str, ...]] = "suspension_velocity", "body_velocity"
+    demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
         low, high, share = values["low_damping"], values["high_damping"], values["passive_share"]

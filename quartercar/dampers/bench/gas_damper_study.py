@@ -16,8 +16,6 @@ from quartercar.dampers.laws.power_law import PowerLawDamper, PowerLawFrictionGa
 
 RIG_SPEED = 0.7
 """Velocity limit for which the seed planned its tests [m/s]."""
-CLAIMED = 0.10
-"""Deviation of work that the seed's conclusion states as its upper limit."""
 PRINTED = (
     (10, 10, 0.05, 1.9828, 0.0878, "as printed"),
     (10, 10, 8.0, 25.500, 5.7240, "as printed"),

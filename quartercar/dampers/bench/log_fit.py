@@ -12,8 +12,7 @@ from lpvid.identification.covariance import inverse_gram
 from lpvid.least_squares import Trial
 from lpvid.toolkit import checks
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
-from quartercar.dampers.fitting.coordinates import SearchCoordinates
-from quartercar.dampers.fitting.solver import search_law
+from quartercar.dampers.fitting.solver import SearchCoordinates, search_law
 from quartercar.dampers.laws.network import LAMINAR, LEAK, LEAKS, QUADRATIC, SHARES, network_force, network_gradient
 from quartercar.dampers.parameter import Parameter
 

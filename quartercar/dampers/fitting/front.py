@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,12 +14,12 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import check_passivity
 from quartercar.dampers.evaluation.scoring import Score, score
 from quartercar.dampers.fitting.result import DamperFit
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.fitting.training import remembering
 from quartercar.dampers.polarity import common_polarity
 
 FEWEST = 20
@@ -149,3 +150,24 @@ def _placed(damper: Damper, training: Sequence[Record], kept: Sequence[Record],
         unit = training[0].unit("current") or damper.current_unit
         damper = damper.replace(current_range=(float(currents.min()), float(currents.max())), current_unit=unit)
     return damper, flags, notes
+
+
+D = TypeVar("D", bound=Damper)
+
+
+def remembering(damper: D, records: Sequence[Record]) -> D:
+    """The damper with names, size, rate, ranges, roles and first forces of its training records in its metadata.
+
+    Parameters
+    ----------
+    damper : Damper
+    records : sequence of Record
+        Uniform, as fitted: cut and resampled, forces as measured.
+    """
+    training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
+                "sample_time": records[0].sample_time, "heads": heads(records, "force")}
+    seen = [n for n in (*dict.fromkeys(("velocity", *damper.reads)), "force") if all(r.has(n) for r in records)]
+    training["ranges"] = ranges(records, seen)
+    if "current" in damper.reads:
+        training["usual_currents"] = usual_range([r["current"] for r in records])
+    return damper.replace(metadata={**damper.metadata, "training": training, "roles": roles(records[0], seen)})

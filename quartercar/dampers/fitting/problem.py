@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.least_squares import Trial, bounded_least_squares
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import DynamicDamper, LawDamper
-from quartercar.dampers.fitting.coordinates import SearchCoordinates
+from quartercar.dampers.fitting.solver import SearchCoordinates
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from lpvid.toolkit import njit
+from quartercar.dampers.stepper import FINE, Move
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """diagonal of the two-stage SDIRK method of order 2, L-stable and stiffly accurate"""
@@ -108,3 +109,15 @@ def _stage(f, g, v, ah, theta, k, share):
         root = root - step
         done = small
     return root, (root - f) / ah
+
+
+def wang_kamath_move(damper, step: float) -> Move:
+    """Steps of the phase transition model by its own compiled integration."""
+    vector = damper.vector
+
+    def move(state, here, there):
+        theta = np.ascontiguousarray(damper.coefficients(np.array([here[2], there[2]]), vector))
+        f, g = wang_kamath_step(float(state[0]), float(state[1]), here[1], there[1], step, FINE, theta)
+        return np.array([f, g]), float(damper.scale(np.array([there[2]]), vector)[0]) * f
+
+    return move

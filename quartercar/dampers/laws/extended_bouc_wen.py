@@ -71,36 +71,20 @@ class ExtendedBoucWen(SemiActiveDamper):
     title: ClassVar[str] = "Generalised extended Bouc-Wen"
     source: ClassVar[str] = "seed 002, equations (1)-(5)"
     exponent: float = 2.0
+    row_parameters: ClassVar[tuple[Parameter, ...]] = tuple(
+        Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",
+                  p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
+                  p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
+    gas_parameters: ClassVar[tuple[Parameter, ...]] = gas_spring(True)
+    growing: ClassVar[tuple[str, ...]] = tuple(f"{name}_{d}" for name in ("damping", "yield_force") for d in DIRECTIONS)
+    needs_displacement: ClassVar[bool] = True
+    linear: ClassVar[tuple[str, ...]] = ()
+    """the gas spring is, but projecting off two of so many costs more than it saves"""
+    start: ClassVar[int] = 1
 
     def check_settings(self) -> None:
         checks.positive(self.exponent - 0.999, "exponent of the Bouc-Wen law, from 1")
         self.check_rows()
-
-    @property
-    def row_parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",
-                               p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
-                               p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
-
-    @property
-    def gas_parameters(self) -> tuple[Parameter, ...]:
-        return gas_spring(True)
-
-    @property
-    def growing(self) -> tuple[str, ...]:
-        return tuple(f"{name}_{d}" for name in ("damping", "yield_force") for d in DIRECTIONS)
-
-    @property
-    def needs_displacement(self) -> bool:
-        return True
-
-    @property
-    def linear(self) -> tuple[str, ...]:
-        return ()  # the gas spring is, but projecting off two of so many costs more than it saves
-
-    @property
-    def start(self) -> int:
-        return 1
 
     @classmethod
     def suited(cls, facts: Facts) -> ExtendedBoucWen:

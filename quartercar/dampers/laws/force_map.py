@@ -60,6 +60,7 @@ class ForceMap(SemiActiveDamper):
     source: ClassVar[str] = "seed 002, equation (6)"
     knots: tuple[float, ...] = (-0.5, -0.2, -0.05, 0.0, 0.05, 0.2, 0.5)
     spring: bool = True
+    start: ClassVar[int] = 0
 
     def check_settings(self) -> None:
         k = self.knots
@@ -92,10 +93,6 @@ class ForceMap(SemiActiveDamper):
     @property
     def linear(self) -> tuple[str, ...]:
         return self.names[: self._affine]
-
-    @property
-    def start(self) -> int:
-        return 0
 
     @property
     def _affine(self) -> int:

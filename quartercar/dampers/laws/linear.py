@@ -37,9 +37,7 @@ class Linear(LawDamper):
     title: ClassVar[str] = "Mass, viscous, spring"
     source: ClassVar[str] = "linear baseline"
     spring: bool = True
-
-    def check_settings(self) -> None:
-        """Nothing to check."""
+    start: ClassVar[int] = 0
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -54,10 +52,6 @@ class Linear(LawDamper):
     @property
     def linear(self) -> tuple[str, ...]:
         return self.names
-
-    @property
-    def start(self) -> int:
-        return 0
 
     @property
     def linear_elements(self) -> LinearElements:

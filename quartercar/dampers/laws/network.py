@@ -98,6 +98,7 @@ class NetworkDamper(StaticDamper):
 
     asymmetric: bool = False
     smoothing: float = 1e-3
+    reads: ClassVar[tuple[str, ...]] = ("velocity",)
 
     @property
     @abstractmethod
@@ -126,10 +127,6 @@ class NetworkDamper(StaticDamper):
         sided = [Parameter(f"{p.name}_{side}", p.unit, f"{p.description}, {side}", p.default, p.lower, p.upper)
                  for side in SIDES for p in self.network]
         return (*sided, *STATICS)
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return ("velocity",)
 
     @classmethod
     def suited(cls, facts: Facts) -> Self:
@@ -221,10 +218,7 @@ class SeriesNetwork(NetworkDamper):
     name: ClassVar[str] = "network-series"
     title: ClassVar[str] = "Series network"
     source: ClassVar[str] = "seed 003, (5)"
-
-    @property
-    def network(self) -> tuple[Parameter, ...]:
-        return LAMINAR, QUADRATIC
+    network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_force(speed, theta[0], theta[1], 0.0)
@@ -253,10 +247,7 @@ class ParallelNetwork(NetworkDamper):
     name: ClassVar[str] = "network-parallel"
     title: ClassVar[str] = "Parallel network"
     source: ClassVar[str] = "seed 003, (6)"
-
-    @property
-    def network(self) -> tuple[Parameter, ...]:
-        return ORIFICE, LEAK
+    network: ClassVar[tuple[Parameter, ...]] = ORIFICE, LEAK
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return parallel_force(speed, theta[0], theta[1])
@@ -286,10 +277,7 @@ class MixedNetwork(NetworkDamper):
     name: ClassVar[str] = "network-mixed"
     title: ClassVar[str] = "Mixed network"
     source: ClassVar[str] = "equations.md, E3.9"
-
-    @property
-    def network(self) -> tuple[Parameter, ...]:
-        return LAMINAR, QUADRATIC, LEAK
+    network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC, LEAK
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_force(speed, theta[0], theta[1], theta[2])

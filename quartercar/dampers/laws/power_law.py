@@ -196,17 +196,11 @@ class PowerLaw(PowerLawDamper):
     name: ClassVar[str] = "power-law"
     title: ClassVar[str] = "Power law"
     source: ClassVar[str] = "seed 000, (4)"
+    statics: ClassVar[tuple[Parameter, ...]] = ()
+    reads: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def check_settings(self) -> None:
         checks.positive(self.reference_speed, "reference_speed", "m/s")
-
-    @property
-    def statics(self) -> tuple[Parameter, ...]:
-        return ()
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        return ("velocity",)
 
     @classmethod
     def suited(cls, facts: Facts) -> PowerLaw:

@@ -90,6 +90,9 @@ class LagDamper(DynamicDamper):
     chamber_lengths: tuple[float, float] | None = None
     smoothing: float = 1e-3
     friction_speed: float = 1e-3
+    linear: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[str, ...]] = (
+        "x_V1 [m]", "x_V1' [m/s]", "x_V2 [m]", "x_V2' [m/s]", "pressure difference [Pa]")
 
     def check_settings(self) -> None:
         for name in POSITIVE:
@@ -123,14 +126,6 @@ class LagDamper(DynamicDamper):
     def reads(self) -> tuple[str, ...]:
         return ("velocity",) if self.chamber_lengths is None else ("velocity", "displacement")
 
-    @property
-    def linear(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        return ("x_V1 [m]", "x_V1' [m/s]", "x_V2 [m]", "x_V2' [m/s]", "pressure difference [Pa]")
-
     @classmethod
     def suited(cls, facts: Facts) -> Self:
         return cls(**facts.common)
@@ -159,7 +154,7 @@ class LagDamper(DynamicDamper):
         return cls(**design.settings, values={n: known[n] for n in empty.names})
 
     def stepper(self, step: float) -> DamperStepper:
-        from quartercar.dampers.laws.relief_valve_stepper import ReliefValveStepper
+        from quartercar.dampers.laws._relief_valve_run import ReliefValveStepper
 
         return ReliefValveStepper(self, step)
 
@@ -310,10 +305,7 @@ class ReliefValve(LagDamper):
     name: ClassVar[str] = "relief-valve"
     title: ClassVar[str] = "Relief valve"
     source: ClassVar[str] = "Titurus & Lieven, (7)-(8)"
-
-    @property
-    def further(self) -> tuple[Parameter, ...]:
-        return ()
+    further: ClassVar[tuple[Parameter, ...]] = ()
 
     def series_loss(self, vector: np.ndarray) -> complex:
         return 0.0
@@ -335,11 +327,8 @@ class ReliefValveOrifice(LagDamper):
     name: ClassVar[str] = "relief-valve-orifice"
     title: ClassVar[str] = "Relief valve with series orifice"
     source: ClassVar[str] = "Titurus & Lieven, (9)-(11)"
-
-    @property
-    def further(self) -> tuple[Parameter, ...]:
-        return (Parameter("series_loss", "N*s^2/m^2", "holes behind a valve, A_P³/(N_O K_O)²", 27000.0, 1e-6, 1e12,
-                          log=True),)
+    further: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("series_loss", "N*s^2/m^2", "holes behind a valve, A_P³/(N_O K_O)²", 27000.0, 1e-6, 1e12, log=True),)
 
     def series_loss(self, vector: np.ndarray) -> complex:
         return vector[8]

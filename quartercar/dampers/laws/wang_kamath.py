@@ -70,6 +70,7 @@ class WangKamath(DynamicDamper):
     degree: int = 0
     force_scale: float = 1000.0
     current_scale: float = 1.0
+    states: ClassVar[tuple[str, ...]] = ("f [1]", "df/dt [1/s]")
 
     def check_settings(self) -> None:
         """Degree 0 to 2, none beside `growing`, scales above zero."""
@@ -103,10 +104,6 @@ class WangKamath(DynamicDamper):
     def linear(self) -> tuple[str, ...]:
         """None: the equation is linear in them, the force is not."""
         return ()
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        return ("f [1]", "df/dt [1/s]")
 
     @classmethod
     def suited(cls, facts: Facts) -> WangKamath:
@@ -142,7 +139,7 @@ class WangKamath(DynamicDamper):
         return np.array([f, (velocity - _flow(f, w)[0]) / w[1]], dtype=vector.dtype)
 
     def stepper(self, step: float) -> DamperStepper:
-        from quartercar.dampers.laws.wang_kamath_stepper import wang_kamath_move
+        from quartercar.dampers.laws._wang_kamath_kernels import wang_kamath_move
 
         return StateStepper(self, wang_kamath_move(self, step))
 

@@ -18,8 +18,7 @@ from lpvid.files.streaming import Chunks, read_chunks
 from lpvid.identification.recursive import Recursive
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.record import Record
-from lpvid.validation.lag_sums import LagSums
-from lpvid.validation.streamed import validate_stream
+from lpvid.validation.streamed import LagSums, validate_stream
 
 TS = 0.002
 PLAIN = lpv.ARX(2, 2, 1, "velocity", "force", lpv.Polynomial("current", degree=1), affine=1)

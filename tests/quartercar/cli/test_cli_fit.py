@@ -230,7 +230,7 @@ def test_real_random_data(shared_data):
 def test_published_parameters_on_real_data(shared_data, tmp_path):
     """Fourteen published Bouc-Wen parameters of the very prototype, not fitted: ESR about 0.055 on the raw record."""
     from quartercar.dampers import BoucWen
-    from quartercar.dampers.laws.spencer import LORD
+    from quartercar.dampers.laws.bouc_wen import LORD
 
     file = shared_data / "mr_damper_random" / "estimation.csv"
     lpv.save(BoucWen.from_published(LORD, current_range=(0.0, 2.25)), tmp_path / "lord.json")

@@ -10,11 +10,10 @@ from scipy.optimize import least_squares
 
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
-from quartercar.dampers.bench.friction_profile import friction_profile
 from quartercar.dampers.bench.log_fit import NETWORKS, Points, fit_log_force, held_out_error, upper_bound
 from quartercar.dampers.bench.slopes import log_slopes
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
-from quartercar.dampers.bench.topology import choose_network
+from quartercar.dampers.bench.topology import choose_network, friction_profile
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.hydraulics import Laminar, Parallel, Series, Turbulent, parallel_pressure
 from quartercar.dampers.laws.network import MixedNetwork, ParallelNetwork, SeriesNetwork

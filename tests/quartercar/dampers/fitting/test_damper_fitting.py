@@ -18,9 +18,9 @@ from lpvid.least_squares import bounded_least_squares, bounded_step
 from quartercar.dampers import DamperFit, FitSettings, Guo, Linear, Parameter, fit
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.evaluation.scoring import score
-from quartercar.dampers.fitting.coordinates import SearchCoordinates
 from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
 from quartercar.dampers.fitting.searching import estimate_law
+from quartercar.dampers.fitting.solver import SearchCoordinates
 
 MISRA = np.array([[77.6, 114.9, 141.1, 190.8, 239.9, 289.0, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1, 689.1, 760.0],
                   [10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.40, 75.47, 81.78]])

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from lpvid import InputError, Record
-from quartercar.dampers.fitting.partial_search import best_of
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.fitting.stepwise import gas_from_slow, identify_stepwise, sort_records
+from quartercar.dampers.fitting.stepwise import best_of, gas_from_slow, identify_stepwise, sort_records
 from quartercar.dampers.laws.extended_bouc_wen import DIRECTIONS, ExtendedBoucWen
 from quartercar.dampers.laws.force_map import ForceMap
 from quartercar.dampers.laws.semi_active import SemiActiveDamper

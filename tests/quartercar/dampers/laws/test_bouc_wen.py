@@ -12,8 +12,7 @@ from lpvid.condition import resample
 from quartercar.dampers import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
-from quartercar.dampers.laws.bouc_wen import BoucWen
-from quartercar.dampers.laws.spencer import LORD, SpencerParameters
+from quartercar.dampers.laws.bouc_wen import LORD, BoucWen, SpencerParameters
 
 RK4_LIMIT = 2785.0
 """1/s, at 1 ms: 1.2.5 of the equation sheet"""
