@@ -171,4 +171,4 @@ def test_a_turned_sensor_is_above_the_figures_and_its_error_in_the_frame():
     traces = next(i for s in page.sections for i in s.items if i.kind == "traces")
     low, high = traces.panels[0].limits
     error = np.concatenate([c.values for c in traces.panels[0].curves])
-    assert low < np.nanmin(error) and high > np.nanmax(error)
+    assert low <= np.nanmin(error) and high >= np.nanmax(error)
