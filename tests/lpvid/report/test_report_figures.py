@@ -155,3 +155,20 @@ def test_a_validation_shows_mean_error_phase_and_steps():
     kinds = {s.title: [i.kind for i in s.items] for s in page.sections}
     assert kinds["Frequency and step response"] == ["figure", "figure"]
     assert kinds["Measured and simulated"][0] == "traces" and "figure" in kinds["What is left in the residuals"]
+
+
+def test_a_turned_sensor_is_above_the_figures_and_its_error_in_the_frame():
+    """y = −run: the error is twice the output. The sentence states no negative share, the caveat what to turn."""
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(600)
+    model = lpv.LPVTransferFunction.siso([[-0.5]], [[2.0]], lpv.Polynomial(), 1 / RATE, inputs="u", outputs="y")
+    bare = lpv.Record({"u": u, "y": np.zeros(600)}, sample_time=1 / RATE, units={"u": "m", "y": "N"})
+    y = -lpv.simulate(model, bare).output[:, 0]
+    data = [lpv.Record({"u": u, "y": y}, sample_time=1 / RATE, units={"u": "m", "y": "N"}, name="turned")]
+    found = lpv.validate(model, data)
+    page = validation_page(found, model, comparisons(model, data, "held-out"), "m.json")
+    assert "explains nothing of the output" in page.verdict and any("--flip y" in c for c in page.caveats)
+    traces = next(i for s in page.sections for i in s.items if i.kind == "traces")
+    low, high = traces.panels[0].limits
+    error = np.concatenate([c.values for c in traces.panels[0].curves])
+    assert low <= np.nanmin(error) and high >= np.nanmax(error)

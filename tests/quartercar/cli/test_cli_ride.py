@@ -69,6 +69,7 @@ def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
     assert 0 <= row["figures"]["negative_share"]["mean"] < 0.5
     page = (out / "report.html").read_text()
     assert "Ride comparison" in page and "mixed" in page and "http" not in page
+    assert "No spectra of this road" in page  # one second is no average, and the page states so
 
 
 def test_the_report_opens_in_a_browser(written):
