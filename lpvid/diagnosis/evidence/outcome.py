@@ -129,7 +129,8 @@ class EvidenceOutcome:
                              for m in contested)
             return "cannot-tell", f"these data cannot keep apart {described}"
         if others:
-            return "unexplained", f"{', '.join(m.effect.name for m in others)} come nearest, and cannot be named; " \
+            nearest = "come nearest" if len(others) > 1 else "comes nearest"
+            return "unexplained", f"{', '.join(m.effect.name for m in others)} {nearest}, and cannot be named; " \
                                   f"{structure}"
         if self.significant and self.of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
