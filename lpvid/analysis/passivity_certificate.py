@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from lpvid.codec import null
+from lpvid.codec import ADDED, null
 from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.certificate_common import StorageCertificate, describe_box, malformed
 from lpvid.lmi.driven import Driven
@@ -75,12 +76,23 @@ class PassivityCertificate(StorageCertificate):
     between_grid: bool
     why: str = ""
     solver: str = ""
-    unit: str = ""
+    unit: str = field(default="", metadata=ADDED)
 
     SCHEMA = "lpvid/passivity-certificate/1"
     NOUN = "a passivity certificate"
     JSON = (("schema", "SCHEMA"), "verdict", "claim", ..., "order")
     inputs = outputs = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Without the unit where there is none: a file of before is written again as it was.
+        """
+        plain = super().to_dict()
+        return plain if self.unit else {k: v for k, v in plain.items() if k != "unit"}
 
     @property
     def verdict(self) -> str:

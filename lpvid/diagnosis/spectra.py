@@ -121,6 +121,31 @@ def weighed_alike(s: Signals, like: Signals) -> Signals:
     return s
 
 
+def noisier(s: Signals, rng: np.random.Generator) -> Signals:
+    """The signals with as much noise again from the sensors of the motion, weighed as they were.
+
+    White at the level at the top of each spectrum; in a channel that was derived from another one that one's,
+    differentiated.
+
+    Parameters
+    ----------
+    s : Signals
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Signals
+    """
+    added: dict[str, np.ndarray] = {}
+    for channel in dict.fromkeys([r for sources in RATES.values() for r in sources] + list(RATES)):
+        if s.has(channel) and s[channel].size >= SHORT:
+            source = next((r for r in RATES.get(channel, ()) if r in added and _derived(s, channel, r)), None)
+            level = _power(s[channel], s, STRETCH)[2]
+            added[channel] = np.gradient(added[source], s.sample_time) if source else \
+                np.sqrt(level / (2 * s.sample_time * s.finer)) * rng.standard_normal(s.n_samples)
+    return weighed_alike(s.replace(**{c: s[c] + n for c, n in added.items()}), s)
+
+
 def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
     """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
     at, power, noise = _power(x, s, STRETCH)

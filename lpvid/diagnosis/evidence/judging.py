@@ -10,12 +10,13 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import SetSearch, posterior
+from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, out_of_fold
-from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
+from lpvid.diagnosis.spectra import noisier
 
 NAMED, SURE = 2 / 3, 0.75
 """calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
@@ -220,7 +221,8 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     kind = best.kinds[best.effects.index(effect)]
     name, finding, support = named_as(effect, kind, sets, search.structured)
     of_family = Support.of(sets, family(effect.family), search.structured).probability
-    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding, search.structured)
+    rivals = _as_good(search, sets, best, effect) if support.probability >= NAMED else \
+        _instead(sets, best, kind, finding, search.structured)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
@@ -263,6 +265,40 @@ def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], s
 
 def _in_this_form(effect: Effect) -> Finding:
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
+
+
+def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect
+             ) -> tuple[tuple[str, float], ...]:
+    """Lags, delays and filters that do as well in the place of one, once the noise that each carries is taken off.
+
+    To undo a filter raises the noise of the motion, to undo a delay does not: the error of the filter is larger even
+    where it is the truth. What that noise adds is what as much noise again changes. One does as well if what is left of
+    its error is not larger by more than one standard error of the blocks' differences.
+    """
+    if effect.path not in LAGGING:
+        return ()
+    found, problem = [], search.problem
+    for other in search.candidates:
+        w = search.visited.get(best.members - {effect.name} | {other.name})
+        if other.path in LAGGING and other.name not in best.members and w is not None:
+            gains = problem.block_sums(_without_noise(w) - _without_noise(best))
+            if not gains.sum() > np.sqrt(gains @ gains):
+                kind = w.kinds[w.effects.index(other)]
+                found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
+    return tuple(found)
+
+
+def _without_noise(w: Weighed) -> np.ndarray:
+    """(N,) squared error of a set less what the noise of the motion's sensors changes in it."""
+    problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
+
+    def find() -> np.ndarray:
+        rng = np.random.default_rng(0)
+        changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
+                   for s in problem.signals]
+        return w.fit.errors**2 - np.minimum(problem.stack(changes) ** 2, EXPLODED)
+
+    return w.fit.cached("without noise", find)
 
 
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,

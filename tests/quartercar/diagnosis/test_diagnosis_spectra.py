@@ -7,7 +7,7 @@ import pytest
 from helpers.effect_signals import PERIOD, without_noise
 
 from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import weighed_alike
+from lpvid.diagnosis.spectra import noisier, weighed_alike
 from quartercar.effects.between_samples import between
 from quartercar.effects.splines import glided
 
@@ -49,3 +49,17 @@ def test_on_a_faster_clock_there_is_no_motion_beyond_the_recorded_band(recorded:
     power = np.abs(np.fft.rfft(quiet[inside] * np.hanning(quiet[inside].size))) ** 2
     frequency = np.fft.rfftfreq(quiet[inside].size, fine.sample_time)
     assert power[frequency > 260].sum() < 1e-6 * power.sum()
+
+
+def test_as_much_noise_again_is_added(recorded: Signals) -> None:
+    added = noisier(recorded, np.random.default_rng(1))["velocity"] - recorded["velocity"]
+    assert added.std() == pytest.approx(0.05, rel=0.05)
+
+
+def test_noise_of_a_derived_channel_is_that_of_its_source_differentiated(recorded: Signals) -> None:
+    position = np.cumsum(recorded["velocity"] - 0.0) * PERIOD + 1e-4 * np.random.default_rng(2).standard_normal(8192)
+    both = recorded.replace(displacement=position, velocity=np.gradient(position, PERIOD))
+    again = noisier(both, np.random.default_rng(1))
+    added = {c: again[c] - both[c] for c in ("displacement", "velocity")}
+    assert added["displacement"].std() == pytest.approx(1e-4, rel=0.15)  # and what the integral of the other noise leaves
+    np.testing.assert_allclose(added["velocity"], np.gradient(added["displacement"], PERIOD))
