@@ -61,5 +61,5 @@ def test_noise_of_a_derived_channel_is_that_of_its_source_differentiated(recorde
     both = recorded.replace(displacement=position, velocity=np.gradient(position, PERIOD))
     again = noisier(both, np.random.default_rng(1))
     added = {c: again[c] - both[c] for c in ("displacement", "velocity")}
-    assert added["displacement"].std() == pytest.approx(1e-4, rel=0.15)  # and what the integral of the other noise leaves
+    assert added["displacement"].std() == pytest.approx(1e-4, rel=0.15)
     np.testing.assert_allclose(added["velocity"], np.gradient(added["displacement"], PERIOD))
