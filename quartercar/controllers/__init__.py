@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import lazy_loader
 
@@ -43,6 +44,7 @@ _EXPORTS = {
 CONTROLLERS = NamedClasses("control law", "quartercar.controllers", LAWS, "quartercar.controllers.contract:Controller")
 """`LAWS`, those of other packages (entry-point group ``quartercar.controllers``), and those that `register` adds."""
 
+__getattr__: Callable[[str], Any]
 __getattr__, __dir__, _exported = lazy_loader.attach(__name__, submod_attrs=_EXPORTS)
 __all__ = ["CONTROLLERS", "LAWS", "law_class", "law_names", "register", *_exported]  # pyright: ignore
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import lazy_loader
@@ -73,6 +73,7 @@ _EXPORTS = {
 DAMPERS = NamedClasses("damper model", "quartercar.dampers", MODELS, "quartercar.dampers.contract:Damper")
 """`MODELS`, those of other packages (entry-point group ``quartercar.dampers``), and those that `register` adds."""
 
+__getattr__: Callable[[str], Any]
 __getattr__, __dir__, _exported = lazy_loader.attach(__name__, submod_attrs=_EXPORTS)
 __all__ = ["DAMPERS", "MODELS", "model_class", "model_names", "register", *_exported]  # pyright: ignore
 
