@@ -30,8 +30,6 @@ class Support:
     structured : float
         Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
         the law gets wrong by less than the noise is taken for a cause.
-    flexible : bool
-        Whether it is a flexible form rather than a component, or another form of one.
     """
 
     weight: float
