@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -135,8 +136,13 @@ class OneSidedFilter(ChainEffect):
 
         From a filter of order two to these a narrow valley leads, which a fit descends slowly.
         """
-        order_three = [np.array([t, BESSEL[0], BESSEL[1] * t]) for t in self.parameters[0].grid[::2]]
-        return [*super().points(signals), *order_three]
+        return [*super().points(signals), *map(_order_three, self.parameters[0].grid[::2])]
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """The same at lags that follow from the data, filters of order two with one damping."""
+        p = self.parameters[0]
+        lags = p.spread(scale(p.unit), True)
+        return [np.array([t, self.parameters[1].neutral, 0.0]) for t in lags] + [_order_three(t) for t in lags]
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         t, zeta, third = (float(v) for v in values)
@@ -152,6 +158,11 @@ class OneSidedFilter(ChainEffect):
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two more samples of the input", order=2)
+
+
+def _order_three(t: float) -> np.ndarray:
+    """Parameters of Bessel's filter of order three whose pair of poles has that time constant."""
+    return np.array([t, BESSEL[0], BESSEL[1] * t])
 
 
 class ForceOffset(ChainEffect):

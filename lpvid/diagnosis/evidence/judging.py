@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, posterior
+from lpvid.diagnosis.evidence.search import SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
@@ -269,36 +269,37 @@ def _in_this_form(effect: Effect) -> Finding:
 
 def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect
              ) -> tuple[tuple[str, float], ...]:
-    """Lags, delays and filters that do as well in the place of one, once the noise that each carries is taken off.
+    """Next of kin that nothing in these data keeps apart from one, whatever the sets that hold them weigh.
 
-    To undo a filter raises the noise of the motion, to undo a delay does not: the error of the filter is larger even
-    where it is the truth. What that noise adds is what as much noise again changes. One does as well if what is left of
-    its error is not larger by more than one standard error of the blocks' differences.
+    Two causes are kept apart where what the one predicts and what the other predicts, all else refitted, differ by more
+    than the law gets wrong: a misfit d may look like any difference up to its size, and then favours either. Noise does
+    not: by it every sample speaks. So that the difference counts against the structured part of the error that is left,
+    less what the sensors' noise makes of it: to undo a filter raises the noise of the motion, to undo a delay does not.
     """
-    if effect.path not in LAGGING:
-        return ()
-    found, problem = [], search.problem
+    found = []
+    misfit = search.structured * best.fit.cost
     for other in search.candidates:
         w = search.visited.get(best.members - {effect.name} | {other.name})
-        if other.path in LAGGING and other.name not in best.members and w is not None:
-            gains = problem.block_sums(_without_noise(w) - _without_noise(best))
-            if not gains.sum() > np.sqrt(gains @ gains):
-                kind = w.kinds[w.effects.index(other)]
-                found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
+        if w is None or not akin(effect, other) or other.name in best.members:
+            continue
+        kind = w.kinds[w.effects.index(other)]
+        apart = float(np.sum((w.fit.errors - best.fit.errors) ** 2 - _carried(w) - _carried(best)))
+        if kind not in best.kinds and apart < misfit:
+            found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)
 
 
-def _without_noise(w: Weighed) -> np.ndarray:
-    """(N,) squared error of a set less what the noise of the motion's sensors changes in it."""
+def _carried(w: Weighed) -> np.ndarray:
+    """(N,) squared error that the noise of the motion's sensors makes in a set: what as much noise again changes."""
     problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
 
     def find() -> np.ndarray:
         rng = np.random.default_rng(0)
         changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
                    for s in problem.signals]
-        return w.fit.errors**2 - np.minimum(problem.stack(changes) ** 2, EXPLODED)
+        return np.minimum(problem.stack(changes) ** 2, EXPLODED)
 
-    return w.fit.cached("without noise", find)
+    return w.fit.cached("carried noise", find)
 
 
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,

@@ -308,6 +308,23 @@ class SetSearch:
                 self._add(Weighed(self.data, self._settled(composition, begun, w.fit)))
             self.enlarge(self.visited[rest])
         self.enlarge(w)
+        swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
+                 and self._together([*(x for x in w.effects if x is not e), y])]
+        _ = w.fit.jacobian  # found once, for all forks
+        for found in self._each(lambda pair: self._weighed(self._swapped(w, *pair)), swaps):
+            self._add(found)
+
+    def _swapped(self, w: Weighed, gone: Effect, come: Effect) -> Refit:
+        """A set with the next of kin in the place of one effect, from the numbers that the others have beside that.
+
+        Without either the law follows what it lacks, a motion that is late say, and leads to no good start of the other.
+        """
+        composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
+        place = w.fit.composition.places[w.effects.index(gone)]
+        basis = projector(np.delete(w.fit.jacobian, range(place.start, place.stop), axis=1))
+        begun = [placed(composition, w.fit, {come.name: v}) for v in self.data.looked_at[come.name]]
+        left = [self._left(composition, v, basis) for v in begun]
+        return self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], w.fit, (come,))
 
     def _add(self, w: Weighed) -> None:
         known = self.visited.get(w.members)
@@ -324,6 +341,12 @@ class SetSearch:
             self.kept, self.structured = found.kept, found.structured
             if self.best is best:
                 return
+
+
+def akin(one: Effect, other: Effect) -> bool:
+    """Whether two effects are next of kin: other components of one family, or lags on the way of motion and force."""
+    return one.component != other.component and (one.family == other.family
+                                                 or (one.path in LAGGING and other.path in LAGGING))
 
 
 def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
