@@ -317,7 +317,7 @@ class SetSearch:
     def _swapped(self, w: Weighed, gone: Effect, come: Effect) -> Refit:
         """A set with the next of kin in the place of one effect, from the numbers that the others have beside that.
 
-        Without either the law follows what it lacks, a motion that is late say, and leads to no good start of the other.
+        Without either the law follows what it lacks, a late motion say, and leads to no good start of the other.
         """
         composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
         place = w.fit.composition.places[w.effects.index(gone)]
