@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import SetSearch, akin, posterior
+from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
@@ -272,19 +272,25 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
     """Next of kin that nothing in these data keeps apart from one, whatever the sets that hold them weigh.
 
     Two causes are kept apart where what the one predicts and what the other predicts, all else refitted, differ by more
-    than the law gets wrong: a misfit d may look like any difference up to its size, and then favours either. Noise does
-    not: by it every sample speaks. So that the difference counts against the structured part of the error that is left,
-    less what the sensors' noise makes of it: to undo a filter raises the noise of the motion, to undo a delay does not.
+    than the law gets wrong: a misfit may look like any difference up to its size, and then favours either. Noise does
+    not: by it every sample speaks. So that the difference counts against the structured part of the error that is left.
+
+    What the sensors' noise makes of either is taken off: to undo a filter raises the noise of the motion, to undo a
+    delay does not, and the error of the filter is larger even where it is the truth. A lag is a rival too if what is
+    left of its error is not larger by more than one standard error of the blocks' differences.
     """
-    found = []
+    found, problem = [], search.problem
     misfit = search.structured * best.fit.cost
     for other in search.candidates:
         w = search.visited.get(best.members - {effect.name} | {other.name})
         if w is None or not akin(effect, other) or other.name in best.members:
             continue
         kind = w.kinds[w.effects.index(other)]
-        apart = float(np.sum((w.fit.errors - best.fit.errors) ** 2 - _carried(w) - _carried(best)))
-        if kind not in best.kinds and apart < misfit:
+        noise = _carried(w) + _carried(best)
+        worse = problem.block_sums(w.fit.errors**2 - _carried(w) - best.fit.errors**2 + _carried(best))
+        alike = float(np.sum((w.fit.errors - best.fit.errors) ** 2 - noise)) < misfit
+        as_good = other.path in LAGGING and not worse.sum() > np.sqrt(worse @ worse)
+        if kind not in best.kinds and (alike or as_good):
             found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)
 
