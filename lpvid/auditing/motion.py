@@ -41,28 +41,30 @@ def velocity_against_displacement(view: View) -> Iterator[Finding]:
     if pair is None or view.period is None or view.velocity is None:
         return
     slope, velocity = pair
-    relation = _relate(slope, velocity, view.period)
+    found = relation(view)
     at = (view.name, view.velocity)
-    if relation is None or relation.residual > FAR:
-        yield _mismatch(view, relation)
+    if found is None or found.residual > FAR:
+        yield _mismatch(view, found)
         return
-    if relation.residual > APART:
-        yield _mismatch(view, relation)
-    filtered = [] if relation.half_sample else list(_one_sided(view, slope, velocity))
-    if relation.gain < 0:
-        yield Finding("velocity-sign", *at, "warning", f"the velocity is {relation.gain:.3g} times the derivative of "
-                      f"'{view.displacement}'", f"--flip {view.velocity}", relation.gain)
-    elif abs(relation.gain - 1) > 0.05 and not filtered:
-        yield Finding("velocity-scale", *at, "warning", f"the velocity is {relation.gain:.4g} times the derivative of "
-                      f"'{view.displacement}'", "correct the unit or the sensor's gain", relation.gain)
-    yield from _delayed(view, relation)
+    if found.residual > APART:
+        yield _mismatch(view, found)
+    filtered = [] if found.half_sample else list(_one_sided(view, slope, velocity))
+    if found.gain < 0:
+        yield Finding("velocity-sign", *at, "warning", f"the velocity is {found.gain:.3g} times the derivative of "
+                      f"'{view.displacement}'", f"--flip {view.velocity}", found.gain)
+    elif abs(found.gain - 1) > 0.05 and not filtered:
+        yield Finding("velocity-scale", *at, "warning", f"the velocity is {found.gain:.4g} times the derivative of "
+                      f"'{view.displacement}'", "correct the unit or the sensor's gain", found.gain)
+    yield from _delayed(view, found)
     yield from filtered
 
 
 def relation(view: View) -> Relation | None:
     """How the velocity of a record follows from its displacement; None where one of them is missing or at rest."""
-    pair = _pair(view)
-    return None if pair is None or view.period is None else _relate(*pair, view.period)
+    if "relation" not in view.known:
+        pair = _pair(view)
+        view.known["relation"] = None if pair is None or view.period is None else _relate(*pair, view.period)
+    return view.known["relation"]
 
 
 def _mismatch(view: View, relation: Relation | None) -> Finding:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +28,13 @@ class View:
     record : Record
     scheduling : tuple of str
         Channels that could schedule a model.
+    known : dict
+        What several checks ask for, found once.
     """
 
     record: Record
     scheduling: tuple[str, ...]
+    known: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def name(self) -> str:

@@ -6,10 +6,11 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from lpvid._forks import in_forks
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
@@ -21,9 +22,12 @@ from lpvid.record import Record
 from lpvid.training_fingerprint import recalled, roles
 
 if TYPE_CHECKING:
+    from lpvid.auditing import Audit
     from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.diagnosis.settings import DiagnosisSettings
 
+T = TypeVar("T")
+R = TypeVar("R")
 Progress = Callable[[str], None]
 AUTO = "auto"
 """in the place of a baseline's name: the installed law that suits the records best"""
@@ -160,9 +164,12 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         stage[0] = text
         report_progress(text)
 
+    def examined() -> Audit:
+        return audit(question.raw,
+                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
+
     report_progress("auditing")
-    audited = audit(question.raw, scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
-    given = None
+    given = audited = None
     if question.fitted:
         given = {"training": _esr(baseline, prepared.training),
                  "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
@@ -172,7 +179,7 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
     try:
         if settings.fit_baseline and not question.fitted and not question.settled:
             described(f"fitting {baseline.name}")
-            baseline = baseline.fit(prepared.training)
+            baseline, audited = _beside(lambda start=baseline: start.fit(prepared.training), examined)
         found = engine.diagnose(prepared.training, baseline, question.catalogue, prepared.held_out,
                                 replace(settings, fit_baseline=False), described)
     except KeyboardInterrupt as stop:
@@ -181,7 +188,14 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
     extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    return replace(found, audit=audited, notes=(*found.notes, *notes), extended=extended, baseline=baseline_text)
+    return replace(found, audit=audited or examined(), notes=(*found.notes, *notes), extended=extended,
+                   baseline=baseline_text)
+
+
+def _beside(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
+    """What two calls return, side by side where there are processors for both."""
+    results: list[Any] = in_forks(lambda call: call(), (one, other))
+    return results[0], results[1]
 
 
 def _listed(records: Record | Sequence[Record] | None) -> list[Record]:

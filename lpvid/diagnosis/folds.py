@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,9 +29,18 @@ class Folds:
 
 def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
     """Refit to each fold from the fit to both, and take the errors on the other."""
+    return joined(problem, [errors_beside(problem, fit, fold) for fold in (0, 1)])
+
+
+def errors_beside(problem: DiagnosisProblem, fit: Refit, fold: int) -> np.ndarray:
+    """(n,) errors on the samples of the other fold, by a refit to this one from the fit to both."""
+    half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=STEPS, near=fit, rough=True)
+    return half.errors[problem.in_fold(1 - fold)]
+
+
+def joined(problem: DiagnosisProblem, beside: Sequence[np.ndarray]) -> Folds:
+    """Errors out of fold from those beside fold 0 and beside fold 1."""
     errors = np.empty(problem.n_samples)
-    for fold in (0, 1):
-        half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=STEPS, near=fit, rough=True)
-        test = problem.in_fold(1 - fold)
-        errors[test] = half.errors[test]
+    for fold, part in enumerate(beside):
+        errors[problem.in_fold(1 - fold)] = part
     return Folds(errors)

@@ -29,7 +29,7 @@ from lpvid.diagnosis.noise import noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
-from lpvid.diagnosis.screening import screen
+from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
@@ -95,7 +95,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
               unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
     """What the visited sets say, measured on all samples."""
     problem, alone = search.problem, search.visited[frozenset()].fit
-    screened = tuple(screen(problem, alone, search.look(search.visited[frozenset()]), np.random.default_rng(seed)))
+    screened = tuple(screen(problem, alone, directions(problem, alone, search.moved), np.random.default_rng(seed)))
     judged = judge(search, report_progress)
     share, spread = predictable_share(problem, problem.errors(judged.fit.composition, judged.fit.vector),
                                       search.channels)
@@ -105,7 +105,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
         collect()
         report_progress("refitting the best set to all samples")
-        judged = on_all_samples(judged, problem_of(records, baseline))
+        judged = on_all_samples(search, judged, problem_of(records, baseline))
     whole = judged.problem
     driving = [c for c in baseline.channels if c != baseline.output]
     level = noise_level(whole.signals, driving, whole.blocks.mask())

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
 from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
-from lpvid.diagnosis.folds import Folds, out_of_fold
+from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
@@ -29,6 +29,8 @@ LISTED = 0.05
 NOTABLE, BESIDE = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
 left, from which it is named where little is left (diagnosis_real)"""
+OUT_OF_FOLD = "out of fold"
+"""what the folds of a fit are kept by"""
 LEAST = 0.005
 """change below which nothing is named: half a per cent of the output is nobody's concern"""
 
@@ -137,25 +139,17 @@ def judge(search: SetSearch, report_progress: Callable[[str], None]) -> JudgedSe
     refused: set[frozenset[str]] = set()
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
-
-    def on_all(composition: Composition, near: Refit) -> Refit:
-        if composition.members not in fits:
-            begun = [placed(composition, near, {})]
-            known = search.visited.get(composition.members)
-            begun += [] if known is None else [known.fit.vector]
-            tried = [refit(problem, composition, v, rough=True) for v in begun]
-            fits[composition.members] = min(tried, key=lambda f: f.cost)
-        return fits[composition.members]
-
     while True:
         sets = [(w, p) for w, p in posterior(search) if w.members not in refused]
         total = sum(p for _, p in sets)
         sets = [(w, p / total) for w, p in sets] if total > 0 else [(search.visited[frozenset()], 1.0)]
         best = story(sets)
         report_progress(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
-        fit = on_all(best.fit.composition, best.fit)
-        after = folds_of(problem, fit)
-        rests = [on_all(_less(fit.composition, e), fit) for e in best.effects]
+        fit = fits[best.members] = fits.get(best.members) or _refitted(search, best.fit.composition, best.fit,
+                                                                       search.each)
+        without = [_less(fit.composition, e) for e in best.effects]
+        _check(search, fits, fit, (fit.composition, *without, root.composition))
+        after, rests = folds_of(problem, fit), [fits[c.members] for c in without]
         useless = [(e, r) for e, r in zip(best.effects, rests, strict=True) if not _helps(problem, r, after)]
         if not useless:
             break
@@ -168,18 +162,46 @@ def judge(search: SetSearch, report_progress: Callable[[str], None]) -> JudgedSe
                   tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
 
 
-def on_all_samples(judged: JudgedSet, problem: DiagnosisProblem) -> JudgedSet:
+def _refitted(search: SetSearch, composition: Composition, near: Refit,
+              each: Callable[[Callable[[np.ndarray], Refit], Sequence[np.ndarray]], list[Refit]]) -> Refit:
+    """The better of two refits to all samples: from a fit nearby, and from where the search left this set."""
+    known = search.visited.get(composition.members)
+    starts = [placed(composition, near, {}), *([] if known is None else [known.fit.vector])]
+    return min(each(lambda v: refit(search.problem, composition, v, rough=True), starts), key=lambda f: f.cost)
+
+
+def _check(search: SetSearch, fits: dict[frozenset[str], Refit], near: Refit, wanted: Sequence[Composition]) -> None:
+    """Refit compositions that are not yet among `fits`, and find the errors out of fold of all, on every processor."""
+    def checked(composition: Composition) -> tuple[Refit | None, Folds]:
+        known = fits.get(composition.members)
+        found = known or _refitted(search, composition, near, lambda one, starts: [one(v) for v in starts])
+        folds = folds_of(search.problem, found)
+        return (None if known else found), folds  # of one that is known the folds alone are sent back
+
+    new = {c.members: c for c in wanted if c.members not in fits or OUT_OF_FOLD not in fits[c.members].cache}
+    for members, (found, folds) in zip(new, search.each(checked, list(new.values())), strict=True):
+        fit = fits.setdefault(members, found) if found else fits[members]
+        fit.cache[OUT_OF_FOLD] = folds
+
+
+def on_all_samples(search: SetSearch, judged: JudgedSet, problem: DiagnosisProblem) -> JudgedSet:
     """The same with errors and parameters by refits on all samples, where the search was on some."""
-    root, fit = (refit(problem, f.composition, f.vector, rough=True) for f in (judged.root, judged.fit))
+    def refitted(f: Refit) -> Refit:
+        found = refit(problem, f.composition, f.vector, rough=True)
+        _ = found.jacobian  # from which both folds begin
+        return found
+
+    root, fit = search.each(refitted, (judged.root, judged.fit), (problem,))
+    halves = search.each(lambda of: errors_beside(problem, *of), [(f, k) for f in (fit, root) for k in (0, 1)])
+    after, before = joined(problem, halves[:2]), joined(problem, halves[2:])
     places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in judged.members)
-    return replace(judged, problem=problem, root=root, fit=fit, before=folds_of(problem, root),
-                   after=folds_of(problem, fit), members=members)
+    return replace(judged, problem=problem, root=root, fit=fit, before=before, after=after, members=members)
 
 
 def folds_of(problem: DiagnosisProblem, fit: Refit) -> Folds:
     """Errors out of fold, found once for a fit."""
-    return fit.cached("out of fold", lambda: out_of_fold(problem, fit))
+    return fit.cached(OUT_OF_FOLD, lambda: out_of_fold(problem, fit))
 
 
 def _less(composition: Composition, effect: Effect) -> Composition:

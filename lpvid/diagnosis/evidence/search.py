@@ -157,13 +157,26 @@ class SetSearch:
         if not chosen:
             return
         _ = w.fit.jacobian, self.visited[frozenset()].fit.jacobian  # found once, for all forks
-        for child in self._each(lambda e: self._weighed(self._child(w, (e,), found)), chosen):
+        for child in self.each(lambda e: self._weighed(self._child(w, (e,), found)), chosen):
             self._add(child)
 
-    def _each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-        """Results over independent items, on every processor."""
+    def each(self, function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
+        """Results over independent items, on every processor.
+
+        Parameters
+        ----------
+        function : callable
+            Of one item.
+        items : sequence
+        shared : sequence of object
+            What results refer to beside the data, the baseline and the candidates.
+
+        Returns
+        -------
+        list
+        """
         baseline = self.visited[frozenset()].fit.composition.baseline
-        return in_forks(function, items, (self.data, self.problem, baseline, *self.candidates))
+        return in_forks(function, items, (self.data, self.problem, baseline, *self.candidates, *shared))
 
     def _weighed(self, fit: Refit) -> Weighed:
         """A refitted set, its evidence found."""
@@ -191,11 +204,11 @@ class SetSearch:
             tried = (move(self.problem, w.fit, e, v, now) for v in points[e.name])
             return [m for m in tried if m is not None]
 
-        found = [m for of_effect in self._each(moves, outside) for m in of_effect]
+        found = [m for of_effect in self.each(moves, outside) for m in of_effect]
         if not w.members:
             self.moved = found
             lags = [e for e in outside if e.path in LAGGING]
-            self.following = dict(zip([e.name for e in lags], self._each(lambda e: self._followed(w, e), lags),
+            self.following = dict(zip([e.name for e in lags], self.each(lambda e: self._followed(w, e), lags),
                                       strict=True))
         return directions(self.problem, w.fit, found)
 
@@ -285,7 +298,7 @@ class SetSearch:
             return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], root.fit,
                                                composition.effects))
 
-        for pair in self._each(refitted, pairs):
+        for pair in self.each(refitted, pairs):
             self._add(pair)
 
     def _left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray | None = None) -> float:
