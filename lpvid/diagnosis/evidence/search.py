@@ -324,7 +324,7 @@ class SetSearch:
         swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
                  and self._together([*(x for x in w.effects if x is not e), y])]
         _ = w.fit.jacobian  # found once, for all forks
-        for found in self._each(lambda pair: self._weighed(self._swapped(w, *pair)), swaps):
+        for found in self.each(lambda pair: self._weighed(self._swapped(w, *pair)), swaps):
             self._add(found)
 
     def _swapped(self, w: Weighed, gone: Effect, come: Effect) -> Refit:
