@@ -308,24 +308,24 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
         if w is None or not akin(effect, other) or other.name in best.members:
             continue
         kind = w.kinds[w.effects.index(other)]
-        noise = _carried(w) + _carried(best)
-        worse = problem.block_sums(w.fit.errors**2 - _carried(w) - best.fit.errors**2 + _carried(best))
-        alike = float(np.sum((w.fit.errors - best.fit.errors) ** 2 - noise)) < misfit
+        noise, of_best = _carried(w), _carried(best)
+        apart = float(np.sum((w.fit.errors - best.fit.errors) ** 2 - (noise - of_best) ** 2))
+        worse = problem.block_sums(w.fit.errors**2 - noise**2 - best.fit.errors**2 + of_best**2)
         as_good = other.path in LAGGING and not worse.sum() > np.sqrt(worse @ worse)
-        if kind not in best.kinds and (alike or as_good):
+        if kind not in best.kinds and (apart < misfit or as_good):
             found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)
 
 
 def _carried(w: Weighed) -> np.ndarray:
-    """(N,) squared error that the noise of the motion's sensors makes in a set: what as much noise again changes."""
+    """(N,) error that the noise of the motion's sensors makes in a set: what as much again changes, the same for all."""
     problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
 
     def find() -> np.ndarray:
         rng = np.random.default_rng(0)
         changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
                    for s in problem.signals]
-        return np.minimum(problem.stack(changes) ** 2, EXPLODED)
+        return np.clip(problem.stack(changes), -EXPLODED, EXPLODED)
 
     return w.fit.cached("carried noise", find)
 
