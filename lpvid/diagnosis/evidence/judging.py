@@ -318,7 +318,7 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
 
 
 def _carried(w: Weighed) -> np.ndarray:
-    """(N,) error that the noise of the motion's sensors makes in a set: what as much again changes, the same for all."""
+    """(N,) error that the noise of the motion's sensors makes in a set: what as much again changes, alike for all."""
     problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
 
     def find() -> np.ndarray:
