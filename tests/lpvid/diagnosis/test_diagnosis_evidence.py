@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.toy_diagnosis import CAUSES, NOISES, Bent, Cubic, Dry, DryTwin, problem_of, record
+from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTwin, problem_of, record
 from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
@@ -24,13 +24,14 @@ from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.judging import LEAST, NAMED, NOTABLE, SURE, Member, named_as
 from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.search import posterior
+from lpvid.diagnosis.evidence.search import akin, posterior
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
+from quartercar.effects import CATALOGUE
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 
 
@@ -344,3 +345,26 @@ def test_records_of_a_baseline_with_its_own_clock_are_not_decimated():
     t = 0.001 * np.arange(40_000)
     data = Record({k: Channel(np.sin(5 * t + n), "V") for n, k in enumerate(("u", "c", "y"))}, 0.001)
     assert thinned([data], Fast())[1] > 1 and thinned([data], Clocked())[1] == 1
+
+
+class Steep(Added):
+    name, title = "steep", "sign of the input, not quite as sharp"
+    shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
+
+
+@pytest.mark.parametrize(("misfit", "named", "rivals"), [(0.1, ["dry"], []), (0.4, [], [("dry", "steep")])])
+def test_next_of_kin_are_told_apart_where_they_differ_by_more_than_the_law_errs(misfit, named, rivals):
+    """The change by either is the same but near zero, by .2 of the output's unit; the law errs by .07 and .28."""
+    def hidden(u: np.ndarray) -> np.ndarray:
+        return 1.5 * np.sign(u) + misfit * np.sin(9 * u) * np.sign(np.roll(u, 30))
+
+    d = diagnose([record(np.random.default_rng(3), level=0.05, hidden=hidden)], Bent(), (Dry(), Steep()))
+    assert [c.name for c in d.causes] == named and [r.names for r in d.rivals] == rivals
+
+
+def test_next_of_kin_are_other_components_of_a_family_or_lags_of_motion_and_force():
+    by_name = {e.name: e for e in CATALOGUE}
+    pairs = (("thermal-fade", "viscous-fade", True), ("displacement-delay", "one-sided-filter", True),
+             ("force-delay", "fixture-resonance", True), ("coulomb-friction", "inner-friction", False),
+             ("coulomb-friction", "coulomb-friction", False), ("series-compliance", "thermal-fade", False))
+    assert all(akin(by_name[a], by_name[b]) is akin(by_name[b], by_name[a]) is wanted for a, b, wanted in pairs)

@@ -125,6 +125,24 @@ class TestCases:
         assert "series-compliance" not in found.rivals
         assert found.separable == (min(found.rivals.values()) >= found.unknown)
 
+    @pytest.mark.slow
+    @pytest.mark.parametrize(("seed", "alike"), [
+        (5700004, {"displacement-delay", "one-sided-filter"}), (5700008, {"thermal-fade", "viscous-fade"})])
+    def test_what_the_truth_calls_inseparable_is_listed_together(self, seed: int, alike: set[str], tmp_path: Path
+                                                                  ) -> None:
+        """Two causes of which the rig's own law says that they differ by less than its error."""
+        import lpvid as lpv
+
+        plan = cases.draw(seed, duration=10.0)
+        world = cases.world(plan)
+        known = truth.truth_of(world)
+        assert {*plan.causes, *(n for n, d in known.rivals.items() if d < known.unknown)} >= alike
+        path = tmp_path / "record.csv"
+        cases.written(world, cases.measured(world, world.run(known.hidden)), path)
+        answer = lpv.diagnose(lpv.read(str(path)), plan.baseline, sample_rate=cases.RATE / 2)
+        assert not alike & {c.name for c in answer.causes}
+        assert any(alike <= set(r.names) for r in answer.rivals)
+
     def test_shares_no_code_with_what_it_judges(self) -> None:
         for path in Path(causes.__file__).parent.glob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, composed, guo, motion, nothing, road_like, speed_itself
-from scipy.signal import bilinear, lfilter
+from scipy.signal import bessel, bilinear, lfilter
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.extended import ExtendedModel
@@ -104,6 +104,16 @@ class TestOneSidedFilter:
         inside = slice(256, -128)  # the periods of the motion are not whole in the record
         before = np.abs(filtered[1] - true[1])[inside].max()
         assert np.abs(got - true[1])[inside].max() < 0.03 * before
+
+    def test_filters_of_order_three_are_looked_at_at_every_lag(self) -> None:
+        """Third-order Bessel: the delay 2 zeta T + T_3 is that of scipy's filter of unit delay."""
+        points = np.array(OneSidedFilter().spread_points((), lambda unit: 0.01 if unit == "s" else None))
+        lags, order_three = np.unique(points[:, 0]), points[points[:, 2] > 0]
+        np.testing.assert_array_equal(np.unique(order_three[:, 0]), lags)
+        _, poles, _ = bessel(3, 1.0, analog=True, output="zpk", norm="delay")
+        pair, single = poles[poles.imag > 0][0], poles[np.abs(poles.imag) < 1e-9][0].real
+        np.testing.assert_allclose(order_three[:, 1], -pair.real / abs(pair), rtol=1e-3)
+        np.testing.assert_allclose(order_three[:, 2] / order_three[:, 0], -abs(pair) / single, rtol=1e-3)
 
     def test_noise_is_not_blown_up(self, rng: np.random.Generator) -> None:
         """Undoing a 20 Hz filter by plain differences multiplies white noise by T²/h² = 16."""
