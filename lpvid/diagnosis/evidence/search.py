@@ -303,9 +303,13 @@ class SetSearch:
 
     def _left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray | None = None) -> float:
         """Squared error at a vector; with a basis that which these directions cannot take away, to first order."""
-        error = self.problem.stack(self.problem.errors(composition, vector))
+        error = self._error(composition, vector)
         error = error if basis is None else without(basis, error)
         return float(np.minimum(error**2, 1e100).sum())
+
+    def _error(self, composition: Composition, vector: np.ndarray) -> np.ndarray:
+        """(N,) error at a vector."""
+        return self.problem.stack(self.problem.errors(composition, vector))
 
     def _pull_apart(self, w: Weighed) -> None:
         """Visit the set without each of its members, and with another in its place."""
@@ -324,20 +328,32 @@ class SetSearch:
         swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
                  and self._together([*(x for x in w.effects if x is not e), y])]
         _ = w.fit.jacobian  # found once, for all forks
-        for found in self.each(lambda pair: self._weighed(self._swapped(w, *pair)), swaps):
-            self._add(found)
+        for found in self.each(lambda pair: self._swapped(w, *pair), swaps):
+            if found is not None:
+                self._add(found)
 
-    def _swapped(self, w: Weighed, gone: Effect, come: Effect) -> Refit:
+    def _swapped(self, w: Weighed, gone: Effect, come: Effect) -> Weighed | None:
         """A set with the next of kin in the place of one effect, from the numbers that the others have beside that.
 
-        Without either the law follows what it lacks, a late motion say, and leads to no good start of the other.
+        Without either the law follows what it lacks, a late motion say, and leads to no good start of the other. None
+        where to first order, the others and the size of the change following, it stays hopelessly behind. Lags do not
+        act in proportion: all of them are refitted.
         """
         composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
         place = w.fit.composition.places[w.effects.index(gone)]
         basis = projector(np.delete(w.fit.jacobian, range(place.start, place.stop), axis=1))
+        plain = without(basis, self._error(composition, placed(composition, w.fit, {})))
         begun = [placed(composition, w.fit, {come.name: v}) for v in self.data.looked_at[come.name]]
-        left = [self._left(composition, v, basis) for v in begun]
-        return self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], w.fit, (come,))
+        lag, left = come.path in LAGGING, []
+        for vector in begun:
+            error = without(basis, self._error(composition, vector))
+            change = plain - error
+            followed = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
+            left.append(float(error @ error - followed))
+        behind = 0.5 * self.kept * self.problem.n_samples * np.log(max(min(left), 1e-300) / w.fit.cost)
+        if not lag and not behind < HOPELESS:
+            return None
+        return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], w.fit, (come,)))
 
     def _add(self, w: Weighed) -> None:
         known = self.visited.get(w.members)
