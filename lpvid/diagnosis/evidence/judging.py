@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
+from lpvid.diagnosis.evidence.search import SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
@@ -291,43 +291,38 @@ def _in_this_form(effect: Effect) -> Finding:
 
 def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect
              ) -> tuple[tuple[str, float], ...]:
-    """Next of kin that nothing in these data keeps apart from one, whatever the sets that hold them weigh.
+    """Next of kin that the error does not speak against, whatever the sets that hold them weigh.
 
-    Two causes are kept apart where what the one predicts and what the other predicts, all else refitted, differ by more
-    than the law gets wrong: a misfit may look like any difference up to its size, and then favours either. Noise does
-    not: by it every sample speaks. So that the difference counts against the structured part of the error that is left.
-
-    What the sensors' noise makes of either is taken off: to undo a filter raises the noise of the motion, to undo a
-    delay does not, and the error of the filter is larger even where it is the truth. A lag is a rival too if what is
-    left of its error is not larger by more than one standard error of the blocks' differences.
+    By the error alone, as it is left of either all else refitted, a rival has the likelihood (e_r'e_r/e'e)^(−κN/2). It
+    is listed where that is more than `LISTED`: a misfit of the law favours one of two that differ by less than it, and
+    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. What the
+    sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a delay
+    does not, and the error of the filter is larger even where it is the truth.
     """
-    found, problem = [], search.problem
-    misfit = search.structured * best.fit.cost
+    found, samples = [], search.kept * search.problem.n_samples
     for other in search.candidates:
         w = search.visited.get(best.members - {effect.name} | {other.name})
         if w is None or not akin(effect, other) or other.name in best.members:
             continue
         kind = w.kinds[w.effects.index(other)]
-        noise, of_best = _carried(w), _carried(best)
-        apart = float(np.sum((w.fit.errors - best.fit.errors) ** 2 - (noise - of_best) ** 2))
-        worse = problem.block_sums(w.fit.errors**2 - noise**2 - best.fit.errors**2 + of_best**2)
-        as_good = other.path in LAGGING and not worse.sum() > np.sqrt(worse @ worse)
-        if kind not in best.kinds and (apart < misfit or as_good):
+        against = 0.5 * samples * np.log(_without_noise(w) / _without_noise(best))
+        if kind not in best.kinds and against < -np.log(LISTED):
             found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)
 
 
-def _carried(w: Weighed) -> np.ndarray:
-    """(N,) error that the noise of the motion's sensors makes in a set: what as much again changes, alike for all."""
+def _without_noise(w: Weighed) -> float:
+    """Squared error of a set less what the noise of the sensors of motion makes of it: what as much again changes."""
     problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
 
-    def find() -> np.ndarray:
+    def find() -> float:
         rng = np.random.default_rng(0)
         changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
                    for s in problem.signals]
-        return np.clip(problem.stack(changes), -EXPLODED, EXPLODED)
+        carried = float(np.sum(np.minimum(problem.stack(changes) ** 2, EXPLODED)))
+        return max(w.fit.cost - carried, 1e-12 * w.fit.cost, 1e-300)
 
-    return w.fit.cached("carried noise", find)
+    return w.fit.cached("without noise", find)
 
 
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,

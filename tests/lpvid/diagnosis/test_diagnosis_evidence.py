@@ -349,12 +349,12 @@ def test_records_of_a_baseline_with_its_own_clock_are_not_decimated():
 
 class Steep(Added):
     name, title = "steep", "sign of the input, not quite as sharp"
-    shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
+    shape = staticmethod(lambda s: np.tanh(30 * s["u"]))
 
 
 @pytest.mark.parametrize(("misfit", "named", "rivals"), [(0.1, ["dry"], []), (0.4, [], [("dry", "steep")])])
 def test_next_of_kin_are_told_apart_where_they_differ_by_more_than_the_law_errs(misfit, named, rivals):
-    """The change by either is the same but near zero, by .2 of the output's unit; the law errs by .07 and .28."""
+    """The change by either is the same but near zero; the law errs by .07 and by .28 of the output's unit."""
     def hidden(u: np.ndarray) -> np.ndarray:
         return 1.5 * np.sign(u) + misfit * np.sin(9 * u) * np.sign(np.roll(u, 30))
 
