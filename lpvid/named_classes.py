@@ -48,6 +48,9 @@ class NamedClasses:
         """The package's own, then those of installed packages, then the registered ones."""
         return tuple(dict.fromkeys((*self._own, *self._installed(), *self._registered)))
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._registered or name in self._installed()
+
     def get(self, name: str) -> type:
         """The class behind a name.
 

@@ -132,17 +132,20 @@ def _move(
     return Move(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
 
 
-def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
-    """Moves with the sensitivities of the fitted composition projected out."""
-    basis = projector(fit.yielding)
+def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move], basis: np.ndarray | None = None
+               ) -> list[Direction]:
+    """Moves with the sensitivities of the fitted composition projected out; `basis` is theirs, where it is known."""
+    if not moved:
+        return []
+    basis = projector(fit.yielding) if basis is None else basis
+    raw = np.array([problem.stack(m.change) for m in moved])
+    changes = without(basis, raw.T).T
+    norms, raw_norms = np.linalg.norm(changes, axis=1), np.linalg.norm(raw, axis=1)
+    shares = np.maximum(changes @ fit.errors, 0.0) / np.where(norms > 0, norms, np.inf) ** 2
     out = []
-    for move in moved:
-        raw = problem.stack(move.change)
-        change = without(basis, raw)
-        size = float(np.sqrt(np.mean(raw**2)))
-        norm = float(np.linalg.norm(change))
-        share = max(float(change @ fit.errors), 0.0) / norm**2 if norm > 0 else 0.0
-        out.append(Direction(move.effect, move.values, change, norm, float(np.linalg.norm(raw)), size,
+    for m, change, norm, raw_norm, share in zip(moved, changes, norms.tolist(), raw_norms.tolist(), shares.tolist(),
+                                                strict=True):
+        out.append(Direction(m.effect, m.values, change, norm, raw_norm, raw_norm / np.sqrt(problem.n_samples),
                              share**2 * norm**2, share))
     return out
 

@@ -10,7 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.registry import Factory
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.dampers import model_class, model_names
+from quartercar.dampers import DAMPERS, model_class, model_names
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.families import LawDamper
 
@@ -102,7 +102,7 @@ class _Baselines(Mapping[str, Factory]):
     def __getitem__(self, name: str) -> Factory:
         if name == "quarter-car":
             return car_baseline
-        if name not in model_names():
+        if name not in DAMPERS:
             raise KeyError(name)
         return partial(damper_baseline, name)
 

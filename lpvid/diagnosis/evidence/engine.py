@@ -31,7 +31,7 @@ from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
-from lpvid.diagnosis.signals import in_turn
+from lpvid.diagnosis.signals import LONG, in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -103,7 +103,8 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         for s in problem.signals:
             s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
-        collect()
+        if sum(r.n_samples for r in records) > LONG:
+            collect()
         report_progress("refitting the best set to all samples")
         judged = on_all_samples(search, judged, problem_of(records, baseline))
     whole = judged.problem

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -48,6 +49,17 @@ LEAST_WORTH = 0.1
 """share of independent samples that a refit of the search assumes at least, for where it ends"""
 TOGETHER, RACED = 3, 2
 """points of either of a pair, and pairs of them from which it is refitted: those that leave least as they stand"""
+
+
+@dataclass(frozen=True, eq=False)
+class _SetView:
+    """A set, effects outside of it, where each is looked at, the simulation, and what its parameters can yield to."""
+
+    of: Weighed
+    outside: Sequence[Effect]
+    points: Mapping[str, np.ndarray]
+    now: Sequence[np.ndarray]
+    basis: np.ndarray
 
 
 @dataclass
@@ -110,15 +122,14 @@ class SetSearch:
         """Visit sets from the baseline alone on."""
         self.visited[frozenset()] = Weighed(self.data, root)
         self._reweigh()
-        self.enlarge(self.visited[frozenset()])  # else a pair that imitates a single cause comes before it
+        self.enlarge([self.visited[frozenset()]])  # else a pair that imitates a single cause comes before it
         self._reweigh()
         self._pairs(self.visited[frozenset()])
         self._reweigh()
         for _ in range(DEEPEST):
             before = self.best
             open_sets = [w for w in self.visited.values() if self._open(w)]
-            for w in sorted(open_sets, key=self.score, reverse=True)[:BEAM]:
-                self.enlarge(w)
+            self.enlarge(sorted(open_sets, key=self.score, reverse=True)[:BEAM])
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
@@ -141,24 +152,31 @@ class SetSearch:
         return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
 
     # -- visiting ----------------------------------------------------------------------------------------------------
-    def enlarge(self, w: Weighed) -> None:
-        """Visit the most promising sets with one effect more."""
-        if not self._open(w):
+    def enlarge(self, sets: Sequence[Weighed]) -> None:
+        """Visit the most promising sets with one effect more, of one set after the other.
+
+        Parameters
+        ----------
+        sets : sequence of Weighed
+            Looked at together; those that cannot be enlarged, or have been, are passed over.
+        """
+        sets = [w for w in sets if self._open(w)]
+        self.enlarged |= {w.members for w in sets}
+        if not sets:
             return
-        self.enlarged.add(w.members)
         best, share = posterior(self)[0]
-        names, leader = (", ".join(sorted(x.members)) for x in (w, best))
-        self.report_progress(
-            f"looking beyond {names or 'the baseline alone'} (best so far: {leader or 'nothing'}, {share:.2f} of "
-            f"{len(self.visited)} sets)"
-        )
-        found = self.look(w)
-        chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
-        if not chosen:
-            return
-        _ = w.fit.jacobian, self.visited[frozenset()].fit.jacobian  # found once, for all forks
-        for child in self.each(lambda e: self._weighed(self._child(w, (e,), found)), chosen):
-            self._add(child)
+        names = "; ".join(", ".join(sorted(w.members)) or "the baseline alone" for w in sets)
+        leader = ", ".join(sorted(best.members)) or "nothing"
+        self.report_progress(f"looking beyond {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
+        for w, found in zip(sets, self.look(sets), strict=True):
+            chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
+            _ = w.fit.jacobian, self.visited[frozenset()].fit.jacobian  # found once, for all forks
+            for child in self._children(w, chosen, found):
+                self._add(child)
+
+    def _children(self, w: Weighed, chosen: Sequence[Effect], found: Sequence[Direction]) -> list[Weighed]:
+        """Sets with one effect more, refitted."""
+        return self.each(lambda e: self._weighed(self._child(w, (e,), found)), chosen)
 
     def each(self, function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
         """Results over independent items, on every processor.
@@ -185,56 +203,81 @@ class SetSearch:
             self.score(found)
         return found
 
-    def look(self, w: Weighed) -> list[Direction]:
-        """What the effects outside a set would change, at the points where they are looked at.
+    def look(self, sets: Sequence[Weighed]) -> list[list[Direction]]:
+        """What the effects outside of each set would change, at the points where they are looked at.
 
         All of them beside the baseline alone. Beside a set what they changed there serves first: less the set's
         sensitivities, it is what each would take away if it acted as it did there; those that promise most, and the
         partners of the members, are simulated anew.
+
+        Parameters
+        ----------
+        sets : sequence of Weighed
+
+        Returns
+        -------
+        list of list of Direction
+            Of each set.
         """
+        views = [self._view(w) for w in sets]
+        items = [(v, e) for v in views for e in v.outside]
+        if any(not w.members for w in sets):
+            (first,) = views
+            self.moved, self.following = self._first_look(first)
+            return [directions(self.problem, first.of.fit, self.moved, first.basis)]
+        found = iter(self.each(lambda t: directions(self.problem, t[0].of.fit, self._moves(*t), t[0].basis), items))
+        return [[d for _ in v.outside for d in next(found)] for v in views]
+
+    def _view(self, w: Weighed) -> _SetView:
+        """A set and the effects outside of it that are worth a look."""
         outside = [e for e in self.candidates if e.name not in w.members and self._together((*w.effects, e))]
-        points = self.data.looked_at
+        points, basis = self.data.looked_at, projector(w.fit.yielding)
         if w.members and self.moved:
-            outside = self._foremost(w, outside)
+            outside = self._foremost(w, outside, basis)
             points = {e.name: _spread(points[e.name], POINTS) for e in outside}
-        now = [s.output - e for s, e in zip(self.problem.signals,
-                                            self.problem.errors(w.fit.composition, w.fit.vector), strict=True)]
+        errors = self.problem.errors(w.fit.composition, w.fit.vector)
+        now = [s.output - e for s, e in zip(self.problem.signals, errors, strict=True)]
+        return _SetView(w, outside, points, now, basis)
 
-        def moves(e: Effect) -> list[Move]:
-            tried = (move(self.problem, w.fit, e, v, now) for v in points[e.name])
-            return [m for m in tried if m is not None]
+    def _moves(self, view: _SetView, e: Effect) -> list[Move]:
+        """What an effect would change at each of its points at which it can be simulated."""
+        tried = (move(self.problem, view.of.fit, e, v, view.now) for v in view.points[e.name])
+        return [m for m in tried if m is not None]
 
-        found = [m for of_effect in self.each(moves, outside) for m in of_effect]
-        if not w.members:
-            self.moved = found
-            lags = [e for e in outside if e.path in LAGGING]
-            self.following = dict(zip([e.name for e in lags], self.each(lambda e: self._followed(w, e), lags),
-                                      strict=True))
-        return directions(self.problem, w.fit, found)
+    def _first_look(self, view: _SetView) -> tuple[list[Move], dict[str, list[tuple[float, np.ndarray]]]]:
+        """What each effect would change beside the baseline alone, and where fits with a lag may begin."""
+        lags = [(e, v) for e in view.outside if e.path in LAGGING for v in view.points[e.name]]
+        calls: list[Callable[[], Any]] = [partial(self._followed, view.of, *lag) for lag in lags]
+        calls += [partial(self._moves, view, e) for e in view.outside]
+        found = self.each(lambda call: call(), calls)
+        following: dict[str, list[tuple[float, np.ndarray]]] = {}
+        for name in dict.fromkeys(e.name for e, _ in lags):
+            of_lag = [kinds for (e, _), kinds in zip(lags, found, strict=False) if e.name == name]
+            raced = [sorted([k[n] for k in of_lag if len(k) > n], key=lambda t: t[0])[:RACED] for n in (0, 1)]
+            following[name] = sorted([t for kind in raced for t in kind], key=lambda t: t[0])
+        return [m for moves in found[len(lags):] for m in moves], following
 
-    def _followed(self, w: Weighed, e: Effect) -> list[tuple[float, np.ndarray]]:
-        """Where fits with a lag may begin, and the squared error there; the least first.
+    def _followed(self, w: Weighed, e: Effect, values: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """Where fits with a lag of these values may begin, and the squared error there: near the present law, and anew.
 
         A law that moves too early or too late is fitted to next to nothing, beside which no lag shows: its numbers must
         follow. By how much they can is found to first order; where that leads over a bent valley, a law without memory
         begins anew from the signals as the lag leaves them.
         """
         composition = Composition(w.fit.composition.baseline, (*w.effects, e))
-        own, near, anew = range(composition.own), [], []
-        for v in self.data.looked_at[e.name]:
-            vector = placed(composition, w.fit, {e.name: v})
-            slopes = self.problem.stack([composition.sensitivities(s, vector, free=own) for s in self.problem.signals])
-            near.append((self._left(composition, vector, projector(slopes[:, own])), vector))
-            begun = [np.concatenate([b, vector[own.stop:]]) for b in _starts_behind(e, v, w, self.problem.signals)]
-            if begun:
-                anew.append(min(((self._left(composition, b), b) for b in begun), key=lambda t: t[0]))
-        return sorted([t for kind in (near, anew) for t in sorted(kind, key=lambda t: t[0])[:RACED]],
-                      key=lambda t: t[0])
+        own = range(composition.own)
+        near = placed(composition, w.fit, {e.name: values})
+        slopes = self.problem.stack([composition.sensitivities(s, near, free=own) for s in self.problem.signals])
+        found = [(self._left(composition, near, projector(slopes[:, own])), near)]
+        begun = [np.concatenate([b, near[own.stop:]]) for b in _starts_behind(e, values, w, self.problem.signals)]
+        if begun:
+            found.append(min(((self._left(composition, b), b) for b in begun), key=lambda t: t[0]))
+        return found
 
-    def _foremost(self, w: Weighed, outside: Sequence[Effect]) -> list[Effect]:
+    def _foremost(self, w: Weighed, outside: Sequence[Effect], basis: np.ndarray) -> list[Effect]:
         """Effects worth a look beside a set."""
         promised = {e.name: 0.0 for e in outside}
-        for d in directions(self.problem, w.fit, [m for m in self.moved if m.effect.name in promised]):
+        for d in directions(self.problem, w.fit, [m for m in self.moved if m.effect.name in promised], basis):
             if d.visible:
                 promised[d.effect.name] = max(promised[d.effect.name], d.gain)
         linked = {p for e in w.effects for p in e.partners}
@@ -275,9 +318,9 @@ class SetSearch:
         worth = max(self.kept, LEAST_WORTH)
         low, high = composition.bounds
         starts = {np.clip(v, low, high).tobytes(): v for v in begun}.values()
-        found = [descend(self.problem, composition, v, iterations=HEAT, near=near, rough=True, worth=worth)
-                 for v in starts]
-        best = min(found, key=lambda f: f.cost)
+        heats = self.each(lambda v: descend(self.problem, composition, v, iterations=HEAT, near=near, rough=True,
+                                            worth=worth), list(starts), (composition,))
+        best = min(heats, key=lambda f: f.cost)
         if any(e.stepwise or e.rugged for e in added):
             best = hopped_on(best, HEAT, rough=True)
         return descend(self.problem, composition, best.vector, iterations=STEPS, rough=True, worth=worth)
@@ -313,21 +356,22 @@ class SetSearch:
 
     def _pull_apart(self, w: Weighed) -> None:
         """Visit the set without each of its members, and with another in its place."""
-        for e in w.effects:
-            rest = w.members - {e.name}
-            if not self._together([x for x in w.effects if x is not e]):
-                continue
-            if rest not in self.visited:
-                composition = Composition(w.fit.composition.baseline, tuple(x for x in w.effects if x is not e))
-                begun = [placed(composition, w.fit, {}), placed(composition, self.visited[frozenset()].fit, {
-                    x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)
-                    if x is not e})]
-                self._add(Weighed(self.data, self._settled(composition, begun, w.fit)))
-            self.enlarge(self.visited[rest])
-        self.enlarge(w)
+        rests = [rest for e in w.effects if self._together(rest := tuple(x for x in w.effects if x is not e))]
+        own = {x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)}
+        root = self.visited[frozenset()].fit
+
+        def without_one(rest: tuple[Effect, ...]) -> Weighed:
+            composition = Composition(w.fit.composition.baseline, rest)
+            begun = [placed(composition, w.fit, {}), placed(composition, root, {x.name: own[x.name] for x in rest})]
+            return self._weighed(self._settled(composition, begun, w.fit))
+
+        members = [frozenset(x.name for x in rest) for rest in rests]
+        _ = w.fit.jacobian  # found once, for all forks
+        for one in self.each(without_one, [r for r, m in zip(rests, members, strict=True) if m not in self.visited]):
+            self._add(one)
+        self.enlarge([*(self.visited[m] for m in members if m in self.visited), w])
         swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
                  and self._together([*(x for x in w.effects if x is not e), y])]
-        _ = w.fit.jacobian  # found once, for all forks
         for found in self.each(lambda pair: self._swapped(w, *pair), swaps):
             if found is not None:
                 self._add(found)
