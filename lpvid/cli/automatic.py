@@ -47,7 +47,7 @@ class Choice:
     @property
     def description(self) -> str:
         """The ceiling beside the fit, in one sentence."""
-        from lpvid.identification.selection.free_run import NEAR
+        from lpvid.identification.selection.competing import NEAR
 
         if self.ceiling is None:
             return f"No noise ceiling: {self.why_not}."

@@ -39,8 +39,6 @@ class Tried:
 def close_to_least(trials: Sequence[Trial]) -> list[int]:
     """Places of the trials whose error is within one standard error of the least, which comes first.
 
-    Without those whose frozen poles leave the unit circle where later data may go, where those of the first do not.
-
     The standard error is that of the difference from the least, fold by fold, and at most `TOLERATED` of the least:
     blocks of unequal difficulty would otherwise excuse anything.
 
@@ -55,8 +53,7 @@ def close_to_least(trials: Sequence[Trial]) -> list[int]:
     """
     least = trials[0]
     return [i for i, t in enumerate(trials)
-            if t.leaves <= least.leaves
-            and t.mean - least.mean <= min(spread(t.esr - least.esr), TOLERATED * least.mean)]
+            if t.mean - least.mean <= min(spread(t.esr - least.esr), TOLERATED * least.mean)]
 
 
 def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int:

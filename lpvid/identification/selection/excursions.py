@@ -1,8 +1,8 @@
-"""How far inputs and scheduling go: a fold that holds out the furthest stretches, and what later data may reach."""
+"""A fold for cross-validation that holds out the stretches in which inputs and scheduling go furthest."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 
@@ -67,89 +67,6 @@ def furthest(records: Sequence[Record], channels: Sequence[str], count: int,
         piece = records[r].slice(stretches[places[0]][1], stretches[places[-1]][2])
         parts[is_held].append(replace(piece, time=None))
     return parts
-
-
-def reach(parts: Sequence[tuple[Sequence[Record], Sequence[Record]]],
-          channels: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """How far the held-out part of a fold goes beyond its training part, below and above, in ranges of the latter.
-
-    What a fold's training data do not contain of its held-out part, all training data may lack of later data. On the
-    gyroscope's record a fold's first scheduling variable goes below the others by .97 of their range, the last third of
-    the record below the rest by 1.38; the third variable above by .22 and .29.
-
-    Parameters
-    ----------
-    parts : sequence of (sequence of Record, sequence of Record)
-        Training and held-out part of every fold.
-    channels : sequence of str
-
-    Returns
-    -------
-    dict
-        (below, above) of every channel, the most of all folds, at least 0.
-
-    Examples
-    --------
-    >>> from lpvid import Record
-    >>> low, high = (Record({"p": p}, sample_time=1.0) for p in ([0.0, 2.0], [1.0, 3.0]))
-    >>> reach([([low], [high])], ["p"])
-    {'p': (0.0, 0.5)}
-    """
-    found = {}
-    for name in channels:
-        below = above = 0.0
-        for training, held in parts:
-            (low, high), (least, most) = (_range(records, name) for records in (training, held))
-            if high > low:
-                below = max(below, (low - least) / (high - low))
-                above = max(above, (most - high) / (high - low))
-        found[name] = below, above
-    return found
-
-
-def stretched(values: np.ndarray, bounds: tuple[float, float], beyond: tuple[float, float]) -> np.ndarray:
-    """Values mapped linearly from their bounds to bounds that lie further apart by `beyond` ranges, below and above.
-
-    Parameters
-    ----------
-    values : array
-    bounds : (float, float)
-    beyond : (float, float)
-
-    Returns
-    -------
-    array
-        Of the same shape.
-    """
-    low, high = bounds
-    below, above = beyond
-    return low - below * (high - low) + (1 + below + above) * (values - low)
-
-
-def stretched_records(records: Sequence[Record], beyond: Mapping[str, tuple[float, float]]) -> list[Record]:
-    """Records with the named channels stretched about their common range.
-
-    Parameters
-    ----------
-    records : sequence of Record
-    beyond : mapping
-        As of `reach`.
-
-    Returns
-    -------
-    list of Record
-    """
-    bounds = {name: _range(records, name) for name in beyond}
-    out = []
-    for record in records:
-        for name, by in beyond.items():
-            record = record.with_channel(name, stretched(record[name], bounds[name], by), record.unit(name))
-        out.append(record)
-    return out
-
-
-def _range(records: Sequence[Record], name: str) -> tuple[float, float]:
-    return min(float(r[name].min()) for r in records), max(float(r[name].max()) for r in records)
 
 
 def _stretches(n: int, length: int) -> list[tuple[int, int]]:

@@ -32,10 +32,6 @@ TIME_UP = "the time was up"
 LEFT = "left"
 """how the reason of a candidate begins that was left because it could not win any more."""
 
-NEAR = 0.5
-"""points of fit [%] below the noise ceiling within which a choice counts as having reached it: about what the ceiling
-itself is uncertain by where its truth is known (tests/lpvid/identification/test_selection.py)."""
-
 Fold = tuple[list[Record], list[Record]]
 AnyStructure = TypeVar("AnyStructure", bound=Structure)
 
@@ -54,9 +50,6 @@ class Trial:
         Of the last fold's estimate.
     outside : float or None
         Share of all training samples with a frozen pole outside, where it was looked at.
-    leaves : bool
-        Whether frozen poles leave the unit circle once the training trajectory is stretched to where later data may go
-        (`excursions.reach`).
     power : float
         Mean power of a fold, the unit of `esr`; 0 after a failure, whose `esr` are squared errors.
     measured : float
@@ -68,26 +61,13 @@ class Trial:
     failure: str = ""
     n_parameters: int | None = None
     outside: float | None = None
-    leaves: bool = False
     power: float = 0.0
     measured: float = 0.0
 
     @property
     def counted(self) -> float:
-        """The worse of `mean` and `measured`, with which a structure would be taken, as `rated`."""
-        return self._rated(max(self.mean, self.measured))
-
-    @property
-    def rated(self) -> float:
-        """`mean`; of `NEAR` points of fit less where frozen poles leave the unit circle where later data may go.
-
-        Cross-validation does not see what such a structure does there. One that stays inside is taken where it costs no
-        more than the difference that counts as none.
-        """
-        return self._rated(self.mean)
-
-    def _rated(self, esr: float) -> float:
-        return (np.sqrt(esr) + NEAR / 100) ** 2 if self.leaves else esr
+        """The worse of `mean` and `measured`, with which a structure would be taken."""
+        return max(self.mean, self.measured)
 
     @property
     def mean(self) -> float:

@@ -13,10 +13,8 @@ from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.selection.choosing import TOLERATED, Tried, close_to_least, simplest_supported
-from lpvid.identification.selection.excursions import reach, stretched_records
 from lpvid.identification.selection.free_run import (
     LEFT,
-    NEAR,
     TIME_UP,
     Fold,
     Trial,
@@ -30,7 +28,6 @@ from lpvid.identification.selection.result import CandidateRow, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.identification.structure import Structure
-from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model
 
@@ -49,10 +46,8 @@ class StructureSearch:
     """State of a search that may be interrupted at any time."""
 
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
-                 progress: Progress | None, budget: float | None = None, channels: Sequence[str] = ()) -> None:
+                 progress: Progress | None, budget: float | None = None) -> None:
         self.records, self.parts, self.limit, self.places, self.progress = records, parts, limit, places, progress
-        self.reach = reach(parts, channels)
-        self.further = stretched_records(records, self.reach)
         self.begun, self.budget, self.first_seconds = process_time(), budget, 0.0
         self.unscreened, self.unreached = 0, set[int]()
         self.left_out: list[str] = []
@@ -146,22 +141,16 @@ class StructureSearch:
         good = [(s, t) for s, t in tried if not t.failure and s not in self.barred]
         return min(good, key=lambda row: row[1].counted) if good else None
 
-    def leaves(self, model: Model) -> bool:
-        """Whether frozen poles leave the unit circle once the training trajectory is stretched by `reach`."""
-        names = model.box.names if isinstance(model, LPVTransferFunction) else ()
-        further = any(any(self.reach.get(name, ())) for name in names)
-        return further and unstable_share(model, self.further) > self.limit
-
     def simplest(self, kind: type) -> Structure | None:
         """Of a kind that no factor screens, the one of fewest parameters within `TOLERATED` of its least error."""
         good = self.ranked_among(kind)
-        near = [(s, t) for s, t in good if t.rated <= (1 + TOLERATED) * good[0][1].rated]
-        return min(near, key=lambda row: (row[1].n_parameters or 0, row[1].rated))[0] if near else None
+        near = [(s, t) for s, t in good if t.mean <= (1 + TOLERATED) * good[0][1].mean]
+        return min(near, key=lambda row: (row[1].n_parameters or 0, row[1].mean))[0] if near else None
 
     def ranked_among(self, kind: type) -> list[tuple[Structure, Trial]]:
         """Structures of a kind that no factor screens with their trials, least error first."""
         good = [(s, t) for s, t in self.others if not t.failure and isinstance(s, kind)]
-        return sorted(good, key=lambda row: row[1].rated)
+        return sorted(good, key=lambda row: row[1].mean)
 
     def leader(self) -> ARX | None:
         """The screened ARX of least free-run error, with its basis bound and its stages fitted.
@@ -217,13 +206,12 @@ class StructureSearch:
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return replace(trial, failure=f"cannot be fitted to all training data: {why}")
         failure = f"frozen pole outside at {100 * share:.2g} % of training samples" if share > self.limit else ""
-        trial = replace(trial, failure=failure, outside=share, leaves=not failure and self.leaves(model))
-        return replace(trial, measured=self._measured(model, trial))
+        return replace(trial, failure=failure, outside=share, measured=self._measured(model, trial))
 
     def _measured(self, model: Model, trial: Trial) -> float:
         """ESR from measured samples of what would lead the race, else 0."""
         best = self.best
-        if best is not None and trial.rated >= best[1].counted:
+        if best is not None and trial.mean >= best[1].counted:
             return 0.0
         return (1 - fit_from_measured_samples(model, self.records, len(self.parts)) / 100) ** 2
 
@@ -246,9 +234,7 @@ class StructureSearch:
             self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
             trial = cross_validate(self.screened[index].structure, self.parts, self.records)
             if not trial.failure:
-                model = self._of_screened(index)
-                trial = replace(trial, leaves=self.leaves(model))
-                trial = replace(trial, measured=self._measured(model, trial))
+                trial = replace(trial, measured=self._measured(self._of_screened(index), trial))
             self.trials[index] = trial
 
     def report_progress(self, text: str, *, line: bool = False) -> None:
@@ -305,7 +291,7 @@ class StructureSearch:
                   for i, t in self.trials.items()]
         tested += [(CandidateRow(s, t.n_parameters, outside=t.outside),
                     Tried(t, t.n_parameters, partial(self._of_structure, s))) for s, t in self.others]
-        good = sorted((item for item in tested if not item[1].trial.failure), key=lambda item: item[1].trial.rated)
+        good = sorted((item for item in tested if not item[1].trial.failure), key=lambda item: item[1].trial.mean)
         failed = [replace(row, reason=tried.trial.failure) for row, tried in tested if tried.trial.failure]
         rows = [*self._chosen(good), *failed, *self._untried(), *self.refused]
         return [(row.structure, row) for row in rows]
@@ -336,17 +322,9 @@ class StructureSearch:
                 reason = "its free run is worse than the mean of the output"
             else:
                 reason = f"free-run error {tried.trial.mean / max(trials[0].mean, 1e-300):.3g} times the least"
-            if tried.trial.leaves:
-                reason += self._further()
             rows.append(replace(row, esr=tried.trial.mean, esr_error=tried.trial.error,
                                 esr_folds=tuple(tried.trial.esr.tolist()), reason=reason))
         return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]
-
-    def _further(self) -> str:
-        name = max(self.reach, key=lambda n: max(self.reach[n]))
-        far = 100 * max(self.reach[name])
-        return ("; a frozen pole leaves the unit circle once the training range is stretched as far as held-out blocks "
-                f"go beyond the others ('{name}' by {far:.2g} %), counted as {NEAR} points of fit")
 
     def _row(self, index: int, reason: str = "") -> CandidateRow:
         s = self.screened[index]

@@ -14,8 +14,8 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
-from lpvid.identification.selection.competing import compete
-from lpvid.identification.selection.free_run import NEAR, make_folds, unstable_share
+from lpvid.identification.selection.competing import NEAR, compete
+from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.result import Selection
 from lpvid.identification.selection.rounds import Round, in_full
 from lpvid.identification.selection.search import Progress, StructureSearch
@@ -38,13 +38,12 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     """Choose a structure by what it does in free run on training data it was not fitted to.
 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
-    (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle
-    along the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. One
-    whose frozen poles leave the circle once that trajectory is stretched, as far as held-out blocks go beyond the
-    others (`excursions.reach`), counts with `NEAR` points of fit less. The simplest within one standard error wins,
-    unless all training data speak against it by AIC (`choosing`). One that runs worse there than the mean of the
-    output is taken only if all do. Other structures go to cross-validation directly. Stages requested by name are
-    fitted once for every basis and held while orders are compared; the choice is refitted with them.
+    (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
+    the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. The simplest
+    within one standard error wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
+    there than the mean of the output is taken only if all do. Other structures go to cross-validation directly. Stages
+    requested by name are fitted once for every basis and held while orders are compared; the choice is refitted with
+    them.
 
     Parameters
     ----------
@@ -106,7 +105,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
-        search = StructureSearch(sample, parts, outside, PLACES, progress, budget, _driving(structures))
+        search = StructureSearch(sample, parts, outside, PLACES, progress, budget)
         complete = True
         try:
             if first is not None:

@@ -10,10 +10,9 @@ import pytest
 from scipy.signal import lfilter
 
 import lpvid as lpv
-from lpvid.identification.selection import auto, select
-from lpvid.identification.selection.choosing import close_to_least
-from lpvid.identification.selection.excursions import furthest, reach, stretched_records
-from lpvid.identification.selection.free_run import Trial, cross_validate, make_folds, of_its_range
+from lpvid.identification.selection import auto
+from lpvid.identification.selection.excursions import furthest
+from lpvid.identification.selection.free_run import cross_validate, make_folds, of_its_range
 from lpvid.identification.selection.search import StructureSearch
 from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.model.input_stage import TanhStage
@@ -148,40 +147,3 @@ def test_a_yielding_damper_is_found_beyond_its_training_range() -> None:
     assert found.identification is not None and found.identification.held_out is not None
     assert "tanh" in repr(found).splitlines()[0]
     assert found.identification.held_out.overall.free_run.fit_percent > 100 * (1 - 0.05 / np.sqrt(1.05**2)) - 1.0
-
-
-def test_reach_is_what_held_out_parts_lie_beyond_the_training_parts():
-    """Oracle: ranges written down; scaling and shifting a channel changes nothing."""
-    def part(*values):
-        return [Record({"p": np.array(values)}, 0.01)]
-
-    parts = [(part(0.0, 4.0), part(-1.0, 2.0)), (part(-1.0, 2.0), part(0.0, 5.0))]
-    assert reach(parts, ["p"])["p"] == (0.25, 1.0)
-    moved = [tuple([Record({"p": 7.0 - 3.0 * r["p"]}, 0.01) for r in side] for side in fold) for fold in parts]
-    assert reach(moved, ["p"])["p"] == pytest.approx((1.0, 0.25))
-    far = stretched_records(part(0.0, 1.0, 2.0), {"p": (0.25, 1.0)})
-    assert far[0]["p"] == pytest.approx([-0.5, 1.75, 4.0])
-
-
-@pytest.mark.parametrize("slope", [0.2, 0.55])
-def test_poles_that_leave_where_later_data_may_go_are_stated(slope):
-    """A pole of .5 + slope·p on a p that goes further and further: at slope .55 it stays inside up to p = .909 only."""
-    rng = np.random.default_rng(3)
-    n = 4000
-    u, p = rng.normal(size=n), np.sin(3 * np.pi * np.arange(n) / n) * np.linspace(0.3, 1.0, n)
-    y = np.zeros(n)
-    for k in range(1, n):
-        y[k] = (0.5 + slope * p[k]) * y[k - 1] + u[k - 1] + 0.05 * rng.normal()
-    assert p.max() < 0.89
-    pair = [lpv.ARX(na=1, nb=1, input="u", output="y", basis=basis)
-            for basis in (lpv.Polynomial("p", degree=1), lpv.Polynomial())]
-    found = select(Record({"u": u, "p": p, "y": y}, 0.01), pair)
-    assert found.best is pair[0]  # better by far more than what the poles may cost
-    assert ("leaves the unit circle once" in found.table[0].reason) == (slope > 0.5)
-
-
-def test_a_structure_that_stays_inside_is_taken_where_it_costs_nothing():
-    near, far = Trial(np.full(5, 0.0025)), Trial(np.full(5, 0.0021), leaves=True)
-    assert far.mean < near.mean < far.rated == pytest.approx((0.0021**0.5 + 0.005) ** 2)
-    assert close_to_least([near, far]) == [0]
-    assert Trial(np.full(5, 0.0021), "diverges", leaves=True).rated == np.inf
