@@ -356,3 +356,13 @@ def test_a_degree_that_is_too_low_shows_along_the_scheduling() -> None:
             assert {"whiteness", "whiteness over 5 lags", "whiteness over 100 lags", "independence"} <= set(tests)
     assert failed == 20
     assert false_alarms <= 2
+
+
+def test_a_mean_error_that_is_only_rounding_is_zero() -> None:
+    """Least squares with a constant leaves one-step residuals without a mean."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = 900.0 + lfilter([0.0, 50.0], [1.0, -0.5], u) + rng.standard_normal(300)
+    found = identify(a_record(u, y), ARX(na=1, nb=1, input="u", output="y", affine=1))
+    assert found.training.overall.one_step.mean_error == 0.0
+    assert abs(found.training.overall.free_run.mean_error) > 1e-9
