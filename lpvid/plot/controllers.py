@@ -112,4 +112,6 @@ def _pairs(controller: LPVStateSpace) -> list[tuple[int, int]]:
 
 def _unit(controller: LPVStateSpace, i: int, j: int) -> str:
     out, into = controller.outputs[i].unit or "1", controller.inputs[j].unit or "1"
-    return out if into == "1" else f"{out} / ({into})"
+    if into == "1":
+        return out
+    return f"{out}/({into})" if any(c in into for c in "*/ ·") else f"{out}/{into}"
