@@ -67,6 +67,15 @@ def magnitude(views: Sequence[View]) -> Iterator[Finding]:
 
     Millimetres read as metres change nothing else in such a record: any law fits them with other numbers. What they
     mean is put to the reader as a question; beyond the speed of sound it is none.
+
+    Parameters
+    ----------
+    views : sequence of View
+
+    Returns
+    -------
+    iterator of Finding
+        At most one.
     """
     ranges, speeds = [], []
     for one in views:

@@ -84,7 +84,7 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
     yield Round("more orders and terms", _richer(search, leader), True)
     yield Round("scheduled on its own output", _own_output(leader, damper, scheduled), True)
     for _ in range(2):
-        yield Round("around the best", _around(search))
+        yield Round("around the best", _around(search), True)
     yield Round("state space by prediction error at other orders", _more_states(search), True)
     leading = [s for s, _ in search.ranked_among(OutputError)[:IN_FULL]]
     yield Round("the best output errors in full", tuple(in_full(s) for s in leading))
