@@ -248,7 +248,8 @@ def test_held_out_records_without_motion_of_the_output_are_refused_before_the_fi
     (tmp_path / "a.csv").write_text(table())
     (tmp_path / "b.csv").write_text(table(force=np.full(N, 100.0)))
     refused(tmp_path, "identify", tmp_path / "a.csv", "--held-out", tmp_path / "b.csv", "--input", "velocity",
-            "--output", "force", "--schedule", "current", "--out", tmp_path / "out", parts=("'force'", "the held-out records"))
+            "--output", "force", "--schedule", "current", "--out", tmp_path / "out",
+            parts=("'force'", "the held-out records"))
 
 
 # -- findings that are no errors --------------------------------------------------------------------------------------
