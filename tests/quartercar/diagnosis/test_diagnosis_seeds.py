@@ -78,7 +78,7 @@ def growing(seconds: float = 10.0, rate: float = 512.0) -> Record:
 
 @pytest.mark.slow
 def test_a_relief_valve_that_grows_concave_against_holes_behind_it_names_the_orifice() -> None:
-    """Source 001: the baseline (7)-(8) against data of the extended model (9)-(11), A_P³/(N_O K_O)² = 27,000 N·s²/m²."""
+    """Source 001: the baseline (7)-(8) against data of the extended one (9)-(11), A_P³/(N_O K_O)² = 27,000 N·s²/m²."""
     motion = growing()
     force = np.asarray(dampers.model_class("relief-valve-orifice")().simulate(motion).output).ravel()
     found = lpv.diagnose(with_force(motion, force), "relief-valve", CATALOGUE)
