@@ -193,5 +193,5 @@ def limits_of(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[f
     known = model[np.isfinite(model)]
     if not known.size:
         return low, high
-    inside = np.clip(known, low - width, high + width)
-    return min(low, float(inside.min())), max(high, float(inside.max()))
+    inside, room = np.clip(known, low - width, high + width), width * margin / (1 + 2 * margin)
+    return min(low, float(inside.min()) - room), max(high, float(inside.max()) + room)
