@@ -141,11 +141,12 @@ def parse_toml(text: str, where: str, template: str = "--template prints one") -
 
 
 def within(where: str, read: Callable[[], T]) -> T:
-    """`read()`, its faults named with the file they are in."""
+    """`read()`, its faults named with the file they are in, once."""
     try:
         return read()
     except InputError as error:
-        raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+        what = error.what if error.what.startswith(f"{where} ") else f"{where}: {error.what}"
+        raise InputError(what, got=error.got, why=error.why, mend=error.mend) from None
 
 
 def known_keys(table: Mapping[str, Any], allowed: Sequence[str], what: str) -> None:

@@ -74,6 +74,40 @@ def ranges(records: Sequence[Record], names: Sequence[str]) -> dict[str, list[fl
     return {n: [min(float(r[n].min()) for r in records), max(float(r[n].max()) for r in records)] for n in names}
 
 
+def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequence[str]) -> tuple[str, ...]:
+    """A sentence for each channel that leaves the range of the training data: how often and how far.
+
+    A free run in a range that the estimate has not seen is extrapolation. Where a unit differs, as mm read as m, the
+    two ranges stand beside each other.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    metadata : mapping
+        Of the model.
+    names : sequence of str
+        Channels.
+
+    Returns
+    -------
+    tuple of str
+    """
+    known = metadata.get("training", {}).get("ranges", {})
+    said = []
+    for name in names:
+        columns = [r[name] for r in records if r.has(name)]
+        if name not in known or not columns:
+            continue
+        (low, high), values = known[name], np.concatenate(columns)
+        share = float(np.mean((values < low) | (values > high)))
+        if share > 0:
+            unit = next(r.unit(name) for r in records if r.has(name))
+            said.append(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
+                        f"{values.min():.4g} to {values.max():.4g} {unit}".rstrip()
+                        + f", training {low:.4g} to {high:.4g}")
+    return tuple(said)
+
+
 def usual_range(columns: Sequence[np.ndarray]) -> list[float]:
     """Lowest and highest value at which a variable is driven, without the ripple of filters and the rarest samples.
 

@@ -27,7 +27,8 @@ RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
 
 DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
     clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.mixed_polarity, force.offset_between,
-    excitation.scheduling, excitation.same_excitation, gains.motion_gain_varies, gains.force_gain_varies,
+    motion.magnitude, excitation.scheduling, excitation.same_excitation, gains.motion_gain_varies,
+    gains.force_gain_varies,
 )
 """Checks of all records together."""
 

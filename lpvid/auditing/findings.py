@@ -107,10 +107,10 @@ class Audit(Encoded, Shown):
         """One sentence."""
         faults, warnings, notes = (self.count(s) for s in SEVERITIES)
         if faults:
-            return f"{faults} fault(s) to mend before use, {warnings} warning(s), {notes} note(s)"
+            return f"{_many(faults, 'fault')} to mend before use, {_many(warnings, 'warning')}, {_many(notes, 'note')}"
         if warnings:
-            return f"usable with care: {warnings} warning(s), {notes} note(s)"
-        return f"nothing against these data; {notes} note(s)" if notes else "nothing against these data"
+            return f"usable with care: {_many(warnings, 'warning')}, {_many(notes, 'note')}"
+        return f"nothing against these data; {_many(notes, 'note')}" if notes else "nothing against these data"
 
     def __str__(self) -> str:
         head = self.records[0] if len(self.records) == 1 else f"{len(self.records)} records"
@@ -120,6 +120,10 @@ class Audit(Encoded, Shown):
             groups.setdefault((finding.severity, finding.name), []).append(finding)
         lines += [_line(members) for members in groups.values()]
         return "\n".join(lines)
+
+
+def _many(count: int, word: str) -> str:
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
 def _line(members: Sequence[Finding]) -> str:

@@ -1,8 +1,8 @@
-"""Checks of velocity against the derivative of displacement: scale, delay, one-sided filters."""
+"""Checks of velocity against the derivative of displacement: scale, delay, one-sided filters; its size without one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,9 @@ _STENCIL = -np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 10
 FAR, APART = 0.3, 0.05
 """shares of the velocity that are not the derivative of the displacement beyond which the two are different motions,
 and from which on it is worth a line: the measured records of `tests/lpvid/auditing` have 0.016 at most"""
+
+SOUND = 343.0
+"""speed of sound in air at 20 °C [m/s]: no rod in a room moves faster."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,40 @@ def velocity_against_displacement(view: View) -> Iterator[Finding]:
                       f"'{view.displacement}'", "correct the unit or the sensor's gain", found.gain)
     yield from _delayed(view, found)
     yield from filtered
+
+
+def magnitude(views: Sequence[View]) -> Iterator[Finding]:
+    """How far and how fast a displacement moves where no velocity channel confirms its unit.
+
+    Millimetres read as metres change nothing else in such a record: any law fits them with other numbers. What they
+    mean is put to the reader as a question; beyond the speed of sound it is none.
+
+    Parameters
+    ----------
+    views : sequence of View
+
+    Returns
+    -------
+    iterator of Finding
+        At most one.
+    """
+    ranges, speeds = [], []
+    for one in views:
+        if one.displacement and one.force and not one.velocity and one.stroke is not None:
+            x, v, _ = one.stroke
+            ranges.append((float(np.ptp(x)), one.name, one.displacement))
+            speeds.append(float(np.abs(v).max()))
+    if not ranges:
+        return
+    (stroke, name, channel), speed = max(ranges), max(speeds)
+    where = f" ('{name}')" if len(ranges) > 1 else ""
+    impossible = speed > SOUND
+    yield Finding("displacement-unit" if impossible else "displacement-range", "", channel,
+                  "warning" if impossible else "note",
+                  f"it moves over {stroke:.3g} m{where}, at up to {speed:.3g} m/s"
+                  + (f", faster than sound in air ({SOUND:g} m/s)" if impossible else
+                     "; without a velocity channel nothing in the data confirms its unit: is that the rig's stroke?"),
+                  "state the unit in the header, e.g. 'displacement [mm]'" if impossible else "", stroke)
 
 
 def relation(view: View) -> Relation | None:

@@ -18,8 +18,12 @@ def missing(view: View) -> Iterator[Finding]:
         share = float(np.mean(np.isnan(channel.values)))
         if share > 0 and not channel.fault:
             runs = len(true_runs(np.isnan(channel.values)))
+            if share == 1.0:
+                yield Finding("missing-samples", view.name, name, "fault", "it holds no number at all",
+                              "export the data again, or leave that file out where the channel is in use", share)
+                continue
             yield Finding("missing-samples", view.name, name, "warning" if share > 0.01 else "note",
-                          f"{100 * share:.3g} % missing, in {runs} stretch(es)",
+                          f"{100 * share:.3g} % missing, in {runs} stretch{'es' if runs > 1 else ''}",
                           "nothing: the record is cut there when the channel is in use", share)
 
 

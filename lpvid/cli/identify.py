@@ -155,6 +155,7 @@ def identify(
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.modelling import fit
+    from lpvid.cli.parts import refuse_still_output
     from lpvid.cli.structures import Request
 
     results = Results(out)
@@ -205,6 +206,7 @@ def identify(
         working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)
         apart = [*tail, *kept]
+        refuse_still_output(apart, request.output)
         found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
         found = found.with_notes(notes)
         label = "held-out" if apart else "training"

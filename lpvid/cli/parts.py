@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.simulation import Model
@@ -58,9 +60,38 @@ def refuse_still(model: Model, found: Validation) -> None:
     """
     free = found.overall.free_run
     if free.esr is None and free.diverged_at is None:
-        names = ", ".join(f"'{s.name}'" for s in model.outputs)
-        raise InputError(f"output {names} never moves in these records", why="no figure can be formed",
-                         mend="check the sensor and the files; lpvid simulate runs a model without a measured output")
+        raise _still([s.name for s in model.outputs], "these records")
+
+
+def refuse_still_output(records: Sequence[Record], outputs: Sequence[str]) -> None:
+    """Held-out records in which no output moves, before anything is fitted.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Held-out; none is well.
+    outputs : sequence of str
+        Channels or roles.
+
+    Raises
+    ------
+    InputError
+        Every output is constant in every record.
+    """
+    known = [(r, name) for r in records for name in outputs if r.has(name)]
+    if known and all(_constant(r[name]) for r, name in known):
+        raise _still(outputs, "the held-out records")
+
+
+def _constant(values: np.ndarray) -> bool:
+    finite = values[np.isfinite(values)]
+    return finite.size > 0 and not np.ptp(finite) > 0
+
+
+def _still(names: Sequence[str], where: str) -> InputError:
+    listed = ", ".join(f"'{n}'" for n in names)
+    return InputError(f"output {listed} never moves in {where}", why="no figure can be formed",
+                      mend="check the sensor and the files; lpvid simulate runs a model without a measured output")
 
 
 def damper_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], schedule: Sequence[str]) -> Record:

@@ -54,7 +54,9 @@ def differentiate(values: np.ndarray, sample_time: float, *, method: str = "savi
     values = np.asarray(values, dtype=float)
     slope = np.full(values.size, np.nan)
     for first, last in finite_runs(values):
-        if last - first > 1:
+        if last - first > 1 and not np.ptp(values[first:last]):
+            slope[first:last] = 0.0  # exactly: the rounding of a filter would count as motion
+        elif last - first > 1:
             slope[first:last] = _run(values[first:last], sample_time, method, window, order)
     return slope
 

@@ -175,12 +175,16 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
         return [_with_own_units(data, units)]
     if isinstance(data, np.ndarray) and data.ndim == 2 and units is not None:
         data = _named_columns(data, units)
+    if hasattr(data, "collect_schema") and not hasattr(data, "to_numpy"):
+        raise InputError("a lazy frame holds no data yet", got=type(data).__name__, mend="give frame.collect()")
     if _columns_of(data) is not None:
         return [_from_columns(data, name, units or {})]
     if isinstance(data, Iterable) and not isinstance(data, (str, bytes, np.ndarray)):
-        data = list(data)
-        several = len(data) > 1
-        return [r for k, one in enumerate(data) for r in
+        listed = list(data)
+        if any(isinstance(one, (int, float, np.number)) for one in listed):
+            raise _no_record(data)
+        several = len(listed) > 1
+        return [r for k, one in enumerate(listed) for r in
                 as_records(one, f"{name} {k + 1}" if several else name, units)]
     raise _no_record(data)
 

@@ -139,12 +139,16 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
 
 
 def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
-    """Refuse records in which the output is constant: every share of its power would be 0/0."""
+    """Refuse records in which the output or all that is measured of a motion is constant."""
     values = [r[baseline.output] for r in records if r.has(baseline.output)]
     if values and np.ptp(np.concatenate(values)) == 0:
         unit = next(r.unit(baseline.output) for r in records if r.has(baseline.output))
         raise InputError(f"'{baseline.output}' never changes in the training records, so that there is nothing to "
                          "explain", got=f"{values[0][0]:.6g} {unit} throughout",
+                         mend="check the sensor, or leave these files out")
+    motions = [r[role] for r in records for role in ("displacement", "velocity") if r.has(role)]
+    if motions and not any(np.ptp(x) for x in motions):
+        raise InputError("nothing moves in the training records", got="a constant displacement or velocity throughout",
                          mend="check the sensor, or leave these files out")
 
 

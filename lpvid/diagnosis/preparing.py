@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from lpvid.condition import segments
 from lpvid.condition.differentiation import DERIVED
 from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
@@ -97,7 +99,7 @@ def _quieter(record: Record) -> Record:
     """The record, a velocity that was derived here without the noise of the displacement beyond the band that moves."""
     period, moved = record.sample_time or record.time_base.period, record["displacement"]
     s = Signals(period, {"displacement": moved}, moved)
-    if not _derived(record) or not has_band(s, "displacement"):
+    if not _derived(record) or not np.ptp(moved) or not has_band(s, "displacement"):
         return record
     return record.with_channel("velocity", derivative(s, "displacement"), record.channel("velocity").unit, QUIETER)
 

@@ -307,7 +307,10 @@ def _kind_named(schema: object, path: object) -> Kind:
         beside = Path(str(path)).with_name("model.json")
         if len(parts) == 3 and parts[0] in {k.house for k in known_kinds()} and beside.is_file():
             raise InputError(f"'{path}' holds results, no model", got=repr(schema), mend=f"give '{beside}'")
-        raise InputError(f"'{path}' has a schema that cannot be loaded", got="none" if schema is None else repr(schema),
+        if schema is None:
+            raise InputError(f"'{path}' holds no model", why="it names no 'schema'",
+                             mend="give a file written by lpvid.save, such as model.json or controller.json")
+        raise InputError(f"'{path}' has a schema that cannot be loaded", got=repr(schema),
                          why=f"known: {known}", mend="give a file written by lpvid.save")
     if int(parts[2]) > kind.version:
         raise InputError(f"'{path}' was written in a newer format", got=repr(schema),

@@ -72,8 +72,8 @@ class SchedulingLag(SchedulingStage):
         q(k) = p(k − delay/T_s)                                    (linear between samples)
         s(k) = s(k−1) + (1 − exp(−T_s/τ)) (q(k) − s(k−1)),  τ = τ_rise where q(k) > s(k−1), else τ_fall
 
-    Coil and flux lag, driver dead time (equation sheet 3.12-3.14; the direction latches on the filter's error, seed 002
-    (5) implemented). τ → 0 and delay 0 give p back exactly, so a model without the filter is nested in one with it.
+    Coil and flux lag, driver dead time (equation sheet 3.12-3.14; the direction latches on the filter's error, (5) of
+    source 002). τ → 0 and delay 0 give p back exactly, so a model without the filter is nested in one with it.
 
     Parameters
     ----------

@@ -21,6 +21,7 @@ from lpvid.plot.style import (
     drawn,
     label,
     legend_above,
+    limits_of,
     look,
     panels,
     robust_limits,
@@ -242,18 +243,6 @@ def loops(shown: Sequence[Comparison], against: Sequence[str], ax: Ax = None) ->
                 handle.set_markersize(6)  # type: ignore[union-attr]
                 handle.set_alpha(1.0)  # type: ignore[union-attr]
     return drawn(axes)
-
-
-def limits_of(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:
-    """Limits that show both signals whole; a model that leaves the measured range by more than its width, as one that
-    diverges, is cut off there, so that the measurement stays readable."""
-    low, high = robust_limits(measured, margin)
-    width = high - low
-    known = model[np.isfinite(model)]
-    if not known.size:
-        return low, high
-    inside = np.clip(known, low - width, high + width)
-    return min(low, float(inside.min())), max(high, float(inside.max()))
 
 
 def worst_stretch(error: np.ndarray) -> slice:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import CYCLE, SCALE, label, look, panels
+from lpvid.plot.style import CYCLE, SCALE, Ax, Drawn, drawn, label, legend_outside, look, panels
 from lpvid.plot.synthesis import frequencies_of, line_of, responses
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
     from lpvid.analysis.worst_case import WorstCase
 
@@ -21,7 +20,7 @@ ENTRIES = 6
 """Pairs of measurement and control that are drawn."""
 
 
-def controller_gains(controller: LPVStateSpace) -> Figure:
+def controller_gains(controller: LPVStateSpace, ax: Ax = None) -> Drawn:
     """Gains from measurements to controls: over frequency, and at three frequencies over the scheduling.
 
     Left |K_ij(jω)| at frozen values along the box's diagonal, right |K_ij| at the lowest, the middle and the highest
@@ -30,10 +29,12 @@ def controller_gains(controller: LPVStateSpace) -> Figure:
     Parameters
     ----------
     controller : LPVStateSpace
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes, or array of them
     """
     from matplotlib import colormaps
 
@@ -41,7 +42,8 @@ def controller_gains(controller: LPVStateSpace) -> Figure:
     points, pairs = line_of(controller), _pairs(controller)
     box = controller.box
     with look():
-        figure, axes = panels(len(pairs), 2 if box.names else 1, height=2.4)
+        foreign = ax is not None
+        figure, axes = panels(len(pairs), 2 if box.names else 1, height=2.4, ax=ax)
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for p, shade in zip(points, shades, strict=True):
             gains = np.abs(responses(controller, p, omega))
@@ -58,32 +60,33 @@ def controller_gains(controller: LPVStateSpace) -> Figure:
         axes[-1, 0].set_xlabel(label("frequency", "Hz"))
         if box.names:
             axes[-1, 1].set_xlabel(label(box.names[0], box.units[0] or "1"))
-            handles, names = axes[0, 0].get_legend_handles_labels()
-            figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 4))
-    return figure
+            legend_outside(figure, axes[0, 0], foreign, min(len(points), 4), "upper")
+    return drawn(axes)
 
 
-def worst_trajectory(worst: WorstCase) -> Figure:
+def worst_trajectory(worst: WorstCase, ax: Ax = None) -> Drawn:
     """The scheduling with which the loop reaches the largest gain that was found, over one period.
 
     Parameters
     ----------
     worst : WorstCase
         Periodic.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes, or array of them
     """
     rows = np.vstack([worst.points, worst.points[:1]])
     time = np.linspace(0.0, worst.period, len(rows))
     with look():
-        figure, axes = panels(len(worst.names), 1, height=1.7, sharex=True)
+        axes = panels(len(worst.names), 1, height=1.7, sharex=True, ax=ax)[1]
         for k, (name, unit) in enumerate(zip(worst.names, worst.units, strict=True)):
             axes[k, 0].plot(time, rows[:, k], color=CYCLE[k % len(CYCLE)])
             axes[k, 0].set_ylabel(label(name, unit or "1"))
         axes[-1, 0].set_xlabel(label("time within the period", "s"))
-    return figure
+    return drawn(axes)
 
 
 def _over_scheduling(ax, controller: LPVStateSpace, omega: np.ndarray, i: int, j: int) -> None:
@@ -109,4 +112,6 @@ def _pairs(controller: LPVStateSpace) -> list[tuple[int, int]]:
 
 def _unit(controller: LPVStateSpace, i: int, j: int) -> str:
     out, into = controller.outputs[i].unit or "1", controller.inputs[j].unit or "1"
-    return out if into == "1" else f"{out} / ({into})"
+    if into == "1":
+        return out
+    return f"{out}/({into})" if any(c in into for c in "*/ ·") else f"{out}/{into}"

@@ -18,17 +18,19 @@ from lpvid.plot.style import (
     ORANGE,
     VERMILION,
     WIDTH,
+    Ax,
+    Drawn,
+    drawn,
     label,
     legend_above,
+    limits_of,
     look,
     panels,
-    robust_limits,
     thinned,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 BINS = 24
 """cells of a map in each direction"""
@@ -90,7 +92,7 @@ class BeforeAfter:
         return self.sample_time * np.arange(self.measured.size)
 
 
-def error_maps(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
+def error_maps(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn | None:
     """Root mean square error over velocity and current, and over velocity and displacement; before and after alike.
 
     Parameters
@@ -98,6 +100,8 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
     shown : sequence of BeforeAfter
     extended : bool
         Whether anything was added, so that an after differs from the before.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
     """
     pairs = [p for p in (("velocity", "current"), ("velocity", "displacement"), ("unsprung", "road"))
              if all(n in s.channels for n in p for s in shown) and all(np.ptp(_joined(shown, n)) > 0 for n in p)]
@@ -105,7 +109,7 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
         return None
     stages = ("before", "after") if extended else ("before",)
     with look():
-        figure, axes = panels(len(pairs), len(stages), height=2.9, width=WIDTH if extended else 5.6)
+        figure, axes = panels(len(pairs), len(stages), height=2.9, width=WIDTH if extended else 5.6, ax=ax)
         for row, pair in enumerate(pairs):
             tables = [_table(shown, pair, k) for k in range(len(stages))]
             top = max(float(np.nanmax(t[2])) for t in tables)
@@ -116,7 +120,7 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
                 ax.set_ylabel(label(pair[1], shown[0].unit_of(pair[1])))
                 ax.grid(False)
             figure.colorbar(mesh, ax=list(axes[row]), label=label("rms error", shown[0].unit), pad=0.01)
-    return figure
+    return drawn(axes)
 
 
 def _joined(shown: Sequence[BeforeAfter], name: str) -> np.ndarray:
@@ -140,20 +144,22 @@ def _edges(values: np.ndarray) -> np.ndarray:
     return np.linspace(low, high, BINS + 1) if high > low else np.linspace(values.min(), values.max(), BINS + 1)
 
 
-def error_shapes(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
+def error_shapes(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn | None:
     """Mean error over each input, with the band of its middle half: the shape of what the simulation lacks.
 
     Parameters
     ----------
     shown : sequence of BeforeAfter
     extended : bool
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
     """
     names = [n for n in ("velocity", "displacement", "current", "unsprung", "temperature")
              if all(n in s.channels for s in shown) and np.ptp(_joined(shown, n)) > 0][:3]
     if not names:
         return None
     with look():
-        figure, axes = panels(1, len(names), height=2.8)
+        axes = panels(1, len(names), height=2.8, ax=ax)[1]
         for ax, name in zip(axes[0], names, strict=True):
             x = _joined(shown, name)
             edges = np.unique(np.quantile(x, np.linspace(0.002, 0.998, BINS + 1)))
@@ -170,14 +176,14 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
             ax.set_xlabel(label(name, shown[0].unit_of(name)))
             legend_above(ax, 2)
         axes[0, 0].set_ylabel(label("mean error", shown[0].unit))
-    return figure
+    return drawn(axes)
 
 
-def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: bool) -> Figure:
+def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: bool, ax: Ax = None) -> Drawn:
     """Error over time (rms of stretches) and over frequency, before and after, with the noise level where known."""
     first = shown[0]
     with look():
-        figure, axes = panels(1, 2, height=2.9)
+        axes = panels(1, 2, height=2.9, ax=ax)[1]
         time, frequency = axes[0]
         for k, (colour, stated) in enumerate(STAGES[: 2 if extended else 1]):
             t, rms = _stretches(first, first.errors[k])
@@ -194,7 +200,7 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
         frequency.set_ylabel(f"error density [{first.unit}/√Hz]")
         for ax in (time, frequency):
             legend_above(ax, 3)
-    return figure
+    return drawn(axes)
 
 
 def _stretches(s: BeforeAfter, error: np.ndarray, count: int = 60) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +217,7 @@ def _density(shown: Sequence[BeforeAfter], stage: int) -> tuple[np.ndarray, np.n
     return f[1:], np.sqrt(p[1:])
 
 
-def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16) -> Figure | None:
+def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16, ax: Ax = None) -> Drawn | None:
     """How much likelier each candidate makes the data, one bar each, coloured by what became of it.
 
     Parameters
@@ -219,12 +225,14 @@ def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16) -> Figure |
     rows : sequence of (name, log-likelihood ratio, fate)
         Fate is a key of `COLOURS`.
     most : int
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
     """
     kept = sorted(rows, key=lambda r: -r[1])[:most]
     if not kept:
         return None
     with look():
-        figure, axes = panels(1, heights=[0.9 + 0.235 * len(kept)])
+        axes = panels(1, heights=[0.9 + 0.235 * len(kept)], ax=ax)[1]
         ax = axes[0, 0]
         values = np.maximum([r[1] for r in kept], 0.3)
         place = np.arange(len(kept))[::-1]
@@ -239,18 +247,19 @@ def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16) -> Figure |
         fates = [f for f in COLOURS if any(r[2] == f for r in kept)]
         ax.legend(handles=[Patch(color=COLOURS[f], label=f) for f in fates], loc="lower right",
                   bbox_to_anchor=(1.0, 1.0), ncols=len(fates))
-    return figure
+    return drawn(axes)
 
 
-def loops(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
+def loops(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn | None:
     """Output over velocity, measured and simulated: the baseline on the left, the extended model on the right."""
     having = [s for s in shown if "velocity" in s.channels]
     if not having:
         return None
     step = max(1, sum(s.measured.size for s in having) // CLOUD)
     with look():
-        figure, axes = panels(1, 2 if extended else 1, height=3.6, width=WIDTH if extended else 5.6)
-        limits = robust_limits(np.concatenate([s.measured for s in having]), 0.1)
+        axes = panels(1, 2 if extended else 1, height=3.6, width=WIDTH if extended else 5.6, ax=ax)[1]
+        runs = [run for s in having for run in ((s.before, s.after) if extended else (s.before,))]
+        limits = limits_of(np.concatenate([s.measured for s in having]), np.concatenate(runs), 0.1)
         for k, (ax, stated) in enumerate(zip(axes[0], ("baseline", "extended model"), strict=False)):
             for i, s in enumerate(having):
                 run = (s.before, s.after)[k]
@@ -258,7 +267,7 @@ def loops(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
                     ax.plot(s.channels["velocity"][::step], y[::step], ".", color=colour, markersize=1.8, alpha=0.45,
                             rasterized=True, label=name if i == 0 else None)
             _loop_axes(ax, having[0], limits)
-    return figure
+    return drawn(axes)
 
 
 def _loop_axes(ax: Axes, s: BeforeAfter, limits: tuple[float, float]) -> None:
@@ -273,14 +282,14 @@ def _loop_axes(ax: Axes, s: BeforeAfter, limits: tuple[float, float]) -> None:
         handle.set_alpha(1.0)  # type: ignore[union-attr]
 
 
-def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
+def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn:
     """The stretch in which the baseline is most wrong: measured, baseline, extended model, and what moves."""
     s = max(shown, key=lambda one: float(np.mean(one.errors[0] ** 2)))
     window = _worst(s.errors[0])
     t = s.times[window]
     extra = [n for n in ("current", "velocity") if n in s.channels and np.ptp(s.channels[n][window]) > 0]
     with look():
-        figure, axes = panels(2 + len(extra), heights=[2.9, 1.4, *([0.95] * len(extra))], sharex=True)
+        figure, axes = panels(2 + len(extra), heights=[2.9, 1.4, *([0.95] * len(extra))], sharex=True, ax=ax)
         ax = axes[0, 0]
         ax.plot(t, s.measured[window], color=MEASURED, linewidth=1.5, label=s.origin)
         ax.plot(t, s.before[window], color=BEFORE, label="baseline")
@@ -288,7 +297,8 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
             ax.plot(t, s.after[window], color=AFTER, label="extended model")
         ax.set_ylabel(label(s.output, s.unit))
         ax.set_title(f"{s.name} ({s.label})")
-        ax.set_ylim(*robust_limits(np.concatenate([s.measured[window], s.before[window]]), 0.1))
+        runs = [run[window] for run in ((s.before, s.after) if extended else (s.before,))]
+        ax.set_ylim(*limits_of(s.measured[window], np.concatenate(runs), 0.1))
         legend_above(ax, 3)
         for error, colour in list(zip(s.errors, (BEFORE, AFTER), strict=True))[: 2 if extended else 1]:
             axes[1, 0].plot(t, error[window], color=colour)
@@ -300,7 +310,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
         axes[-1, 0].set_xlabel("time [s]")
         axes[-1, 0].margins(x=0.005)
         figure.align_ylabels()
-    return figure
+    return drawn(axes)
 
 
 def _worst(error: np.ndarray) -> slice:

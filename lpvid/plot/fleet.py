@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.style import BLUE, VERMILION, label, look, panels
+from lpvid.plot.style import BLUE, VERMILION, Ax, Drawn, drawn, label, look, panels
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
     from lpvid.fleet.differing import Differing
 
 
-def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figure:
+def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing, ax: Ax = None) -> Drawn:
     """Score of each file against the free-run ESR of the fleet's model along it; those that differ marked by name.
 
     Parameters
@@ -23,17 +22,19 @@ def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figu
     found : mapping of str to mapping
         With ``esr``; a file whose run diverges is left out.
     apart : Differing
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes, or array of them
     """
     names = [n for n, e in found.items() if e["esr"] is not None and np.isfinite(apart.score[n])]
     x = np.array([found[n]["esr"] for n in names])
     y = np.array([apart.score[n] for n in names])
     marked = np.array([n in apart.named for n in names], dtype=bool)
     with look():
-        figure, axes = panels(1, height=3.4)
+        axes = panels(1, height=3.4, ax=ax)[1]
         ax = axes[0, 0]
         ax.semilogx(x[~marked], y[~marked], ".", color=BLUE, label="like the fleet")
         ax.semilogx(x[marked], y[marked], "o", color=VERMILION, markersize=5, label="differs")
@@ -44,4 +45,4 @@ def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figu
         ax.set_ylabel(label("distance from the fleet, typical is about 1", "1"))
         ax.margins(x=0.12)
         ax.legend(loc="upper left")
-    return figure
+    return drawn(axes)

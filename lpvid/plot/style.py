@@ -183,3 +183,15 @@ def robust_limits(values: np.ndarray, margin: float = 0.06) -> tuple[float, floa
     low, high = float(finite.min()), float(finite.max())
     room = margin * (high - low) or 0.05 * abs(high) or 1.0
     return low - room, high + room
+
+
+def limits_of(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:
+    """Limits that show both signals whole; a model that leaves the measured range by more than its width, as one that
+    diverges, is cut off there, so that the measurement stays readable."""
+    low, high = robust_limits(measured, margin)
+    width = high - low
+    known = model[np.isfinite(model)]
+    if not known.size:
+        return low, high
+    inside, room = np.clip(known, low - width, high + width), width * margin / (1 + 2 * margin)
+    return min(low, float(inside.min()) - room), max(high, float(inside.max()) + room)

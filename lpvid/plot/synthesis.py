@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION, label, look, panels
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from lpvid.plot.style import (
+    BLUE,
+    CYCLE,
+    INK,
+    MUTED,
+    SCALE,
+    VERMILION,
+    Ax,
+    Drawn,
+    drawn,
+    label,
+    legend_outside,
+    look,
+    panels,
+)
 
 FREQUENCIES = 160
 CURVES = 7
@@ -19,7 +29,7 @@ MOST = 8
 """Corners of the box that are drawn."""
 
 
-def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
+def frozen_gains(loop: LPVStateSpace, level: float | None = None, ax: Ax = None) -> Drawn:
     """Largest singular value of the closed loop over frequency, one curve for each frozen scheduling point.
 
     Parameters
@@ -28,10 +38,12 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
         From disturbances to performance signals.
     level : float, optional
         The verified bound, drawn as a line.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes, or array of them
         Left over frequency, right the peak over the first scheduling variable (or the singular values, where nothing
         varies).
     """
@@ -41,7 +53,7 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
     values = np.array([_singular_values(loop, p, frequencies) for p in points])
     hertz = frequencies / (2 * np.pi)
     with look():
-        figure, axes = panels(1, 2, height=3.6)
+        axes = panels(1, 2, height=3.6, ax=ax)[1]
         left, right = axes[0]
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for k, p in enumerate(points):
@@ -66,10 +78,11 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
         for ax in (left, right):
             ax.set_ylabel(label("gain", "1"))
         left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2, borderaxespad=0.0)
-    return figure
+    return drawn(axes)
 
 
-def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace | float], level: float) -> Figure:
+def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace | float], level: float,
+                      ax: Ax = None) -> Drawn:
     """Gain of each performance signal before its weight, against what the weight and the verified bound allow.
 
     The loop holds the weights: z_i = W_i(s) e_i, so that ‖z‖ ≤ γ‖w‖ bounds every frozen channel by
@@ -84,10 +97,12 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
         By performance signal; time-invariant, one input and one output each, or a plain factor.
     level : float
         The verified bound γ.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes, or array of them
     """
     from matplotlib import colormaps
 
@@ -97,7 +112,8 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
     shown = [n for n in names if n in weights][:6]
     rows = [(p, np.linalg.norm(responses(loop, p, frequencies), axis=2)) for p in points]
     with look():
-        figure, axes = panels(-(-len(shown) // 3), min(3, len(shown)), height=2.7)
+        foreign = ax is not None
+        figure, axes = panels(-(-len(shown) // 3), min(3, len(shown)), height=2.7, ax=ax, count=len(shown))
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for ax, name in zip(axes.ravel(), shown, strict=False):
             weight = np.maximum(_weight_gain(weights[name], frequencies), 1e-300)
@@ -110,12 +126,11 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
             ax.set_ylabel(label("gain before the weight", "1"))
         for ax in axes.ravel()[len(shown):]:
             ax.set_visible(False)
-        handles, stated = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, stated, loc="outside lower center")
-    return figure
+        legend_outside(figure, axes[0, 0], foreign, 1)
+    return drawn(axes, len(shown))
 
 
-def step_responses(loop: LPVStateSpace) -> Figure:
+def step_responses(loop: LPVStateSpace, ax: Ax = None) -> Drawn:
     """Responses of every performance signal to a unit step in each disturbance, at the corners of the box.
 
     Of a single scheduling variable some values in between are shown too.
@@ -125,7 +140,8 @@ def step_responses(loop: LPVStateSpace) -> Figure:
     points, time = _corners(loop), _times(loop)
     nz, nw = min(len(loop.outputs), 6), min(len(loop.inputs), 4)
     with look():
-        figure, axes = panels(nz, nw, height=1.9, sharex=True)
+        foreign = ax is not None
+        figure, axes = panels(nz, nw, height=1.9, sharex=True, ax=ax)
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for k, p in enumerate(points):
             response = _steps(loop, p, time)
@@ -141,9 +157,8 @@ def step_responses(loop: LPVStateSpace) -> Figure:
         for ax in axes.ravel():
             ax.axhline(0, color=MUTED, linewidth=0.5)
         if loop.box.names:
-            handles, names = axes[0, 0].get_legend_handles_labels()
-            figure.legend(handles, names, loc="outside lower center", ncols=2)
-    return figure
+            legend_outside(figure, axes[0, 0], foreign, 2)
+    return drawn(axes)
 
 
 def _corners(loop: LPVStateSpace) -> np.ndarray:

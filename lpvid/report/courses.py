@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lpvid.plot.comparison import Comparison, limits_of, worst_stretch
-from lpvid.plot.style import label
+from lpvid.plot.comparison import Comparison, worst_stretch
+from lpvid.plot.style import label, limits_of
 from lpvid.record import Record
 from lpvid.report.traces import Curve, Panel, Traces
 

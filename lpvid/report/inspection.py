@@ -46,7 +46,8 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
 def _steps(audit: Audit) -> tuple[NextStep, ...]:
     """The gravest mends, then a model."""
     grave = [f for f in audit.findings if f.severity != "note" and f.mend]
-    mends = dict.fromkeys(f"{f.mend[:1].upper()}{f.mend[1:].rstrip('.')}." for f in grave)
+    said = (f"use {f.mend}" if f.mend.startswith("--") else f.mend for f in grave)
+    mends = dict.fromkeys(f"{m[:1].upper()}{m[1:].rstrip('.')}." for m in said)
     return (*(NextStep(m) for m in list(mends)[:3]),
             NextStep("Fit a model, with data kept out of the fit to judge it on.",
                  "lpvid identify DATA --input VELOCITY --output FORCE --schedule CURRENT --hold-out 1/3 --out model"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,7 +113,7 @@ class StabilityStudy(Shown):
                 "stable_intervals": critical.to_dict()["stable_intervals"], "critical_exact": critical.exact,
                 "probability": None if self.probability is None else self.probability.to_dict(),
                 "certificate": self.certificate.to_dict(), **self.reach.to_dict(), "caveat": CAVEAT,
-                "notes": [*critical.notes, *(n for found, _ in self.loci for n in found.notes)]}
+                "notes": [*critical.notes, *_locus_notes([found for found, _ in self.loci])]}
 
     def __str__(self) -> str:
         lines = [f"Stability: {self.verdict}"]
@@ -179,6 +179,13 @@ def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, Pole
         if low < high and len(found) < MOST_LOCI:
             found.append((pole_locus(model, name), pole_band(drawn, name) if drawn else None))
     return tuple(found)
+
+
+def _locus_notes(found: Sequence[PoleLocus]) -> list[str]:
+    """Notes of the loci, with the variable along which they hold where there are several."""
+    if len(found) == 1:
+        return list(found[0].notes)
+    return [f"along {locus.variable}: {note}" for locus in found for note in locus.notes]
 
 
 def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:

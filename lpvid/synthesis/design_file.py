@@ -163,7 +163,7 @@ A = [[0.0, 0.0], [0.0, -1.0]]
 C = [[0.0, -1.0], [0.0, 0.0], [0.0, 0.0]]
 
 # Weights, by the signal they stand at: a gain, or kind = KINDS
-# (frequencies in rad/s). `of` makes a new performance signal of another one.
+# (frequencies in rad/s, or text: "9.5 Hz"). `of` makes a new performance signal of another one.
 [weights.comfort]
 kind = "lowpass"
 gain = 0.2

@@ -129,7 +129,8 @@ class DissipativeFeedback:
 
 
 def _method(points: np.ndarray) -> str:
-    return f"dissipative state feedback, one storage function, {len(points)} point(s), every share from 0 to 1"
+    count = f"{len(points)} point{'s' if len(points) != 1 else ''}"
+    return f"dissipative state feedback, one storage function, {count}, every share from 0 to 1"
 
 
 def _effort(plant: GeneralizedPlant, at: PlantMatrices) -> np.ndarray:

@@ -104,7 +104,7 @@ class FeedbackProblem:
         """In a few words."""
         v = self.variations
         kind = "one X and Y" if v.basis is None else f"{v.varying} over {', '.join(v.basis.labels)}"
-        return f"output feedback, {kind}, {len(self.points)} point(s)"
+        return f"output feedback, {kind}, {len(self.points)} point{'s' if len(self.points) != 1 else ''}"
 
 
 def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
@@ -304,9 +304,10 @@ def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthes
         return found
     if slow is None or small is None or (small.gamma_verified or np.inf) > allowed or (small.gamma_lower or 0.0) > held:
         return found
+    pole = fastest_pole(formula, problem.points) / (2 * np.pi)
     note = (f"{len(slow.split) - slow.slow} state(s) of the controller, over {FAST:g} times faster than the plant's "
-            f"fastest pole, {fastest_pole(formula, problem.points):.3g} 1/s, stand for their static gain: the verified "
-            f"gain was {found.gamma_verified:.6g} with them, it is {small.gamma_verified:.6g}")
+            f"fastest pole, {pole:.3g} Hz, stand for their static gain: the verified gain was "
+            f"{found.gamma_verified:.6g} with them, it is {small.gamma_verified:.6g}")
     return replace(small, notes=(small.notes[0], note, *found.notes[1:]))
 
 
@@ -327,7 +328,8 @@ def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | Non
         return None
     loop = close_loop(plant, controller)
     poles = np.abs(np.linalg.eigvals(formula.at(problem.points)[0][0])).max(initial=0.0)
-    note = f"the fastest pole of the controller is {poles:.3g}" + (" 1/s" if plant.sample_time is None else "")
+    fastest = f"{poles:.3g}" if plant.sample_time is not None else f"at {poles / (2 * np.pi):.3g} Hz"
+    note = f"the fastest pole of the controller is {fastest}"
     coupling = _conditioning(formula, problem) if isinstance(formula, ControllerFormula) else ()
     certificate = certificate_of(formula, loop, bound)
     proven = certificate is not None and certificate.between_grid

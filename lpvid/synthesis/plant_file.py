@@ -31,6 +31,9 @@ WEIGHTS: Mapping[str, tuple[Callable[..., LPVStateSpace], tuple[str, ...]]] = {
     "bandpass": (weights.bandpass, ("gain", "centre", "damping")),
 }
 """Weights by their name in a file, with their settings (angular frequencies in rad/s)."""
+ANGULAR = ("crossover", "zero", "pole", "corner", "bandwidth", "centre")
+"""Those of them that are angular frequencies: text in Hz counts with its 2π."""
+_HERTZ = re.compile(r"(?i)h(ert)?z\s*$")
 OPTIONAL = ("peak", "floor", "roll_off", "damping")
 _SIGNAL = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*")
 _TERM = re.compile(r"\s*([A-Za-z_][\w.-]*)\s*(?:\^\s*(\d+))?\s*")
@@ -200,4 +203,11 @@ def _weight(entry: dict[str, Any], name: str) -> LPVStateSpace | float:
     for key in settings:
         if key not in OPTIONAL:
             _needed(entry, key, f"weights.{name}")
-    return make(**{key: to_si(value, None, f"weights.{name}.{key}") for key, value in entry.items()})
+    return make(**{key: _setting(key, value, f"weights.{name}.{key}") for key, value in entry.items()})
+
+
+def _setting(key: str, value: Any, where: str) -> float:
+    """In SI: for a unit, 1 Hz is 1/s; of an angular frequency it is 2π rad/s."""
+    number = to_si(value, None, where)
+    turns = key in ANGULAR and isinstance(value, str) and _HERTZ.search(value)
+    return 2 * np.pi * number if turns else number

@@ -319,7 +319,7 @@ def _speed(controller: LPVStateSpace) -> tuple[str, ...]:
     if controller.is_discrete or not controller.order:
         return ()
     fastest = max(float(np.abs(controller.frozen_poles(p)).max()) for p in controller.box.grid(3))
-    return (f"the fastest pole of the controller is {fastest:.3g} 1/s",)
+    return (f"the fastest pole of the controller is at {fastest / (2 * np.pi):.3g} Hz",)
 
 
 def _asked(problem: ShapedProblem) -> str:

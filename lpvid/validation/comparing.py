@@ -145,7 +145,8 @@ def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Se
             refused[name] = str(error)
     if not rows:
         name, why = next(iter(refused.items()))
-        raise InputError(f"none of the {len(models)} model(s) can run on these records", got=f"{name}: {why}")
+        what = f"none of the {len(models)} models can" if len(models) > 1 else "the model cannot"
+        raise InputError(f"{what} run on these records", got=f"{name}: {why}")
     outputs = {m.model.outputs[0].name for m in rows}
     if len(outputs) > 1:
         raise InputError("models of different outputs cannot be compared", got=", ".join(sorted(outputs)),

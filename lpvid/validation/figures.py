@@ -117,6 +117,8 @@ def figures_of(kind: str, sums: tuple[np.ndarray, np.ndarray, float], count: int
     if diverged is not None or count == 0:
         return Figures(kind, None, None, None, unit, count, diverged)
     rmse, mean = float(np.sqrt(error[0] / count)), total / count
+    if abs(mean) < np.sqrt(np.finfo(float).eps) * rmse:
+        mean = 0.0  # that of a least-squares residual is zero but for rounding
     if not np.all(power > 0):
         return Figures(kind, None, None, rmse, unit, count, mean_error=mean)
     esr = float(np.mean(error / power))

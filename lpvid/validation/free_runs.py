@@ -92,7 +92,8 @@ class FreeRuns:
 
     def __repr__(self) -> str:
         total = "the output was not measured: no figures" if self.overall is None else f"{self.label}: {self.overall}"
-        lines = [f"Simulation of {len(self.runs)} record(s), free run from {self.runs[0].run.initial}; {total}"]
+        count = f"{len(self.runs)} record{'s' if len(self.runs) != 1 else ''}"
+        lines = [f"Simulation of {count}, free run from {self.runs[0].run.initial}; {total}"]
         for r in self.runs[:8]:
             end = "" if r.run.diverged_at is None else f", DIVERGED at sample {r.run.diverged_at}"
             stated = end if r.figures is None or end else f": {r.figures}"

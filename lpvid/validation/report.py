@@ -23,7 +23,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import recalled, seen_records
+from lpvid.training_fingerprint import beyond_training, recalled, seen_records
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Figures, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
@@ -173,7 +173,9 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
     notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
     if foreign:
-        notes += (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
+        count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
+        notes += (f"{count} resampled to the model's {rate:.6g} Hz",)
+    notes += beyond_training(pieces, model.metadata, [s.name for s in model.inputs])
     return model, pieces, notes
 
 

@@ -16,7 +16,7 @@ from quartercar.characterisation.forces import StandardForce, standard_forces
 from quartercar.characterisation.gas import StaticForce, slowest, static_force
 from quartercar.characterisation.histogram import VelocityHistogram, histograms_of
 from quartercar.characterisation.loops import ForceLoop, loop_of
-from quartercar.characterisation.missing import Missing, missing_of
+from quartercar.characterisation.missing import Missing, missing_of, unchecked_band
 from quartercar.characterisation.points import DIRECTIONS, PeakPoint, peak_point
 from quartercar.characterisation.runs import RecordPiece, RecordPieces, runs_of
 from quartercar.characterisation.settings import CharacteriseSettings
@@ -178,7 +178,8 @@ def characterise(
         "" if damper is None else str(damper.metadata.get("label", damper.name)))
     from dataclasses import replace
 
-    return replace(found, missing=missing_of(found, refused))
+    unchecked = unchecked_band(forces, tolerance) if tolerance and not found.checks else ()
+    return replace(found, missing=(*unchecked, *missing_of(found, refused)))
 
 
 def _switching(runs: Sequence[RecordPiece]) -> tuple[list[SwitchingSteps], tuple[str, ...]]:

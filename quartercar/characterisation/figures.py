@@ -211,8 +211,9 @@ def static_line(found: Characterisation) -> Drawn | None:
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (slow.record, slow.test))
     sign, c = found.settings.sign, block.last
     x = 1e3 * (c.displacement - c.centre)
+    where = "" if slow.current is None and not slow.specimen else f"{_label(found, (slow.specimen, slow.current))}, "
     figure, ax = _chart()
-    ax.plot(x, sign * block.run.force[c.span], color=CYCLE[0], label=f"{slow.test} ({speed_said(slow.speed)})")
+    ax.plot(x, sign * block.run.force[c.span], color=CYCLE[0], label=f"{where}{slow.test} ({speed_said(slow.speed)})")
     reach = np.array([x.min(), x.max()])
     ax.plot(reach, sign * (-slow.gas + slow.rate * 1e-3 * reach), color=VERMILION, linestyle="--",
             label="mean of both directions")

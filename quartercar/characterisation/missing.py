@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ from quartercar.characterisation.forces import propose_sine
 
 if TYPE_CHECKING:
     from quartercar.characterisation.characterisation import Characterisation
+    from quartercar.characterisation.forces import StandardForce
+    from quartercar.characterisation.tolerance import Tolerance
 
 CREEP_TEST = "run a triangle of ±2 mm at 1 mm/s (three cycles), at each current"
 
@@ -52,6 +55,29 @@ def missing_of(found: Characterisation, refused: tuple[str, ...]) -> tuple[Missi
         rows.append(Missing("temperature coefficient", why, "record the wall temperature over 100 cycles of one sine" if
                             have else "record the wall temperature beside the force (--role temperature=CHANNEL)"))
     return tuple(rows)
+
+
+def unchecked_band(forces: Sequence[StandardForce], tolerance: Tolerance) -> tuple[Missing, ...]:
+    """Why no force has a band, though a tolerance was given.
+
+    Parameters
+    ----------
+    forces : sequence of StandardForce
+    tolerance : Tolerance
+
+    Returns
+    -------
+    tuple of Missing
+    """
+    if not any(f.force is not None for f in forces):
+        why, run = "no force at a standard speed", "see there"
+    elif tolerance.nominal:
+        why = "the table of nominal forces holds none of these speeds, directions and currents"
+        run = "--nominal with a row for each (speed, direction, current, force)"
+    else:
+        why = "a percentage is one of the mean over specimens, and these records are of one"
+        run = "the same tests on more specimens (--specimen tells them apart), or --nominal TABLE.csv"
+    return (Missing("tolerance band", why, run),)
 
 
 def _forces(found: Characterisation) -> list[Missing]:

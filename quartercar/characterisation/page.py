@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.report import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
+from lpvid.report import Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
@@ -55,7 +55,15 @@ def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | No
     out = any(c.inside is False for c in found.checks)
     mark: Mark = "bad" if out else "good" if found.checks else "plain" if found.given else "warn"
     return Page("Damper characteristics", found.verdict, mark, _facts(found), found.data.caveats,
-                tuple(s for s in sections if s.items))
+                tuple(s for s in sections if s.items), _steps(found))
+
+
+def _steps(found: Characterisation) -> tuple[NextStep, ...]:
+    """Run what is missing, then a model."""
+    missing = (NextStep("Run the tests that 'Not in these records' lists: each names the quantity it gives."),)
+    return (*(missing if found.missing else ()),
+            NextStep("Fit damper laws to these records and rank them.", "quartercar fit DATA --out fit"),
+            NextStep("Find what such a law leaves out.", "lpvid diagnose DATA --baseline guo --out diagnosis"))
 
 
 def _unit(found: Characterisation) -> str:

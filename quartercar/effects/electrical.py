@@ -236,7 +236,7 @@ class RiseFallLag(CurrentEffect):
     path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field rises and falls with different time constants"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i| rises, T/r where it falls"
-    reference: ClassVar[str] = "equation sheet 3.14; seed 002, block firstOrder_varT"
+    reference: ClassVar[str] = "equation sheet 3.14; source 002, block firstOrder_varT"
     experiment: ClassVar[str] = "current steps up and down of several heights at constant piston speed"
     between_two: ClassVar[str] = "edges that differ look like one lag behind which the law bends with the current"
 

@@ -52,7 +52,7 @@ class QuadraticLoss(HydraulicEffect):
     name: ClassVar[str] = "quadratic-loss"
     title: ClassVar[str] = "turbulent loss"
     equation: ClassVar[str] = "F += c_Q v |v|"
-    reference: ClassVar[str] = "equation sheet 3.8; seed 003, (4)"
+    reference: ClassVar[str] = "equation sheet 3.8; source 003, (4)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades, log-log slope of the force"
 
     @property
@@ -111,7 +111,7 @@ class ReliefValve(HydraulicEffect):
     name: ClassVar[str] = "relief-valve"
     title: ClassVar[str] = "a relief valve opens beyond a force"
     equation: ClassVar[str] = "F -= r (c(i)|v| - F_b)+ sign v, c(i) the viscous share of the law"
-    reference: ClassVar[str] = "equation sheet 3.9; seed 001"
+    reference: ClassVar[str] = "equation sheet 3.9; source 001"
     experiment: ClassVar[str] = "triangles of at least 15 speeds up to three times that of the knee, at two currents"
     smooth: ClassVar[bool] = False
 
@@ -136,12 +136,12 @@ class ReliefValve(HydraulicEffect):
 
 
 class SeriesOrifice(HydraulicEffect):
-    """Holes behind a valve throttle what it lets through (equation sheet 3.9; seed 001, extended model)."""
+    """Holes behind a valve throttle what it lets through (equation sheet 3.9; source 001, extended model)."""
 
     name: ClassVar[str] = "series-orifice"
     title: ClassVar[str] = "an orifice behind the valve throttles from some speed on"
     equation: ClassVar[str] = "F += c_o (|v| - v_o)+^2 sign v"
-    reference: ClassVar[str] = "equation sheet 3.9; seed 001, extended model"
+    reference: ClassVar[str] = "equation sheet 3.9; source 001, extended model"
     experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
     smooth: ClassVar[bool] = False
 
@@ -180,7 +180,7 @@ class InputNonlinearity(HydraulicEffect):
     flexible: ClassVar[bool] = True
     title: ClassVar[str] = "the viscous share follows another power of the speed"
     equation: ClassVar[str] = "c(i) v becomes c(i) v (|v|/0.1 m/s)^(n - 1)"
-    reference: ClassVar[str] = "equation sheet 9.1; seed 000, (1)"
+    reference: ClassVar[str] = "equation sheet 9.1; source 000, (1)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades, log-log slope of the force"
     smooth: ClassVar[bool] = False
 
@@ -205,7 +205,7 @@ class InputNonlinearity(HydraulicEffect):
 
 
 class NetworkTopology(HydraulicEffect):
-    """Laminar and turbulent losses lie otherwise: side by side instead of one after the other (seed 003).
+    """Laminar and turbulent losses lie otherwise: side by side instead of one after the other (source 003).
 
     Of a parallel network, laminar leak c beside an orifice c_Q, ::
 
@@ -219,7 +219,7 @@ class NetworkTopology(HydraulicEffect):
     title: ClassVar[str] = "the restrictions are connected otherwise"
     equation: ClassVar[str] = ("c v -> (1 - s) c v + s c v q, (1 - q)^2 = q v_t/(2|v|); "
                                "a parallel network -> s c v (1 + |v|/v_t)")
-    reference: ClassVar[str] = "equation sheet 3.8; seed 003, (5), (6)"
+    reference: ClassVar[str] = "equation sheet 3.8; source 003, (5), (6)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades: log-log slope 1 to 2 or 2 to 1"
     smooth: ClassVar[bool] = False
 

@@ -22,6 +22,7 @@ from lpvid.plot.style import (
     label,
     legend_above,
     legend_outside,
+    limits_of,
     look,
     panels,
     robust_limits,
@@ -157,7 +158,7 @@ def force_over_time(found: Comparison, ax: Ax = None) -> Drawn:
             run = free_run_of(row, record)
             over.plot(t, run[window], color=colour, linewidth=1.1, label=row.name)
             under.plot(t, (force - run)[window], color=colour, linewidth=0.9)
-        over.set_ylim(*robust_limits(force[window], 0.15))
+        over.set_ylim(*limits_of(force[window], np.concatenate([free_run_of(r, record)[window] for r in rows]), 0.15))
         over.set_ylabel(label("force", "N"))
         over.set_title(f"{record.name}, held-out")
         legend_above(over, 4)
@@ -243,7 +244,7 @@ def force_over_velocity(found: Comparison, ax: Ax = None) -> Drawn:
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
             ax.set_xlim(-1.05 * speed, 1.05 * speed)
-            ax.set_ylim(*robust_limits(forces, 0.06))
+            ax.set_ylim(*limits_of(forces, np.concatenate([run for _, run in runs]), 0.06))
             ax.set_xlabel(label("velocity", "m/s"))
             if level is not None:
                 ax.set_title(f"{round(level, 2) + 0.0:g} {unit}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import INK, MUTED, SCALE, Ax, Drawn, drawn, label, look, panels, robust_limits
+from lpvid.plot.style import INK, MUTED, SCALE, Ax, Drawn, drawn, label, limits_of, look, panels
 from quartercar.plot.comparing import current_levels, current_span
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
 
     velocity, force, current = _measured(records)
     levels = _shown_levels(records)
@@ -61,13 +62,15 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
         for ax, row in zip(axes[0], rows, strict=True):
             shade = MUTED if current is None else colours(scale(current))
             ax.scatter(velocity, force, c=shade, s=2.0, alpha=0.35, linewidths=0, rasterized=True, zorder=1)
-            for level in levels or (0.0,):
-                law = polarity * np.asarray(row.damper.static_force(grid, level, 0.0), dtype=float)
+            laws = [polarity * np.asarray(row.damper.static_force(grid, level, 0.0), dtype=float)
+                    for level in levels or (0.0,)]
+            for level, law in zip(levels or (0.0,), laws, strict=True):
                 ax.plot(grid, law, color="white", linewidth=3.2, zorder=2)
                 ax.plot(grid, law, color=colours(scale(level)) if levels else INK, linewidth=1.8, zorder=3)
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
-            ax.set_ylim(*robust_limits(force, 0.12))
+            ax.set_ylim(*limits_of(force, np.concatenate(laws), 0.12))
+            ax.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
             ax.set_xlabel(label("velocity", "m/s"))
             ax.set_title(row.name)
         axes[0, 0].set_ylabel(label("force", "N"))

@@ -21,9 +21,9 @@ from lpvid.plot.style import (
     label,
     legend_above,
     legend_outside,
+    limits_of,
     look,
     panels,
-    robust_limits,
 )
 
 PANELS = 4
@@ -91,7 +91,8 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
     with look():
         foreign = ax is not None
         figure, axes = panels(1, len(chosen), height=2.9, ax=ax)
-        limits = robust_limits(np.concatenate([c.measured for _, c in chosen]), 0.08)
+        limits = limits_of(np.concatenate([c.measured for _, c in chosen]),
+                           np.concatenate([c.free_run.output[c.start:, 0] for _, c in chosen]), 0.08)
         for ax, (level, c) in zip(axes[0], chosen, strict=True):
             keep = slice(c.start, None, max(1, c.record.n_samples // 2500))
             v = c.record[velocity][keep]

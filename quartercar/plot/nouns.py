@@ -12,6 +12,8 @@ from lpvid.plot import nouns
 from lpvid.plot.nouns import Drawing
 from lpvid.plot.style import BLUE, CYCLE, SCALE, label, thinned
 from quartercar.dampers.contract import Damper
+from quartercar.dampers.evaluation.compared import Comparison
+from quartercar.dampers.fitting.result import DamperFit
 from quartercar.rides.comparison import RideComparison
 from quartercar.vehicle.result import CarRun
 
@@ -76,6 +78,21 @@ def _(noun: Damper) -> Drawing:
         axes[0].set_title(f"{noun.title}, sine of {1e3 * stroke:.3g} mm at {frequency:.3g} Hz, virtual")
         if varies:
             axes[0].legend()
+
+    return 1, draw
+
+
+@drawing_of.register
+def _(noun: DamperFit) -> Drawing | None:
+    return drawing_of(noun.damper)
+
+
+@drawing_of.register
+def _(noun: Comparison) -> Drawing:
+    def draw(axes: Sequence[Axes]) -> None:
+        from quartercar.plot.comparing import ranking
+
+        ranking(noun, ax=axes[0])
 
     return 1, draw
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 from lpvid.auditing import Audit
 from lpvid.record import Record
@@ -50,11 +51,23 @@ def _steps(effects: bool) -> tuple[NextStep, ...]:
 
 
 def _experiments(plan: Plan) -> PageTable:
-    rows = tuple((e.name, type(e.displacement).__name__, type(e.current).__name__, number(e.duration, 4),
+    rows = tuple((e.name, _signal(e.displacement), _signal(e.current), number(e.duration, 4),
                   str(e.replicates), f"{round(e.duration * plan.rig.sample_rate):,}") for e in plan.experiments)
     return PageTable(("experiment", "displacement", "current", "duration [s]", "replicates", "samples of each"), rows,
                  f"At {plan.rig.sample_rate:g} Hz; seed {plan.seed}"
                  + (", with the channels that no sensor sees (_true)." if plan.truth else "."), (3, 4, 5))
+
+
+def _signal(pattern: Any) -> str:
+    """What a signal is, with its numbers."""
+    said = []
+    for f in fields(pattern):
+        value, unit = getattr(pattern, f.name), f.metadata.get("unit", "")
+        values = value if isinstance(value, tuple) else (value,)
+        shown = ", ".join(number(v, 4) if isinstance(v, float) else ("no", "yes")[v] if isinstance(v, bool) else str(v)
+                          for v in values)
+        said.append(f"{f.name.replace('_', ' ')} {shown} {unit}".rstrip())
+    return f"{pattern.kind}: {'; '.join(said)}" if said else str(pattern.kind)
 
 
 def _effects(plan: Plan) -> list[Item]:

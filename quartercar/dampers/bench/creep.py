@@ -23,7 +23,7 @@ TWO_SPEEDS = 1.5
 
 @dataclass(frozen=True)
 class CreepForces:
-    """What a damper exerts when it creeps (seed 000, (7)-(9)).
+    """What a damper exerts when it creeps (source 000, (7)-(9)).
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class CreepForces:
 def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, polarity: int = 1) -> CreepForces:
     """Friction and gas force from slow strokes in both directions.
 
-    Seed 000 in the project's signs (tension positive, F_in = −F(v < 0), F_out = −F(v > 0))::
+    Source 000 in the project's signs (tension positive, F_in = −F(v < 0), F_out = −F(v > 0))::
 
         F_f = ½ (F_in − F_out)     F_g = ½ (F_in + F_out) = F_gst − K_gas x     K_gas = −dF_g/dx        (7)-(9)
 

@@ -1,4 +1,4 @@
-"""The study of seed 000: its table of work per cycle, and what that table contradicts."""
+"""The study of source 000: its table of work per cycle, and what that table contradicts."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class WorkRow:
 
 @dataclass(frozen=True, eq=False)
 class WorkTable:
-    """Table IV of seed 000 beside the work that its identified constants give.
+    """Table IV of source 000 beside the work that its identified constants give.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class WorkTable:
         return tuple(lines)
 
     def __repr__(self) -> str:
-        head = "Work per cycle, seed 000 Table IV [J]\n     X        f   measured  2nd column  recomputed  deviation"
+        head = "Work per cycle, source 000 Table IV [J]\n     X        f   measured  2nd column  recomputed  deviation"
         body = [f"{1e3 * r.amplitude:4.0f} mm {r.frequency:5.2f} Hz {r.measured:9.3f} {r.printed:11.4f} "
                 f"{r.recomputed:11.3f} {r.deviation:+10.1%}{'' if r.reading == 'as printed' else '  *'}"
                 for r in self.rows]
@@ -157,7 +157,7 @@ class WorkTable:
 
 
 def work_table(law: PowerLawDamper = SWIFT_2012) -> WorkTable:
-    """Table IV of seed 000 beside the closed-form work of a law.
+    """Table IV of source 000 beside the closed-form work of a law.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Seed 002's study on a virtual device: its test plan, and the explicit step that its paper found unstable."""
+"""Source 002's study on a virtual device: its test plan, and the explicit step that its paper found unstable."""
 
 from __future__ import annotations
 

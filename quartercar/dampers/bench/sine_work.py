@@ -1,4 +1,4 @@
-"""Work of the power-law dampers on sines in closed form, and the damper of seed 000 that it was tabulated for."""
+"""Work of the power-law dampers on sines in closed form, and the damper of source 000 that it was tabulated for."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def sine_work(law: PowerLawDamper, amplitude: float, frequency: float) -> float:
 SWIFT_2012 = PowerLawFrictionGas.from_printed(
     extension=(1.1602, 0.0002, 2.4993), compression=(0.6100, 0.0, 1.0), unit="mm",
     friction=47.0, gas_preload=178.0, gas_stiffness=490.0)
-"""Front damper of a Maruti-Suzuki Swift (2012), seed 000, Table III, read as N and mm/s.
+"""Front damper of a Maruti-Suzuki Swift (2012), source 000, Table III, read as N and mm/s.
 
 The printed compression row C_n = 0.0002, n = 0.0002 adds 0.0002 N: purely linear, here C_n = 0, n = 1. That the unit is
 the millimetre is proved by the table of work: read in m/s nothing but the work of friction is left, see

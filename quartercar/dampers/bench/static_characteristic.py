@@ -159,7 +159,7 @@ def static_points(records: Sequence[Record], settings: WindowSettings | None = N
     """Measure the static characteristic from iso-kinetic (triangle, ramp) runs.
 
     Every slope between two turning points gives one window: the plateau of the velocity, without the reaction time
-    after the turn, its centre part; there a straight line is fitted to the force (seed 003, 2.3 and 3.1; drop of 30 ms
+    after the turn, its centre part; there a straight line is fitted to the force (source 003, 2.3, 3.1; drop of 30 ms
     and centre half: equations.md 7.1). Where the force is still building up (compressibility) the window moves later;
     where it never settles, or the velocity is not constant (a sine), the slope is refused and states why.
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from lpvid.codec import encode
 from lpvid.errors import InputError
+from lpvid.toolkit import Shown
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import Passivity
 from quartercar.dampers.evaluation.sampled_passivity import certificate_for, margin_of
@@ -95,7 +96,7 @@ class Compared:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Shown):
     """Damper models ranked by held-out free-run ESR.
 
     Attributes
@@ -112,6 +113,8 @@ class Comparison:
     complete : bool
         False when it was interrupted.
     """
+
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
 
     rows: tuple[Compared, ...]
     not_fitted: tuple[tuple[str, str], ...]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid.codec import encode
+from lpvid.toolkit import Shown
 from lpvid.validation.figures import Figures
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import Passivity
@@ -15,7 +17,7 @@ from quartercar.dampers.fitting.estimate import Estimate
 
 
 @dataclass(frozen=True, eq=False)
-class DamperFit:
+class DamperFit(Shown):
     """Result of `fit`.
 
     Attributes
@@ -31,6 +33,8 @@ class DamperFit:
     seconds : float
         Time that the fit took [s].
     """
+
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
 
     estimate: Estimate
     training_score: Score

@@ -122,7 +122,7 @@ class SubProblem:
     parameters : tuple of str
         What it fitted, as the whole damper names it.
     esr : float
-        Free-run error-to-signal ratio on these records, seed 002, equation (7).
+        Free-run error-to-signal ratio on these records, source 002, equation (7).
     """
 
     name: str
@@ -207,7 +207,7 @@ def identify_stepwise(damper: SemiActiveDamper, records: Sequence[Record],
 
     References
     ----------
-    Seed 002 (doi 10.3384/ECP14096283), equations (11) to (13).
+    Source 002 (doi 10.3384/ECP14096283), equations (11) to (13).
     """
     settings = settings or FitSettings(evaluations=60, tolerance=1e-6)
     training = prepared(records, tuple(dict.fromkeys((*damper.reads, "force"))), damper.start, settings.sample_rate)

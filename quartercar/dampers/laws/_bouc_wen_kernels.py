@@ -23,7 +23,7 @@ def node_rate(y, z, x, v, c0, k0, c1, alpha):
     """ẏ = [α z + c_0 v + k_0 (x − y)]/(c_0 + c_1), the rate of the internal node [m/s].
 
     The force without gas spring is c_1 ẏ; the slip rate that drives z is v − ẏ. Dyke et al. 1996, equation (2.2) of the
-    equation sheet; with ẋ_a = 0 also (2) of seed 002.
+    equation sheet; with ẋ_a = 0 also (2) of source 002.
     """
     return (alpha * z + c0 * v + k0 * (x - y)) / (c0 + c1)
 

@@ -37,7 +37,7 @@ def ramp(uf, u0, u1, dt, time):
 
 @njit()
 def sense(v, width):
-    """s(v) = ½ tanh(v/ε) + ½: 1 in rebound, 0 in compression; seed 002, equation (5)."""
+    """s(v) = ½ tanh(v/ε) + ½: 1 in rebound, 0 in compression; source 002, equation (5)."""
     return 0.5 * math.tanh(v / width) + 0.5
 
 

@@ -87,7 +87,7 @@ class BoucWen(DynamicDamper):
                  └── k_0 ────┘          ż = [r − (1−b)|r| z|z|^{n−1} − b r|z|^n]/x_y
         ── k_1, gas ───────────
 
-    Spencer, Dyke, Sain, Carlson (1997), J. Eng. Mech. 123, 230-238; equation (2.2) of seed 004. In the printed form z
+    Spencer, Dyke, Sain, Carlson (1997), J. Eng. Mech. 123, 230-238; equation (2.2) of source 004. In the printed form z
     may be scaled at will; here it saturates at ±1, F_y is then a force and x_y the slip in which it builds up. With the
     current, F_y, c_0 and c_1 grow in proportion to w, ẇ = −η(w − i); currents below zero count as none.
 
@@ -105,7 +105,7 @@ class BoucWen(DynamicDamper):
 
     name: ClassVar[str] = "bouc-wen"
     title: ClassVar[str] = "Modified Bouc-Wen"
-    source: ClassVar[str] = "Spencer et al. 1997; seed 004, equation (2.2)"
+    source: ClassVar[str] = "Spencer et al. 1997; source 004, equation (2.2)"
     scheduled: bool = True
     springs: bool = True
     exponent: float = 2.0

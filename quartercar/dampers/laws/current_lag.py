@@ -47,7 +47,7 @@ class CurrentLag:
 
     References
     ----------
-    Seed 002 (doi 10.3384/ECP14096283), block firstOrder_varT and equations (4), (5).
+    Source 002 (doi 10.3384/ECP14096283), block firstOrder_varT and equations (4), (5).
 
     Examples
     --------

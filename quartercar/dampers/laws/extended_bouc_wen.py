@@ -1,4 +1,4 @@
-"""ExtendedBoucWen: hysteresis with parameters by direction and current, gas spring, and lagged current; seed 002."""
+"""ExtendedBoucWen: hysteresis with parameters by direction and current, gas spring, and lagged current; source 002."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ExtendedBoucWen(SemiActiveDamper):
 
     References
     ----------
-    Seed 002 (doi 10.3384/ECP14096283), equations (1) to (5), with the redundancy of z removed.
+    Source 002 (doi 10.3384/ECP14096283), equations (1) to (5), with the redundancy of z removed.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class ExtendedBoucWen(SemiActiveDamper):
 
     name: ClassVar[str] = "extended-bouc-wen"
     title: ClassVar[str] = "Generalised extended Bouc-Wen"
-    source: ClassVar[str] = "seed 002, equations (1)-(5)"
+    source: ClassVar[str] = "source 002, equations (1)-(5)"
     exponent: float = 2.0
     row_parameters: ClassVar[tuple[Parameter, ...]] = tuple(
         Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",

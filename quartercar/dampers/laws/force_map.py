@@ -1,4 +1,4 @@
-"""ForceMap: force looked up over velocity and current, a gas spring, and the lag of the current; seed 002."""
+"""ForceMap: force looked up over velocity and current, a gas spring, and the lag of the current; source 002."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ForceMap(SemiActiveDamper):
 
     References
     ----------
-    Seed 002 (doi 10.3384/ECP14096283), equation (6).
+    Source 002 (doi 10.3384/ECP14096283), equation (6).
 
     Examples
     --------
@@ -57,7 +57,7 @@ class ForceMap(SemiActiveDamper):
 
     name: ClassVar[str] = "force-map"
     title: ClassVar[str] = "Force map with current lag"
-    source: ClassVar[str] = "seed 002, equation (6)"
+    source: ClassVar[str] = "source 002, equation (6)"
     knots: tuple[float, ...] = (-0.5, -0.2, -0.05, 0.0, 0.05, 0.2, 0.5)
     spring: bool = True
     start: ClassVar[int] = 0

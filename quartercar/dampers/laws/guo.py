@@ -1,4 +1,4 @@
-"""Guo's tanh law of an MR damper, without current and in the thesis's current-dependent forms (seed 004)."""
+"""Guo's tanh law of an MR damper, without current and in the thesis's current-dependent forms (source 004)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DAMPING_BY_DEGREE = {0: (1500.0,), 1: (900.0, 1500.0), 2: (900.0, 1300.0, 1500.0
 class Guo(TanhLaw):
     """F = A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ x) [+ F_0], A_1 and A_2 affine in the current where it varies.
 
-    Guo, Yang, Pan (2006), as (2.1) of seed 004, whose five parameters A_1, A_2, A_3, V_0, X_0 are four identifiable
+    Guo, Yang, Pan (2006), as (2.1) of source 004, whose five parameters A_1, A_2, A_3, V_0, X_0 are four identifiable
     ones with κ = V_0/X_0. The constant F_0 (gas preload, offset of the load cell) is an extension, taken in by
     ``offset=True``. Without a displacement in the data κ is left out and the law has no hysteresis.
 
@@ -41,7 +41,7 @@ class Guo(TanhLaw):
 
     name: ClassVar[str] = "guo"
     title: ClassVar[str] = "Guo"
-    source: ClassVar[str] = "seed 004, (2.1)"
+    source: ClassVar[str] = "source 004, (2.1)"
     degree: int = 0
     hysteresis: bool = True
 
@@ -69,7 +69,7 @@ class Guo5(TanhLaw):
 
     name: ClassVar[str] = "guo-5"
     title: ClassVar[str] = "Guo, 5 parameters"
-    source: ClassVar[str] = "seed 004, (5.11)"
+    source: ClassVar[str] = "source 004, (5.11)"
 
     @property
     def terms(self) -> Terms:
@@ -93,7 +93,7 @@ class Guo6(TanhLaw):
 
     name: ClassVar[str] = "guo-6"
     title: ClassVar[str] = "Guo, 6 parameters"
-    source: ClassVar[str] = "seed 004, (5.12)"
+    source: ClassVar[str] = "source 004, (5.12)"
 
     @property
     def terms(self) -> Terms:
@@ -116,7 +116,7 @@ class Guo7(TanhLaw):
 
     name: ClassVar[str] = "guo-7"
     title: ClassVar[str] = "Guo, 7 parameters"
-    source: ClassVar[str] = "seed 004, (5.13)"
+    source: ClassVar[str] = "source 004, (5.13)"
 
     @property
     def terms(self) -> Terms:
@@ -142,7 +142,7 @@ class Guo15(TanhLaw):
 
     name: ClassVar[str] = "guo-15"
     title: ClassVar[str] = "Guo, 15 parameters"
-    source: ClassVar[str] = "seed 004, Table B.5"
+    source: ClassVar[str] = "source 004, Table B.5"
 
     @property
     def terms(self) -> Terms:

@@ -1,4 +1,4 @@
-"""Hydraulic networks of laminar and turbulent losses, between pressure and flow, in the symbols of seed 003."""
+"""Hydraulic networks of laminar and turbulent losses, between pressure and flow, in the symbols of source 003."""
 
 from __future__ import annotations
 

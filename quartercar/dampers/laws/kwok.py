@@ -1,4 +1,4 @@
-"""Kwok's hyperbolic law of an MR damper: a tanh of velocity that is offset by the side of the stroke (seed 004)."""
+"""Kwok's hyperbolic law of an MR damper: a tanh of velocity that is offset by the side of the stroke (source 004)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ TYPICAL = {
 class Kwok(StaticDamper):
     """F = c v + k x + α tanh(β v + δ sign x) + f_0; c, k, α, δ, f_0 affine in the current where it varies.
 
-    Kwok, Ha, Nguyen, Li, Samali (2006), as (2.5) of seed 004. sign x makes the force jump at mid stroke; here it is
+    Kwok, Ha, Nguyen, Li, Samali (2006), as (2.5) of source 004. sign x makes the force jump at mid stroke; here it is
     tanh(x/ε). δ does not know the amplitude, so that one δ serves one kind of motion.
 
     Attributes
@@ -60,7 +60,7 @@ class Kwok(StaticDamper):
 
     name: ClassVar[str] = "kwok"
     title: ClassVar[str] = "Kwok"
-    source: ClassVar[str] = "seed 004, (2.5)"
+    source: ClassVar[str] = "source 004, (2.5)"
     degree: int = 0
     span: tuple[float, float] | None = None
     turning_stroke: float = 5e-4

@@ -1,4 +1,4 @@
-"""Hydraulic networks as dampers (seed 003): laminar and turbulent losses in series, in parallel, and mixed."""
+"""Hydraulic networks as dampers (source 003): laminar and turbulent losses in series, in parallel, and mixed."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ class NetworkDamper(StaticDamper):
 class SeriesNetwork(NetworkDamper):
     """A laminar and a turbulent loss one after the other: F = c_L|v| + c_Q v², resisting.
 
-    Seed 003, (5). Log-log slope 1 → 2 with rising speed; equal shares at v_t = c_L/c_Q.
+    Source 003, (5). Log-log slope 1 → 2 with rising speed; equal shares at v_t = c_L/c_Q.
 
     Examples
     --------
@@ -217,7 +217,7 @@ class SeriesNetwork(NetworkDamper):
 
     name: ClassVar[str] = "network-series"
     title: ClassVar[str] = "Series network"
-    source: ClassVar[str] = "seed 003, (5)"
+    source: ClassVar[str] = "source 003, (5)"
     network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -234,7 +234,7 @@ class SeriesNetwork(NetworkDamper):
 class ParallelNetwork(NetworkDamper):
     """A laminar leak beside a turbulent orifice: v = F/c_leak + √(F/c_Q), resisting.
 
-    Seed 003, (6), with a = 1/c_leak and b = c_Q^(−1/2) (E3.2) as its parameters: either may be zero. Log-log
+    Source 003, (6), with a = 1/c_leak and b = c_Q^(−1/2) (E3.2) as its parameters: either may be zero. Log-log
     slope 2 → 1 with rising speed; equal shares at F_t = c_leak²/c_Q, that is v_t = 2 c_leak/c_Q.
 
     Examples
@@ -246,7 +246,7 @@ class ParallelNetwork(NetworkDamper):
 
     name: ClassVar[str] = "network-parallel"
     title: ClassVar[str] = "Parallel network"
-    source: ClassVar[str] = "seed 003, (6)"
+    source: ClassVar[str] = "source 003, (6)"
     network: ClassVar[tuple[Parameter, ...]] = ORIFICE, LEAK
 
     def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:

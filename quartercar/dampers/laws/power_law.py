@@ -1,4 +1,4 @@
-"""Power-law dampers: a linear and a power term per direction, with and without friction and gas (seed 000)."""
+"""Power-law dampers: a linear and a power term per direction, with and without friction and gas (source 000)."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ class PowerLawDamper(StaticDamper):
 class PowerLaw(PowerLawDamper):
     """F = C_1 v + C_n |v|^n sign v, with its own C_1, C_n, n in extension and in compression.
 
-    Seed 000, (4). It has no friction, no gas force and no offset.
+    Source 000, (4). It has no friction, no gas force and no offset.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class PowerLaw(PowerLawDamper):
 
     name: ClassVar[str] = "power-law"
     title: ClassVar[str] = "Power law"
-    source: ClassVar[str] = "seed 000, (4)"
+    source: ClassVar[str] = "source 000, (4)"
     statics: ClassVar[tuple[Parameter, ...]] = ()
     reads: ClassVar[tuple[str, ...]] = ("velocity",)
 
@@ -217,7 +217,7 @@ class PowerLaw(PowerLawDamper):
 class PowerLawFrictionGas(PowerLawDamper):
     """F = C_1 v + C_n |v|^n sign v + F_c tanh(v/ε) − F_gst + K_gas x, the damping terms per direction.
 
-    Seed 000, (3)-(6), in the project's signs: the gas pushes the rod out, a negative force.
+    Source 000, (3)-(6), in the project's signs: the gas pushes the rod out, a negative force.
 
     Attributes
     ----------
@@ -235,7 +235,7 @@ class PowerLawFrictionGas(PowerLawDamper):
 
     name: ClassVar[str] = "power-law-friction-gas"
     title: ClassVar[str] = "Power law, friction, gas"
-    source: ClassVar[str] = "seed 000, (3)-(6)"
+    source: ClassVar[str] = "source 000, (3)-(6)"
     friction_speed: float = 2e-3
     spring: bool = True
 

@@ -1,4 +1,4 @@
-"""SemiActiveDamper: what the models of seed 002 share: rows of parameters over the current, a gas spring, the lag."""
+"""SemiActiveDamper: what the models of source 002 share: rows of parameters over the current, a gas spring, the lag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dampers of seed 002 as step programs: the lagged current, the force map, and the extended Bouc-Wen model."""
+"""Dampers of source 002 as step programs: the lagged current, the force map, and the extended Bouc-Wen model."""
 
 from __future__ import annotations
 

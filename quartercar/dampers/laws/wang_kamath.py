@@ -65,7 +65,7 @@ class WangKamath(DynamicDamper):
 
     name: ClassVar[str] = "wang-kamath"
     title: ClassVar[str] = "Phase transition (Wang-Kamath)"
-    source: ClassVar[str] = "Wang, Kamath 2006; seed 004, equation (2.4)"
+    source: ClassVar[str] = "Wang, Kamath 2006; source 004, equation (2.4)"
     growing: bool = False
     degree: int = 0
     force_scale: float = 1000.0

@@ -170,7 +170,7 @@ def test_text_and_units() -> None:
     assert only(found, "text-in-numbers") == ("fault", "note")
     assert only(found, "unknown-unit") == ("warning", "odd")
     assert ("note", "bare") in [(f.severity, f.channel) for f in found.of("missing-unit")]
-    assert "1 fault(s)" in found.verdict
+    assert "1 fault to mend" in found.verdict
 
 
 def test_one_signal_under_two_names() -> None:
@@ -467,3 +467,22 @@ def test_a_clock_without_a_unit_is_a_note(tmp_path) -> None:
         file.write_text(f"{header},force [N]\n" + "\n".join(f"{k},{np.sin(k)}" for k in range(100)) + "\n")
         findings = audit(read(file)).findings
         assert [f.channel for f in findings if f.name == "missing-unit"] == expected
+
+
+@pytest.mark.parametrize("factor, frequency, name", [(1.0, 1.0, "displacement-range"),
+                                                     (1e3, 1.0, "displacement-range"),
+                                                     (1e3, 4.0, "displacement-unit")])
+def test_the_size_of_a_motion_is_put_as_a_question_where_no_velocity_confirms_it(factor, frequency, name):
+    """25 mm read as metres: at 4 Hz the rod would be faster than sound, at 1 Hz only the reader can tell."""
+    t = np.arange(2000) * PERIOD
+    x = 0.025 * factor * np.sin(2 * np.pi * frequency * t)
+    v = 2 * np.pi * frequency * 0.025 * factor * np.cos(2 * np.pi * frequency * t)
+    bare = Record({"displacement": x, "force": 900 * v / factor + 3 * x / factor}, sample_time=PERIOD,
+                  units={"displacement": "m", "force": "N"})
+    found = [f for f in audit(bare).findings if f.name.startswith("displacement-")]
+    assert [f.name for f in found] == [name]
+    assert found[0].value == pytest.approx(0.05 * factor, rel=3e-3)
+    assert found[0].severity == ("warning" if name == "displacement-unit" else "note")
+    assert f"over {found[0].value:.3g} m" in found[0].evidence
+    beside = audit(bare.with_channel("velocity", v, "m/s"))
+    assert not [f for f in beside.findings if f.name.startswith("displacement-")]

@@ -244,6 +244,14 @@ def test_a_measured_output_that_never_moves_has_no_figures(tmp_path, good_model,
             parts=("'force'", "never moves", "lpvid simulate"))
 
 
+def test_held_out_records_without_motion_of_the_output_are_refused_before_the_fit(tmp_path):
+    (tmp_path / "a.csv").write_text(table())
+    (tmp_path / "b.csv").write_text(table(force=np.full(N, 100.0)))
+    refused(tmp_path, "identify", tmp_path / "a.csv", "--held-out", tmp_path / "b.csv", "--input", "velocity",
+            "--output", "force", "--schedule", "current", "--out", tmp_path / "out",
+            parts=("'force'", "the held-out records"))
+
+
 # -- findings that are no errors --------------------------------------------------------------------------------------
 @pytest.mark.parametrize("content, names", [
     (table(HEADER.replace("[N]", "[raw]")), ["unknown-unit"]),

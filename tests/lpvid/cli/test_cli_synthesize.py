@@ -131,6 +131,24 @@ def test_a_design_file_takes_the_place_of_the_table_and_a_saved_model_that_of_ma
     assert any(n.startswith("H2 from noise to offset, effort: at most") for n in data["notes"])
 
 
+@pytest.mark.parametrize("entry", [
+    ('kind = "lowpass"\ngain = 2.0\ncorner = {}'),
+    ('kind = "performance"\nbandwidth = {}'),
+    ('kind = "bandpass"\ngain = 2.0\ncentre = {}'),
+])
+@pytest.mark.parametrize("text, factor", [('"3 Hz"', 2 * np.pi * 3), ('"0.003 kHz"', 2 * np.pi * 3), ('"3 rad/s"', 3.0),
+                                          ("3.0", 3.0)])
+def test_hertz_of_an_angular_frequency_count_with_their_two_pi(tmp_path, entry, text, factor):
+    """A corner of 3 Hz is one of 18.85 rad/s; a unit alone would make it 3."""
+    def poles(value):
+        table = f"{SCHERER.split('[weights')[0]}\n[weights.offset]\n{entry.format(value)}\n"
+        system = plant_of(tomllib.loads(table), tmp_path, no_model).system
+        return np.sort_complex(system.frozen_poles(system.box.grid(2)[0]))
+
+    np.testing.assert_allclose(poles(text), poles(repr(factor)), rtol=1e-12)
+    assert not np.allclose(poles(text), poles(repr(1.1 * factor)))
+
+
 def test_powers_and_products_of_the_scheduling_are_what_they_say(tmp_path):
     text = """
 inputs = ["w", "u"]

@@ -384,3 +384,12 @@ def test_a_rate_so_low_that_one_sample_is_left_is_quick() -> None:
 def test_a_split_that_leaves_nothing_names_the_record() -> None:
     with pytest.raises(InputError, match=r"record 'run' cannot be split.*got 0\.9999 of 30 samples.*another share"):
         split_tail(Record({"x": np.arange(30.0)}, sample_time=0.1, name="run"), 0.9999)
+
+
+def test_the_derivative_of_a_constant_is_exactly_zero():
+    """A filter's rounding would count as motion: 0.1 is no binary number."""
+    x = np.full(400, 0.1)
+    x[100] = np.nan
+    for method in ("savitzky-golay", "central", "backward"):
+        slope = differentiate(x, 0.002, method=method)
+        assert np.flatnonzero(np.isnan(slope)).tolist() == [100] and not np.any(slope[np.isfinite(slope)])

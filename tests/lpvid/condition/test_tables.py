@@ -95,6 +95,27 @@ def test_frames_of_the_libraries_themselves(library):
     assert record.sample_time == pytest.approx(0.005)
 
 
+def test_polars_frames_go_through_the_verbs():
+    """Nulls are missing samples, integers and single precision become double; what is no frame gets one line."""
+    polars = pytest.importorskip("polars")
+    data = columns()
+    frame = polars.DataFrame(data)
+    structure = lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")
+    found = lpv.identify(frame, structure, held_out=frame)
+    assert found.fit == lpv.identify(data, structure, held_out=data).fit and not lpv.audit(frame).count("fault")
+    bare = polars.DataFrame({"t": data["t [ms]"], "velocity": data["velocity [mm/s]"], "force": data["Force (kN)"]})
+    assert lpv.identify(bare, structure, units={"t": "ms", "velocity": "mm/s", "force": "kN"}).fit == found.fit
+    holed = [None if k == 7 else float(y) for k, y in enumerate(data["Force (kN)"])]
+    mixed = frame.with_columns(polars.Series("Force (kN)", holed), polars.Series("count", range(len(holed))),
+                               polars.col("velocity [mm/s]").cast(polars.Float32))
+    record, = as_records(mixed)
+    assert np.flatnonzero(np.isnan(record["Force"])).tolist() == [7] and record["count"][-1] == len(holed) - 1
+    for wrong, said in ((frame.lazy(), r"frame\.collect\(\)"), (frame["Force (kN)"], "got Series.*Record"),
+                        (polars.DataFrame(), "no columns")):
+        with pytest.raises(InputError, match=said):
+            lpv.audit(wrong)
+
+
 def test_several_are_numbered_and_records_keep_their_names():
     named = lpv.Record({"velocity": [0.0, 1.0], "force": [0.0, 2.0]}, 0.1, name="mine")
     assert [r.name for r in as_records([columns(), named, columns()])] == ["data 1", "mine", "data 3"]
@@ -106,6 +127,7 @@ def test_several_are_numbered_and_records_keep_their_names():
     (Path("run.csv"), r"lpv\.read"),
     ([np.zeros(3)], r"got ndarray.*lpv\.Record"),
     (3.0, "got float"),
+    ([3.0, 4.0], "got list"),
     ({"velocity": [1.0, 2.0]}, "no time column"),
     ({"t": [0.0, 1.0], "force": ["a", "b"]}, "column 'force' must hold numbers"),
     ({"t": [0.0, 1.0], "force": [[1.0], [2.0]]}, "one dimension"),

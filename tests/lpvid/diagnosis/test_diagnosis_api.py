@@ -208,6 +208,10 @@ def test_an_output_that_does_not_move_is_refused() -> None:
     still = lpv.Record(channels, 1 / RATE, units={"displacement": "m", "velocity": "m/s", "force": "N"})
     with pytest.raises(InputError, match="'force' never changes in the training records"):
         lpv.diagnose([still], Viscous(), CATALOGUE)
+    channels = {"displacement": np.full(moving.n_samples, 0.1), "force": moving["force"]}
+    resting = lpv.Record(channels, 1 / RATE, units={"displacement": "m", "force": "N"})
+    with pytest.raises(InputError, match="nothing moves in the training records"):
+        lpv.diagnose([resting], Viscous(), CATALOGUE)
 
 
 def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):

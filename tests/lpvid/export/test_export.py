@@ -108,7 +108,7 @@ BAD = {
     "deep": ("[" * 200_000, "is not a JSON file"),
     "array": ("[1, 2]", "a JSON list"),
     "number": ("3", "a JSON int"),
-    "no schema": (altered(schema=...), "got none; known: lpvid/model/1"),
+    "no schema": (altered(schema=...), "holds no model; it names no .schema.*written by lpvid.save"),
     "other schema": (altered(schema="lpvid/other/1"), "'lpvid/other/1'"),
     "no version": (altered(schema="lpvid/other"), "'lpvid/other'"),
     "other house": (altered(schema="acme/model/1"), "'acme/model/1'"),

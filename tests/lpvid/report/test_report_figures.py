@@ -13,7 +13,7 @@ from lpvid.plot.stability import locus
 from lpvid.plot.synthesis import weighted_channels
 from lpvid.report.figures import comparisons, overall_table, records_table
 from lpvid.report.inspection import MOST_DRAWN, inspection_page
-from lpvid.report.stability import locus_items
+from lpvid.report.stability import locus_items, study_stability
 from lpvid.report.synthesis import modes, verdict
 from lpvid.report.validation import validation_page
 from lpvid.simulation import Simulation
@@ -90,8 +90,8 @@ def designed():
 def test_no_channel_crosses_its_inverse_weight(designed):
     """‖z_i‖ ≤ γ‖w‖ on every channel; the inverse weight of a plain factor is flat at γ/0.1, in Hz."""
     _, found, given = designed
-    figure = weighted_channels(found.closed_loop, given, found.gamma_verified)
-    shown = {ax.get_title(loc="left"): ax for ax in figure.axes if ax.get_visible()}
+    drawn = weighted_channels(found.closed_loop, given, found.gamma_verified)
+    shown = {ax.get_title(loc="left"): ax for ax in np.ravel(drawn)}
     assert set(shown) == {"comfort", "effort"}
     for ax in shown.values():
         curve, bound = ax.lines[0], ax.lines[-1]
@@ -137,6 +137,18 @@ def test_a_locus_says_where_the_other_variables_are_held():
     assert "q = 4 K" in captions[0] and "p = 0.5 A" in captions[1]
     names = [t.get_text() for t in locus(lpv.pole_locus(model, "p"))[0].get_legend().get_texts()]
     assert names == ["stability limit: the unit circle", "poles of this model"]
+
+
+def test_notes_of_several_loci_name_their_variable():
+    """A negative real pole along both variables of a model, along the only one of another."""
+    def stated(names: tuple[str, ...]) -> list[str]:
+        a = np.array([0.5, *([0.1] * len(names))])[None, None, None]
+        model = lpv.LPVTransferFunction(a=a, b=np.ones_like(a), basis=lpv.Polynomial(names, degree=1), sample_time=0.1,
+                                        scheduling=lpv.Scheduling(names, (0.0,) * len(names), (1.0,) * len(names)))
+        return study_stability(model).to_dict()["notes"]
+
+    both, one = stated(("p", "q")), stated(("p",))
+    assert [n.split(":")[0] for n in both] == ["along p", "along q"] and one[0].startswith("a negative real pole")
 
 
 def test_a_validation_shows_mean_error_phase_and_steps():

@@ -46,7 +46,7 @@ def test_a_model_that_diverges_is_last_and_one_that_lacks_a_channel_is_left_out(
 
 @pytest.mark.parametrize("models, description", [
     ({}, "no models"),
-    ({"a": gain(1.0, "torque")}, "none of the 1 model"),
+    ({"a": gain(1.0, "torque")}, "the model cannot run"),
 ])
 def test_nothing_to_compare_is_one_line(models, description):
     with pytest.raises(InputError, match=description):

@@ -134,7 +134,7 @@ def test_other_rates_are_resampled_and_said(rng: np.random.Generator) -> None:
     found = validate(GAIN, fast)
     assert found.overall.free_run.n_samples == 2000
     assert found.overall.free_run.esr < 1e-5
-    assert found.notes == ("1 record(s) resampled to the model's 100 Hz",)
+    assert found.notes == ("1 record resampled to the model's 100 Hz",)
 
 
 def test_velocity_is_derived_where_it_was_not_measured() -> None:
@@ -356,3 +356,27 @@ def test_a_degree_that_is_too_low_shows_along_the_scheduling() -> None:
             assert {"whiteness", "whiteness over 5 lags", "whiteness over 100 lags", "independence"} <= set(tests)
     assert failed == 20
     assert false_alarms <= 2
+
+
+def test_a_mean_error_that_is_only_rounding_is_zero() -> None:
+    """Least squares with a constant leaves one-step residuals without a mean."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = 900.0 + lfilter([0.0, 50.0], [1.0, -0.5], u) + rng.standard_normal(300)
+    found = identify(a_record(u, y), ARX(na=1, nb=1, input="u", output="y", affine=1))
+    assert found.training.overall.one_step.mean_error == 0.0
+    assert abs(found.training.overall.free_run.mean_error) > 1e-9
+
+
+def test_inputs_beyond_the_training_range_are_stated_with_both_ranges() -> None:
+    """Millimetres read as metres: nothing else in the data shows it to a model."""
+    rng = np.random.default_rng(1)
+    u = rng.uniform(-1.0, 1.0, 400)
+    training = a_record(u, 2.0 * u + 0.1 * rng.standard_normal(400))
+    found = identify(training, ARX(na=0, nb=1, input="u", output="y", nk=0))
+    inside, v = a_record(0.9 * u, u), 1e3 * u
+    assert not [n for n in validate(found.model, inside).notes if "range" in n]
+    stated = [n for n in validate(found.model, a_record(v, v)).notes if "range of the training data" in n]
+    assert len(stated) == 1 and f"{v.min():.4g} to {v.max():.4g}, training {u.min():.4g} to {u.max():.4g}" in stated[0]
+    outside = 100 * np.mean((v < u.min()) | (v > u.max()))
+    assert stated[0].startswith(f"{outside:.3g} % of 'u' lies outside")

@@ -12,6 +12,7 @@ import quartercar as qc
 from quartercar.characterisation import CharacteriseSettings, Tolerance
 from quartercar.characterisation.cycles import blocks_of, noise_of, series_of
 from quartercar.characterisation.local_fit import local_fit
+from quartercar.characterisation.page import characterisation_page
 from quartercar.characterisation.runs import runs_of
 from quartercar.rig import (
     Constant,
@@ -320,3 +321,16 @@ def test_local_fit_against_its_own_scatter():
         errors.append(found.std)
     assert np.mean(values) == pytest.approx(np.tanh(0.4), abs=0.03)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.6)
+
+
+def test_a_tolerance_that_has_nothing_to_check_says_why(three_specimens, tmp_path):
+    settings = CharacteriseSettings(speeds=(0.3,))
+    band = Tolerance.parse("5%")
+    alone = qc.characterise(three_specimens[0], settings, tolerance=band)
+    assert not alone.checks and alone.missing[0].what == "tolerance band" and "--specimen" in alone.missing[0].run
+    assert characterisation_page(alone).steps[0].text.startswith("Run the tests")
+    (tmp_path / "nominal.csv").write_text("speed [m/s],direction,force [N]\n0.9,rebound,100\n")
+    other = qc.characterise(three_specimens[0], settings, tolerance=Tolerance.parse("5%", tmp_path / "nominal.csv"))
+    assert not other.checks and "nominal forces holds none" in other.missing[0].why
+    fine = CharacteriseSettings(speeds=(0.3,), specimen=r"(S\d+)_")
+    assert not any(m.what == "tolerance band" for m in qc.characterise(three_specimens, fine, tolerance=band).missing)

@@ -27,7 +27,7 @@ def with_force(motion: Record, force: np.ndarray, seed: int = 0) -> Record:
 
 @pytest.mark.slow
 def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
-    """Seed 000: a power law with friction and gas against a damper behind a bush of 300 kN/m."""
+    """Source 000: a power law with friction and gas against a damper behind a bush of 300 kN/m."""
     damper = RigDamper(yield_base=0.0, yield_per_current=0.0, viscous=1500.0, viscous_per_current=0.0,
                        series_stiffness=math.inf, friction=0.0, rise_time=0.0, fall_time=0.0)
     experiment = replace(EXPERIMENTS["test-1"], duration=8.0, current=Constant(levels=(0.0,)))
@@ -40,7 +40,7 @@ def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
 
 @pytest.mark.slow
 def test_a_parallel_network_against_data_of_one_in_series_names_the_topology() -> None:
-    """Seed 003: c_L v + c_Q v² against the law of losses side by side, over 1.5 decades of speed."""
+    """Source 003: c_L v + c_Q v² against the law of losses side by side, over 1.5 decades of speed."""
     sweep = Experiment("speeds", Chirp(f_start=0.1, f_end=4.0, amplitude=0.018, peak_velocity=0.4),
                        Constant(levels=(0.0,)), 30.0)
     motion = Rig(damper=RigDamper.static()).run(sweep, 0)
@@ -53,7 +53,7 @@ def test_a_parallel_network_against_data_of_one_in_series_names_the_topology() -
 
 @pytest.mark.slow
 def test_a_motion_filtered_by_itself_is_named_or_listed() -> None:
-    """Seed 004: only the displacement passes the low-pass of the signal conditioning."""
+    """Source 004: only the displacement passes the low-pass of the signal conditioning."""
     rig = Rig(damper=RigDamper.static(), effects=(effect("one-sided-filter", 1.0),))
     found = lpv.diagnose(rig.run(replace(EXPERIMENTS["test-3"], duration=15.0), 0), "guo", CATALOGUE)
     estimated = {c.name: c.parameters for c in found.causes}
@@ -78,7 +78,7 @@ def growing(seconds: float = 10.0, rate: float = 512.0) -> Record:
 
 @pytest.mark.slow
 def test_a_relief_valve_that_grows_concave_against_holes_behind_it_names_the_orifice() -> None:
-    """Seed 001: the baseline (7)-(8) against data of the extended model (9)-(11), A_P³/(N_O K_O)² = 27,000 N·s²/m²."""
+    """Source 001: the baseline (7)-(8) against data of the extended one (9)-(11), A_P³/(N_O K_O)² = 27,000 N·s²/m²."""
     motion = growing()
     force = np.asarray(dampers.model_class("relief-valve-orifice")().simulate(motion).output).ravel()
     found = lpv.diagnose(with_force(motion, force), "relief-valve", CATALOGUE)

@@ -269,7 +269,7 @@ def test_the_engine_names_or_lists_what_the_rig_hides(name: str, value: float) -
 
 @pytest.mark.slow
 def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
-    """Seed 000: a power law with friction and gas against a damper behind a bush of 300 kN/m, no current."""
+    """Source 000: a power law with friction and gas against a damper behind a bush of 300 kN/m, no current."""
     damper = RigDamper(yield_base=0.0, yield_per_current=0.0, viscous=1500.0, viscous_per_current=0.0,
                        series_stiffness=math.inf, friction=0.0, rise_time=0.0, fall_time=0.0)
     experiment = replace(EXPERIMENTS["test-1"], duration=8.0, current=Constant(levels=(0.0,)))

@@ -100,7 +100,7 @@ def test_the_rig_does_the_same_to_a_damper_without_memory(name: str) -> None:
 
 
 def test_the_other_network_has_the_force_of_its_equation() -> None:
-    """Seed 003, (6): |v| = F/c + √(F/c_Q), v_t = 2c/c_Q; and beside a parallel network, (5): c|v|(1 + |v|/v_t)."""
+    """Source 003, (6): |v| = F/c + √(F/c_Q), v_t = 2c/c_Q; and beside a parallel network, (5): c|v|(1 + |v|/v_t)."""
     c, c_q = 3000.0, 12000.0
     s = signals()
     force = run(NetworkTopology(), [1.0, 2 * c / c_q], s, lambda s: c * s["velocity"])
@@ -180,7 +180,7 @@ def test_the_engine_names_or_lists_what_the_rig_hides(name: str, values: list[fl
 
 @pytest.mark.slow
 def test_a_parallel_network_against_data_of_a_series_one_names_the_topology() -> None:
-    """Seed 003: c_L = 1500 N·s/m before c_Q = 15,000 N·s²/m² cross over at v_t = c_L/c_Q = 0.1 m/s."""
+    """Source 003: c_L = 1500 N·s/m before c_Q = 15,000 N·s²/m² cross over at v_t = c_L/c_Q = 0.1 m/s."""
     experiment = replace(EXPERIMENTS["test-1"], duration=12.0)
     motion = Rig(damper=RigDamper.static(), sensors=Sensors.perfect()).run(experiment, seed=0)
     truth = dampers.model_class("network-series")(values={"laminar_damping": 1500.0, "quadratic_damping": 15000.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -102,3 +103,35 @@ def test_the_callers_axes_hold_what_new_ones_do(drawings, name):
             np.testing.assert_array_equal(np.asarray(a.get_ydata()), np.asarray(b.get_ydata()))
     with pytest.raises(InputError, match="is drawn on"):
         draw(Figure().subplots(1, made.size + 1, squeeze=False))
+
+
+@pytest.mark.parametrize("share", [0.8, 1.5])
+def test_loops_show_the_measured_and_the_simulated_force_whole(share):
+    """Limits come from both signals: a model that goes half as far again is not cut off."""
+    records = [record(level, seed) for seed, level in enumerate((0.0, 1.4))]
+    runs: list[Any] = [SimpleNamespace(output=share * r["force"][:, None], start=4) for r in records]
+    shown = [lpv_plot.Comparison(r, "held-out", run, run, "force", "N") for r, run in zip(records, runs, strict=True)]
+    for ax in np.ravel(plot.loops_by_current(shown)):
+        low, high = ax.get_ylim()
+        assert all(low <= np.min(y.get_ydata()) and np.max(y.get_ydata()) <= high for y in ax.lines)
+
+
+def test_labels_of_the_fan_do_not_overlap():
+    """Three panels side by side, at the width of a page."""
+    records = [record(level, seed) for seed, level in enumerate((0.0, 0.7, 1.4))]
+    fitted = compare(records, ["linear", "guo", "power-law"], records)
+    axes = np.ravel(plot.force_velocity_fan(fitted.rows, records))
+    canvas = axes[0].figure.canvas
+    canvas.draw()
+    for ax in axes:
+        boxes = [t.get_window_extent(canvas.get_renderer()) for t in ax.get_xticklabels() if t.get_text()]
+        assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
+
+
+def test_fits_and_comparisons_have_cards():
+    records = [record(level, seed) for seed, level in enumerate((0.0, 1.4))]
+    found = compare(records, ["linear", "guo"], records)
+    for noun in (found, found.best.fit):
+        card = noun._repr_html_()
+        assert "base64" in card and "prefers-color-scheme:dark" in card and len(card) < 150_000
+        assert isinstance(noun.plot(), Axes)

@@ -112,7 +112,9 @@ def test_the_rig_says_what_was_run_and_what_was_on():
     assert "effects that are on: coulomb-friction." in pages[1].verdict
     table = pages[1].sections[1].items[0]
     assert [row[:2] for row in table.rows] == [("coulomb-friction", "0.5"), ("coil-lag", "0")]
-    assert pages[0].sections[0].items[0].rows[0][0].startswith("test-1")
+    row = pages[0].sections[0].items[0].rows[0]
+    assert row[0].startswith("test-1") and "speed 11.18 m/s" in row[1]
+    assert row[2].startswith("icps: hold 0.02 s; low 0 A")
 
 
 @pytest.mark.skipif(BROWSER is None or axe_source() is None, reason="no Chromium or no axe-core here")

@@ -172,3 +172,10 @@ def test_csv_failure_leaves_nothing(tmp_path, monkeypatch, rng):
     with pytest.raises(InputError, match="No space left"):
         write_csv(record, tmp_path / "run.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_not_toml_is_named_once(tmp_path):
+    (tmp_path / "plan.toml").write_text("[damper\n")
+    with pytest.raises(InputError) as found:
+        load_plan(tmp_path / "plan.toml")
+    assert str(found.value).startswith("plan.toml is not TOML") and str(found.value).count("plan.toml") == 1

@@ -1,4 +1,4 @@
-"""The study of seed 000: its work table, static forces from creep, coefficients from ramps, the missing hysteresis."""
+"""The study of source 000: its work table, static forces from creep, coefficients from ramps, missing hysteresis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The virtual study of seed 002: its waves, and its explicit step where that is stable."""
+"""The virtual study of source 002: its waves, and its explicit step where that is stable."""
 
 from __future__ import annotations
 

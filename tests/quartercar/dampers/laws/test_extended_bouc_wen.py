@@ -16,7 +16,7 @@ from quartercar.dampers.laws.extended_bouc_wen import DIRECTIONS, ExtendedBoucWe
 
 H = 1e-3
 A, W = 0.025, 2 * np.pi * 0.8
-"""the sine of seed 002, equation (12)"""
+"""the sine of source 002, equation (12)"""
 RK4_END = 2.785
 """end of Runge-Kutta 4's stability on the negative real axis"""
 

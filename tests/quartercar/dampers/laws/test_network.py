@@ -1,4 +1,4 @@
-"""Hydraulic networks: golden numbers of seed 003, inverses, gradients, limits, recovery."""
+"""Hydraulic networks: golden numbers of source 003, inverses, gradients, limits, recovery."""
 
 from __future__ import annotations
 

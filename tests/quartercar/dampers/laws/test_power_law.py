@@ -1,4 +1,4 @@
-"""Power laws: published numbers of seed 000, closed-form work, units, starts."""
+"""Power laws: published numbers of source 000, closed-form work, units, starts."""
 
 from __future__ import annotations
 
