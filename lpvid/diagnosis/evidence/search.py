@@ -417,7 +417,16 @@ class SetSearch:
 
 
 def akin(one: Effect, other: Effect) -> bool:
-    """Whether two effects are next of kin: other components of one family, or lags on the way of motion and force."""
+    """Whether two effects are next of kin: other components of one family, or lags on the way of motion and force.
+
+    Parameters
+    ----------
+    one, other : Effect
+
+    Returns
+    -------
+    bool
+    """
     return one.component != other.component and (one.family == other.family
                                                  or (one.path in LAGGING and other.path in LAGGING))
 
