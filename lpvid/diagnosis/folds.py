@@ -33,13 +33,38 @@ def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
 
 
 def errors_beside(problem: DiagnosisProblem, fit: Refit, fold: int) -> np.ndarray:
-    """(n,) errors on the samples of the other fold, by a refit to this one from the fit to both."""
+    """Errors on the samples of the other fold, by a refit to this one from the fit to both.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+        To both folds.
+    fold : {0, 1}
+        To which is refitted.
+
+    Returns
+    -------
+    (n,) array
+        In the output's unit.
+    """
     half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=STEPS, near=fit, rough=True)
     return half.errors[problem.in_fold(1 - fold)]
 
 
 def joined(problem: DiagnosisProblem, beside: Sequence[np.ndarray]) -> Folds:
-    """Errors out of fold from those beside fold 0 and beside fold 1."""
+    """Errors out of fold of all samples.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    beside : sequence of (n,) array
+        `errors_beside` fold 0 and fold 1.
+
+    Returns
+    -------
+    Folds
+    """
     errors = np.empty(problem.n_samples)
     for fold, part in enumerate(beside):
         errors[problem.in_fold(1 - fold)] = part

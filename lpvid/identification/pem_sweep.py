@@ -108,9 +108,10 @@ class _Sweep:
 
         c, ny, history = self.problem.columns, self.model.n_outputs, self.history
         for o in range(ny):
-            z = self.sens[o]
-            z[:, history: history + rows] = 0.0
-            _kernels.fill_regressor(z[o * c.size: (o + 1) * c.size], history, first, rows, self.signals, self.phi,
+            z, own = self.sens[o], slice(o * c.size, (o + 1) * c.size)
+            for other in (slice(0, own.start), slice(own.stop, None)):
+                z[other, history: history + rows] = 0.0
+            _kernels.fill_regressor(z[own], history, first, rows, self.signals, self.phi,
                                     c.source, c.sign, c.lag, c.function, c.phi_lag)
         if self.noise.kind == "armax":
             self._noise_columns(first, rows)
@@ -146,6 +147,8 @@ class _Sweep:
     def _weights(self, first: int, rows: int) -> np.ndarray:
         """(na, ny, ny, rows) coefficients a_i(p) of these samples."""
         a, lagged = self.model.a, self.model.lagged
+        if not lagged:
+            return (a.reshape(-1, a.shape[3]) @ self.phi[:, first: first + rows]).reshape(*a.shape[:3], rows)
         out = np.empty((*a.shape[:3], rows))
         for i in range(len(a)):
             low = first - (i + 1 if lagged else 0)

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numba import njit
+from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
-from lpvid._kernels import ChunkedQR
 from lpvid.identification.arx import ARX
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -53,14 +53,16 @@ def build(record: Record) -> np.ndarray:
 
 
 def bare_qr(xy: np.ndarray) -> np.ndarray:
-    """The same chunked QR on a prebuilt regressor."""
-    qr = ChunkedQR(25, 1024)
+    """Chunked QR by dgeqrf on a prebuilt regressor: R of [R; chunk], one chunk after the other."""
+    work = np.zeros((25, 25 + 1024))
+    above, space = np.triu(np.ones((25, 25), dtype=bool), 1), int(lapack.dgeqrf_lwork(1049, 25)[0])
     with threadpool_limits(1, user_api="blas"):
         for i in range(0, len(xy), 1024):
             rows = min(1024, len(xy) - i)
-            qr.block[:, 25: 25 + rows] = xy[i: i + rows].T
-            qr.absorb(rows)
-    return qr.r
+            work[:, 25: 25 + rows], work[:, 25 + rows:] = xy[i: i + rows].T, 0.0
+            lapack.dgeqrf(work.T, lwork=space, overwrite_a=1)
+            work[:, :25][above] = 0.0
+    return np.triu(work[:, :25].T)
 
 
 @njit(cache=True)
