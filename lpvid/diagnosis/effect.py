@@ -209,6 +209,21 @@ class Effect(ABC):
         """
         return self.points(signals)
 
+    def refit_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """Where a refit in the place of a next of kin may begin: there, and at shapes too many to be looked at always.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+        scale : callable
+            From a unit to a size, None where it has none.
+
+        Returns
+        -------
+        list of (k,) array
+        """
+        return self.spread_points(signals, scale)
+
     @abstractmethod
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can.

@@ -138,11 +138,23 @@ class OneSidedFilter(ChainEffect):
         """
         return [*super().points(signals), *map(_order_three, self.parameters[0].grid[::2])]
 
-    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """The same at lags that follow from the data, filters of order two with one damping."""
+    def refit_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """The same at lags that follow from the data.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+        scale : callable
+            Natural size of a number of a unit.
+
+        Returns
+        -------
+        list of (3,) arrays
+            s, -, s.
+        """
         p = self.parameters[0]
-        lags = p.spread(scale(p.unit), True)
-        return [np.array([t, self.parameters[1].neutral, 0.0]) for t in lags] + [_order_three(t) for t in lags]
+        order_three = map(_order_three, p.spread(scale(p.unit), True))
+        return [*self.spread_points(signals, scale), *order_three]
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         t, zeta, third = (float(v) for v in values)

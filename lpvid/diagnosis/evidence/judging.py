@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import SetSearch, akin, posterior
+from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
@@ -217,13 +217,17 @@ def _helps(problem: DiagnosisProblem, rest: Refit, after: Folds) -> bool:
 def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     """The set to report: of the most probable components, in the forms that the data bear out.
 
-    Sets that hold the same components in different forms add up. Of those of the most probable components the most
-    probable one is taken whose special forms are sure themselves; a form that is not gives way to its component.
+    Sets that hold the same components in different forms add up. Every component that is more probable than not is in
+    it, where some set holds all of these (the median probability model of Barbieri and Berger 2004): rivals that share
+    the weight of a set must not let the baseline alone come before each of them. Of the sets of the most probable
+    components the most probable one is taken whose special forms are sure themselves; a form that is not gives way to
+    its component.
     """
     mass: dict[frozenset[str], float] = {}
     for w, p in sets:
         mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
-    kinds = max(mass, key=lambda k: mass[k])
+    likely = {c for kinds in mass for c in kinds if sum(p for k, p in mass.items() if c in k) > 0.5}
+    kinds = max([k for k in mass if likely <= k] or mass, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
     sure = [w for w in alike if all(e.component == k or _form(e, sets) >= FORM * mass[kinds]
                                     for e, k in zip(w.effects, w.kinds, strict=True))]
@@ -295,9 +299,9 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
 
     By the error alone, as it is left of either all else refitted, a rival has the likelihood (e_r'e_r/e'e)^(−κN/2). It
     is listed where that is more than `LISTED`: a misfit of the law favours one of two that differ by less than it, and
-    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. What the
-    sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a delay
-    does not, and the error of the filter is larger even where it is the truth.
+    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Of lags, what
+    the sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a
+    delay does not, and the error of the filter is larger even where it is the truth.
     """
     found, samples = [], search.kept * search.problem.n_samples
     for other in search.candidates:
@@ -305,7 +309,8 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
         if w is None or not akin(effect, other) or other.name in best.members:
             continue
         kind = w.kinds[w.effects.index(other)]
-        against = 0.5 * samples * np.log(_without_noise(w) / _without_noise(best))
+        left = [_without_noise(v) if other.path in LAGGING else max(v.fit.cost, 1e-300) for v in (w, best)]
+        against = 0.5 * samples * np.log(left[0] / left[1])
         if kind not in best.kinds and against < -np.log(LISTED):
             found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)

@@ -15,6 +15,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, independent, share_of
 from lpvid.diagnosis.evidence.priors import inclusion
+from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, descend, hopped_on
@@ -387,7 +388,8 @@ class SetSearch:
         place = w.fit.composition.places[w.effects.index(gone)]
         basis = projector(np.delete(w.fit.jacobian, range(place.start, place.stop), axis=1))
         plain = without(basis, self._error(composition, placed(composition, w.fit, {})))
-        begun = [placed(composition, w.fit, {come.name: v}) for v in self.data.looked_at[come.name]]
+        points = come.refit_points(self.problem.signals, Scales.of(self.problem.signals).size)
+        begun = [placed(composition, w.fit, {come.name: v}) for v in points]
         lag, left = come.path in LAGGING, []
         for vector in begun:
             error = without(basis, self._error(composition, vector))

@@ -105,9 +105,9 @@ class TestOneSidedFilter:
         before = np.abs(filtered[1] - true[1])[inside].max()
         assert np.abs(got - true[1])[inside].max() < 0.03 * before
 
-    def test_filters_of_order_three_are_looked_at_at_every_lag(self) -> None:
+    def test_refits_begin_at_filters_of_order_three_of_every_lag(self) -> None:
         """Third-order Bessel: the delay 2 zeta T + T_3 is that of scipy's filter of unit delay."""
-        points = np.array(OneSidedFilter().spread_points((), lambda unit: 0.01 if unit == "s" else None))
+        points = np.array(OneSidedFilter().refit_points((), lambda unit: 0.01 if unit == "s" else None))
         lags, order_three = np.unique(points[:, 0]), points[points[:, 2] > 0]
         np.testing.assert_array_equal(np.unique(order_three[:, 0]), lags)
         _, poles, _ = bessel(3, 1.0, analog=True, output="zpk", norm="delay")
