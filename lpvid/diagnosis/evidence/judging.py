@@ -29,10 +29,10 @@ LISTED = 0.05
 NOTABLE, BESIDE = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
 left, from which it is named where little is left (diagnosis_real)"""
-OUT_OF_FOLD = "out of fold"
-"""what the folds of a fit are kept by"""
 LEAST = 0.005
 """change below which nothing is named: half a per cent of the output is nobody's concern"""
+OUT_OF_FOLD = "out of fold"
+"""what the folds of a fit are kept by"""
 
 
 @dataclass(frozen=True, eq=False)
