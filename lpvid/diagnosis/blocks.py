@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
 
 LONGEST, SHORTEST = 2.0, 0.4
-"""length of a block [s]"""
+"""length of a block [s]; records too short for `FEWEST` of the shortest have blocks of a period of their motion"""
 WANTED = 30
 """blocks wanted over all records"""
 FEWEST = 8
@@ -48,6 +49,9 @@ class Blocks:
     def of(cls, signals: Sequence[Signals], start: int = 0) -> Blocks:
         """Cut records into blocks of equal length, at least `FEWEST` of them.
 
+        An error lasts about as long as what causes it: blocks of one period of the motion are the shortest that are
+        counted as independent of each other.
+
         Raises
         ------
         InputError
@@ -59,6 +63,9 @@ class Blocks:
                  for _, first, last, part in pieces]
         total = sum(max(last - first - h, 0) for (_, first, last, _), h in zip(pieces, heads, strict=True)) * period
         length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
+        if total < FEWEST * length:
+            cycle = 2 * np.pi * Scales.of(signals).time or SHORTEST
+            length = max(total / FEWEST - period, min(SHORTEST, cycle))
         size = max(round(length / period), 8)
         numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
         for (k, begin, last, _), head in zip(pieces, heads, strict=True):
@@ -68,7 +75,7 @@ class Blocks:
                 count += 1
         if count < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
-                             why=f"at least {FEWEST} blocks of {length:g} s are needed", mend="longer records")
+                             why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
         return cls(tuple(numbers), count, np.array(folds), length)
 
     def mask(self, fold: int | None = None) -> list[np.ndarray]:

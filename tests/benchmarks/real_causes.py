@@ -2,8 +2,10 @@
 
     python tests/benchmarks/real_causes.py FOLDER OUT [CASE ...] [--limit SECONDS]
     python tests/benchmarks/real_causes.py FOLDER OUT --table
+    python tests/benchmarks/real_causes.py FOLDER OUT --siblings
 
-A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. Everything goes by the
+A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. ``--siblings`` takes other
+records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same: does an answer hold? Everything goes by the
 user's command with held-out files. Marks:
 
 - right: more than half of the story's parts named (or, where the catalogue may lack the one part there is, nothing
@@ -30,8 +32,10 @@ import real_records
 from real_answers import Answer, parts_of
 
 
-def cases() -> list[tuple[str, str]]:
-    """Groups and baselines, in the order of the table."""
+def cases(siblings: bool = False) -> list[tuple[str, str]]:
+    """Groups and baselines, in the order of the table; of siblings those that have a fair answer."""
+    if siblings:
+        return [(g.name, b) for g in real_records.siblings() for b in g.baselines if real_answers.answer(g.of, b)]
     return [(g.name, b) for g in real_records.GROUPS for b in g.baselines]
 
 
@@ -74,9 +78,9 @@ def credited(row: dict, answer: Answer) -> set[str]:
 
 def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
     """Diagnose what has no row yet."""
-    path = out / "real.jsonl"
+    path = _path(out, options)
     done = {(r["group"], r["baseline"]) for r in rows(path)}
-    for name, baseline in cases():
+    for name, baseline in cases(options.siblings):
         if (name, baseline) in done or (options.case and f"{name}/{baseline}" not in options.case):
             continue
         group = real_records.group(name)
@@ -85,9 +89,18 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
                               for kind, part in (("training", group.training), ("held_out", group.held_out)))
             row = commanded.diagnose(data, baseline, group.options, held_out, options.limit)
         row = {"group": name, "baseline": baseline, **row}
-        print(f"{name}/{baseline}: {mark(row, real_answers.answer(name, baseline))} {row.get('named')}", flush=True)
+        print(f"{name}/{baseline}: {mark(row, real_answers.answer(_base(name), baseline))} {row.get('named')}", flush=True)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
+
+
+def _base(name: str) -> str:
+    """The group whose fair answers hold."""
+    return name.partition(":")[0]
+
+
+def _path(out: Path, options: argparse.Namespace) -> Path:
+    return out / ("siblings.jsonl" if options.siblings else "real.jsonl")
 
 
 def rows(path: Path) -> list[dict]:
@@ -101,7 +114,7 @@ def table(found: list[dict]) -> str:
              "|---|---|---|---|---|---|---|---|---|---|---|"]
     marks, ratios = [], []
     for row in found:
-        answer = real_answers.answer(row["group"], row["baseline"])
+        answer = real_answers.answer(_base(row["group"]), row["baseline"])
         how = mark(row, answer)
         if answer is not None:
             marks.append(how)
@@ -130,11 +143,12 @@ def main() -> None:
     parser.add_argument("case", nargs="*", help="GROUP/BASELINE")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
     parser.add_argument("--table", action="store_true", help="print the table of what is there")
+    parser.add_argument("--siblings", action="store_true", help="other records of the same specimens")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     if not options.table:
         run(options.folder, options.out, options)
-    print(table(rows(options.out / "real.jsonl")))
+    print(table(rows(_path(options.out, options))))
 
 
 if __name__ == "__main__":

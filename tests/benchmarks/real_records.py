@@ -8,7 +8,7 @@ where they lie (``LPVID_DATA``).
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,8 @@ class Group:
         Baselines that make sense here.
     flipped : bool
         Whether the force has the other sense: it opposes the velocity.
+    of : str
+        For other records of a specimen that has a group: the group whose fair answers hold here too.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Group:
     options: tuple[str, ...] = ()
     baselines: tuple[str, ...] = ("linear",)
     flipped: bool = False
+    of: str = ""
 
 
 def _cut(name: str, file: str, baselines: tuple[str, ...] = ("linear",), flipped: bool = False) -> Group:
@@ -105,9 +108,53 @@ GROUPS: tuple[Group, ...] = (
 )
 
 
+def _thirds(name: str) -> tuple[Group, ...]:
+    """A third of one record to fit, another held out, in three turns."""
+    whole = group(name)
+    file, cut = whole.training[0].file, (0.0, 1 / 3, 2 / 3, 1.0)
+    return tuple(replace(whole, name=f"{name}:{i + 1}", of=name, training=(Part(file, cut[i], cut[i + 1]),),
+                         held_out=(Part(file, cut[(i + 1) % 3], cut[(i + 1) % 3 + 1]),)) for i in range(3))
+
+
+def _other(name: str, turn: int, training: tuple[Part, ...], held_out: tuple[Part, ...]) -> Group:
+    return replace(group(name), name=f"{name}:{turn}", of=name, training=training, held_out=held_out)
+
+
+def _halves(name: str) -> tuple[Group, ...]:
+    """Half of the training record to fit, what its group holds out held out."""
+    whole = group(name)
+    return tuple(replace(whole, name=f"{name}:{i + 1}", of=name,
+                         training=(Part(whole.training[0].file, i / 2, (i + 1) / 2),)) for i in range(2))
+
+
+def siblings() -> tuple[Group, ...]:
+    """The same specimens with less or other data than in `GROUPS`: what is true of a damper is true of all its records.
+
+    Fitted and held-out parts are parts of files, or files, that `GROUPS` combines otherwise; fair answers are those of
+    the group `Group.of`, although less data may leave more rivals.
+    """
+    lab = {volt: lambda *names, volt=volt: _files(f"labcontrol_{volt}", *(f"ensaio{n}" for n in names))
+           for volt in ("0V", "0.87V", "1.98V", "voltages")}
+    return (
+        *_thirds("random"), *_thirds("fixed"), *_thirds("race-heat"), *_thirds("race-24"), *_thirds("race-slow"),
+        *_thirds("race-fast"), *_halves("emps"), *_halves("bouc-wen"), *_halves("silverbox"),
+        _other("sines", 1, _sines("25mm0p1Hz", "25mm0p5Hz", "5mm3Hz"), _sines("10mm1Hz")),
+        _other("sines", 2, _sines("10mm1Hz", "2mm5Hz"), _sines("5mm3Hz")),
+        _other("car", 1, (Part("quarter_car_rig/run2.csv"),), (Part("quarter_car_rig/run1.csv"),)),
+        _other("labcontrol-0V", 1, lab["0V"]("1.1", "2.1"), lab["0V"]("4.1")),
+        _other("labcontrol-0V", 2, lab["0V"]("2.1", "7.1"), lab["0V"]("1.1")),
+        _other("labcontrol-0.87V", 1, lab["0.87V"]("8.2.2", "9.2.2"), lab["0.87V"]("3.2.2")),
+        _other("labcontrol-0.87V", 2, lab["0.87V"]("3.2.2", "8.2.2"), lab["0.87V"]("9.2.2")),
+        _other("labcontrol-1.98V", 1, lab["1.98V"](".B.5", ".B.6"), lab["1.98V"](".B.8")),
+        _other("labcontrol-1.98V", 2, lab["1.98V"](".B.5", ".B.8"), lab["1.98V"](".B.1")),
+        _other("labcontrol-voltages", 1, lab["voltages"]("4.1", "8.2.2", ".B.5", ".A.4"),
+               lab["voltages"]("7.1", "10.2.2", ".B.8", ".A.7")),
+    )
+
+
 def group(name: str) -> Group:
-    """The group of a name."""
-    return next(g for g in GROUPS if g.name == name)
+    """The group of a name, siblings by ``NAME:TURN``."""
+    return next(g for g in (siblings() if ":" in name else GROUPS) if g.name == name)
 
 
 def read(folder: Path, part: Part) -> dict[str, np.ndarray]:

@@ -72,3 +72,15 @@ class TestBlocks:
     def test_too_little_data(self) -> None:
         with pytest.raises(InputError, match="too little data"):
             Blocks.of([plain(300)])
+
+    @pytest.mark.parametrize(("hertz", "enough"), [(40.0, True), (1.5, False)])
+    def test_a_short_record_counts_by_the_periods_of_its_motion(self, hertz: float, enough: bool) -> None:
+        """Two seconds of 40 Hz are eighty periods, of 1.5 Hz three: the same time says much or little."""
+        period, n = 1e-3, 2000
+        signals = Signals(period, {"velocity": np.cos(2 * np.pi * hertz * period * np.arange(n))}, np.ones(n), "short")
+        if not enough:
+            with pytest.raises(InputError, match=r"at least 8 blocks of 0\.4 s"):
+                Blocks.of([signals])
+            return
+        blocks = Blocks.of([signals])
+        assert blocks.count >= FEWEST and 1 / hertz <= blocks.length < 0.4
