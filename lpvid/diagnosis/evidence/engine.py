@@ -18,7 +18,7 @@ from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, V
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.evidence.calibration import components
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
-from lpvid.diagnosis.evidence.judging import judge, on_all_samples
+from lpvid.diagnosis.evidence.judging import JudgedSet, judge, on_all_samples
 from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import SetSearch, posterior
@@ -93,13 +93,38 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
 
 def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, held_out: Sequence[Record],
               unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
-    """What the visited sets say, measured on all samples."""
+    """What the visited sets say, measured on all samples: the most probable set that data not seen bear out.
+
+    While those that they do not hold less than half of the weight: beyond that the weights are not to be trusted.
+    """
     problem, alone = search.problem, search.visited[frozenset()].fit
     screened = tuple(screen(problem, alone, directions(problem, alone, search.moved), np.random.default_rng(seed)))
-    judged = judge(search, report_progress)
+    weights = {w.members: p for w, p in posterior(search)}
+    refused: list[frozenset[str]] = []
+    first = None
+    while True:
+        judged, predictable = _measured(search, refused, records, baseline, report_progress)
+        whole = judged.problem
+        driving = [c for c in baseline.channels if c != baseline.output]
+        level = noise_level(whole.signals, driving, whole.blocks.mask())
+        found = EvidenceOutcome(baseline, search, judged, screened, unusable, level, predictable, held_out,
+                                tuple(sorted({n for members in refused for n in members})))
+        first = first or found
+        if found.predicts:
+            return (found if judged.members else first).diagnosis()
+        refused.append(judged.fit.composition.members)
+        report_progress(f"no smaller an error on further data: {', '.join(sorted(refused[-1]))}")
+        if sum(weights[members] for members in refused) > 0.5:
+            return first.diagnosis()
+
+
+def _measured(search: SetSearch, refused: Sequence[frozenset[str]], records: Sequence[Record], baseline: Baseline,
+              report_progress: Callable[[str], None]) -> tuple[JudgedSet, float]:
+    """The most probable set but for the refused ones, on all samples, and what the inputs predict of its error."""
+    problem = search.problem
+    judged = judge(search, report_progress, refused)
     share, spread = predictable_share(problem, problem.errors(judged.fit.composition, judged.fit.vector),
                                       search.channels)
-    predictable = float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         for s in problem.signals:
             s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
@@ -107,10 +132,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             collect()
         report_progress("refitting the best set to all samples")
         judged = on_all_samples(search, judged, problem_of(records, baseline))
-    whole = judged.problem
-    driving = [c for c in baseline.channels if c != baseline.output]
-    level = noise_level(whole.signals, driving, whole.blocks.mask())
-    return EvidenceOutcome(baseline, search, judged, screened, unusable, level, predictable, held_out).diagnosis()
+    return judged, float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
 
 
 def best_of(search: SetSearch) -> BestSoFar:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,16 +127,23 @@ class JudgedSet:
     sets: list[tuple[Weighed, float]]
 
 
-def judge(search: SetSearch, report_progress: Callable[[str], None]) -> JudgedSet:
+def judge(search: SetSearch, report_progress: Callable[[str], None],
+          refused: Collection[frozenset[str]] = ()) -> JudgedSet:
     """The most probable set whose every member lowers the error out of fold, and its members.
 
     Parameters
     ----------
     search : Search
-    say : callable
+    report_progress : callable
+    refused : collection of frozenset of str
+        Sets that further records did not bear out.
+
+    Returns
+    -------
+    JudgedSet
     """
     problem, root = search.problem, search.visited[frozenset()].fit
-    refused: set[frozenset[str]] = set()
+    refused = set(refused)
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
     while True:

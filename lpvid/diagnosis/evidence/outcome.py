@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, SetProbabilities, VisitedSet
+from lpvid.diagnosis.diagnosis import (
+    CannotTell,
+    Cause,
+    Diagnosis,
+    Errors,
+    Rejected,
+    Rivals,
+    SetProbabilities,
+    VisitedSet,
+)
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, components, family
 from lpvid.diagnosis.evidence.judging import NAMED, SURE, JudgedSet, Member
@@ -45,6 +55,8 @@ class EvidenceOutcome:
     predictable : float
         Share of the squared error of the set that a regression on the inputs predicts.
     held_out : sequence of Record
+    refused : tuple of str
+        Members of more probable sets whose error on data that the fit has not seen is no smaller.
     """
 
     baseline: Baseline
@@ -55,6 +67,7 @@ class EvidenceOutcome:
     level: NoiseLevel
     predictable: float
     held_out: Sequence[Record]
+    refused: tuple[str, ...] = ()
 
     @property
     def significant(self) -> bool:
@@ -73,19 +86,34 @@ class EvidenceOutcome:
         """That part of it which the inputs predict."""
         return float(np.sqrt(self.predictable)) * self.left
 
+    @cached_property
+    def errors(self) -> tuple[Errors, Errors]:
+        """Of the baseline alone and of the set."""
+        j = self.judged
+        before = errors_of(j.problem, self.baseline, j.root, j.before, self.held_out)
+        found = j.members and self.significant
+        return before, errors_of(j.problem, self.baseline, j.fit, j.after, self.held_out) if found else before
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the set lowers the error on data that no fit has seen, or there is nothing to lower it by."""
+        before, extended = self.errors
+        return extended is before or extended.esr_held_out < before.esr_held_out
+
     def diagnosis(self) -> Diagnosis:
         """All of it."""
         j, sets = self.judged, self.judged.sets
-        before = errors_of(j.problem, self.baseline, j.root, j.before, self.held_out)
+        before, extended = self.errors
         found = j.members if self.significant else ()
-        extended = errors_of(j.problem, self.baseline, j.fit, j.after, self.held_out) if found else before
-        members = found if extended.esr_held_out < before.esr_held_out else ()
+        members = found if self.predicts else ()
         objections = {m.effect.name: m.objection(self.left, self.of_law) for m in members}
         named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
         rejected += [Rejected(m.effect.name, NO_GAIN) for m in found if not members]
-        rejected += [Rejected(n, why) for n, why in j.dropped]
+        known = {m.effect.name for m in found}
+        why_not = {**dict.fromkeys(self.refused, NO_GAIN), **dict(j.dropped), **self._impossible()}
+        rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
         verdict, reason = self._verdict(named, contested,
                                         [m for m in found if not members or objections[m.effect.name]])
         if not named and before.esr_held_out > 1:
@@ -140,6 +168,14 @@ class EvidenceOutcome:
 
     def _of_family(self, m: Member) -> str:
         return f", something of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED else ""
+
+    def _impossible(self) -> dict[str, str]:
+        """Causes that the data ask more of than there can be, and why, where sets with them would come first."""
+        s, best = self.search, self.judged.sets[0][0]
+        least = best.evidence(s.kept)
+        sets = [w for w in s.visited.values() if w.ends and w.were_it_possible(s.kept) > least]
+        return {n: f"it would fit best at the end of what is possible, {end}: it imitates something else"
+                for w in sets for n, end in w.ends.items() if n not in best.members}
 
     def _share(self) -> tuple[float, float]:
         """Share of the baseline's squared error out of fold, beyond noise where repeats tell it, that the set takes."""

@@ -20,6 +20,8 @@ nothing"""
 
 ABSENT = 1e-6
 """change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
+INTERVAL = 1.96
+"""standard errors of a 95 % interval"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,25 @@ class Weighed:
         """Per effect, what it changes in the output as it stands, the others in place, as a share of its rms."""
         return tuple(change_by(self.data.problem, self.fit, e) / self.data.discrepancy.force for e in self.effects)
 
+    @cached_property
+    def ends(self) -> dict[str, str]:
+        """Effects whose strength stands at the end of what is possible, within what the clock leaves open: where.
+
+        These data ask for more of it than there can be: it imitates something else (a displacement recorded a tenth of
+        a second late, all of a current's influence taken away).
+        """
+        found = {}
+        low, high = self.fit.composition.bounds
+        for e, place in zip(self.effects, self.fit.composition.places, strict=True):
+            open_ = INTERVAL * e.clock_errors(self.fit.vector[place], self.data.problem.signals)
+            for k, p in enumerate(e.parameters[: e.strengths]):
+                v, j = float(self.fit.vector[place][k]), place.start + k
+                slack = float(open_[k]) + 1e-6 * abs(high[j] - low[j])
+                for end in (low[j], high[j]):
+                    if end != p.neutral and abs(v - end) <= slack and not p.choices:
+                        found[e.name] = f"{p.name} {end:g} {p.unit}".rstrip()
+        return found
+
     def marginal(self, kept: float) -> Marginal:
         """Noise and discrepancy where they are most probable; `kept` is the share of independent samples."""
         return marginal(self.fit.cost, self.along, self.data.discrepancy, self.data.problem.n_samples, kept)
@@ -105,8 +126,12 @@ class Weighed:
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
         parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` each. A parameter
-        that these data do not reach costs nothing.
+        that these data do not reach costs nothing. A set with a strength at the end of what is possible has none.
         """
+        return -np.inf if self.ends else self.were_it_possible(kept)
+
+    def were_it_possible(self, kept: float) -> float:
+        """The same, wherever strengths stand."""
         return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
     def _weighed(self, kept: float) -> float:
