@@ -475,7 +475,9 @@ def column_scale(factor: np.ndarray, before: np.ndarray | float = 0.0) -> np.nda
     -------
     (k,) array
     """
-    norms = np.maximum(np.linalg.norm(factor, axis=0), before)
+    peak = np.abs(factor).max(axis=0, initial=0.0)  # squares of what is above 1e154 overflow
+    peak = np.where(peak > 0, peak, 1.0)
+    norms = np.maximum(peak * np.linalg.norm(factor / peak, axis=0), before)
     return np.where(norms > 0, norms, 1.0)
 
 
@@ -546,7 +548,8 @@ class _DenseStep:
 
     @property
     def finite(self) -> bool:
-        return bool(np.isfinite(self.factor).all())
+        """Whether the squares of all derivatives are numbers."""
+        return bool(np.abs(self.factor).max(initial=0.0) < np.sqrt(np.finfo(float).max))
 
     def step(self, damping: float) -> tuple[np.ndarray, float]:
         """The point to try, inside the bounds, and the fall of the cost that it promises."""

@@ -20,6 +20,8 @@ nothing"""
 
 ABSENT = 1e-6
 """change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
+TINY = 1e-300
+"""curvature, of parameters in their own units, below which nothing answers to one"""
 INTERVAL = 1.96
 """standard errors of a 95 % interval"""
 
@@ -142,7 +144,8 @@ class Weighed:
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
         prior += off_prior(apart, precision, np.diag(hessian).clip(0))
         held = hessian + np.diag(precision)
-        own = np.arange(precision.size) < self.fit.composition.own
+        reached = np.diag(held) > TINY  # a number of the law of 1e200, to which nothing answers, is in every set alike
+        own, amplitudes = reached & (np.arange(precision.size) < self.fit.composition.own), reached & amplitudes
         apiece = 0.5 * np.log(2 * np.pi) * (amplitudes.sum() - own.sum())
         log_volume = apiece - 0.5 * (_log_determinant(held, amplitudes) - _log_determinant(held, own))
         return m.likelihood + prior + log_volume + sum(inclusion(e) for e in self.effects)
@@ -154,7 +157,7 @@ class Weighed:
         composition, vector = self.fit.composition, self.fit.vector
         total, precision = 0.0, np.zeros(vector.size)
         apart, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
-        precision[: composition.own] = 1 / (ROOM * composition.scales[: composition.own]) ** 2
+        precision[: composition.own] = (1 / ROOM / composition.scales[: composition.own]) ** 2
         force = self.data.discrepancy.force * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
             points = self.data.looked_at[effect.name]
@@ -179,7 +182,7 @@ class Weighed:
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     """ln of the determinant of the chosen rows and columns, scaled for the digits."""
     part = matrix[np.ix_(chosen, chosen)]
-    scale = 1 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diag(part), TINY))
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 

@@ -88,4 +88,6 @@ def search_law(problem: SearchResiduals, start: np.ndarray, evaluations: int, to
     """
     stop = StopRule(tolerance, evaluations=evaluations, promise=max(ROUNDING, 0.01 * tolerance), refused=tolerance)
     place = problem.coordinates
-    return minimise_dense(problem, start, stop, (place.lower, place.upper), GainRatio(least=1e-14))
+    reach = np.where(place.log, -np.log(np.finfo(float).eps), np.inf)  # farther, a number adds nothing to its equals
+    bounds = np.maximum(place.lower, start - reach), np.minimum(place.upper, start + reach)
+    return minimise_dense(problem, start, stop, bounds, GainRatio(least=1e-14))
