@@ -4,9 +4,9 @@
     python tests/benchmarks/real_causes.py FOLDER OUT --table
     python tests/benchmarks/real_causes.py FOLDER OUT --siblings
 
-A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. ``--siblings`` takes other
-records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same: does an answer hold? Everything goes by the
-user's command with held-out files. Marks:
+A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. ``--siblings`` takes
+other records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same: does an answer hold?
+Everything goes by the user's command with held-out files. Marks:
 
 - right: more than half of the story's parts named (or, where the catalogue may lack the one part there is, nothing
   named and no claim to have explained), nothing wrong;
@@ -89,7 +89,8 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
                               for kind, part in (("training", group.training), ("held_out", group.held_out)))
             row = commanded.diagnose(data, baseline, group.options, held_out, options.limit)
         row = {"group": name, "baseline": baseline, **row}
-        print(f"{name}/{baseline}: {mark(row, real_answers.answer(_base(name), baseline))} {row.get('named')}", flush=True)
+        how = mark(row, real_answers.answer(_base(name), baseline))
+        print(f"{name}/{baseline}: {how} {row.get('named')}", flush=True)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 

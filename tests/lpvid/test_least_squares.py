@@ -158,3 +158,11 @@ def test_without_parameters_the_start_is_the_end() -> None:
     problem = FunctionResiduals(lambda x: np.ones(3), lambda x: np.zeros((3, 0)))
     found = minimise_dense(problem, np.zeros(0), StopRule())
     assert found is not None and found.converged and found.cost == 3.0 and not found.iterations
+
+
+def test_derivatives_whose_squares_overflow_end_the_search_where_it_stands() -> None:
+    """A simulation that grows has sensitivities of 1e200: no step is taken along them, and no warning leaves."""
+    found = minimise_dense(FunctionResiduals(lambda x: np.array([x[0] - 1, x[1]]), lambda x: np.diag([1.0, 1e200])),
+                           np.zeros(2), StopRule())
+    assert found is not None and not found.iterations
+    assert np.array_equal(found.trial.point, np.zeros(2))

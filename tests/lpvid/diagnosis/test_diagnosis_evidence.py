@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTwin, problem_of, record
+from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTwin, Wave, problem_of, record
 from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
@@ -17,6 +17,7 @@ from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter
+from lpvid.diagnosis.evidence import engine, judging
 from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, components
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
@@ -368,3 +369,67 @@ def test_next_of_kin_are_other_components_of_a_family_or_lags_of_motion_and_forc
              ("force-delay", "fixture-resonance", True), ("coulomb-friction", "inner-friction", False),
              ("coulomb-friction", "coulomb-friction", False), ("series-compliance", "thermal-fade", False))
     assert all(akin(by_name[a], by_name[b]) is akin(by_name[b], by_name[a]) is wanted for a, b, wanted in pairs)
+
+
+class Unanswered(Bent):
+    """A further number of the law to which nothing answers, and which a fit has sent far away."""
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        return (*super().coefficients, Coefficient("p3", "", -np.inf, np.inf, 1e200))
+
+    @property
+    def vector(self) -> np.ndarray:
+        return np.array([*self.parameters[:3], 9e244])
+
+    def sensitivities(self, signals, vector: np.ndarray) -> np.ndarray:
+        return np.column_stack([super().sensitivities(signals, vector), np.zeros(signals.n_samples)])
+
+
+def test_a_number_of_the_law_to_which_nothing_answers_decides_nothing():
+    data = record(np.random.default_rng(3), hidden=lambda u: 1.5 * np.sign(u))
+    settings = DiagnosisSettings(fit_baseline=False)
+    plain, far = (diagnose([data], law, [Dry(), Cubic()], settings=settings) for law in (Bent(), Unanswered()))
+    assert [c.name for c in far.causes] == [c.name for c in plain.causes] == ["dry"]
+    assert far.causes[0].probability == pytest.approx(plain.causes[0].probability, abs=1e-6)
+
+
+class Bounded(Dry):
+    """Dry, of which there can be half a unit at most."""
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("gain", "V", "g", 0.0, (0.0, 0.5), (0.0, 0.5), (0.1,)),)
+
+
+@pytest.mark.parametrize(("there", "named"), [(0.4, ["dry"]), (1.5, [])])
+def test_a_cause_that_would_have_to_be_more_than_there_can_be_is_not_named(there, named):
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: there * np.sign(u))
+    found = diagnose([data], Bent(), [Bounded(), Cubic()])
+    assert [c.name for c in found.causes if c.name == "dry"] == named
+    if not named:
+        assert any(r.name == "dry" and "at the end of what is possible, gain 0.5 V" in r.why for r in found.rejected)
+
+
+@pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
+def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(monkeypatch, weights, kept):
+    """In training a wave stands beside the step, in the other record one of the other sign: with it the error grows.
+
+    Where that story holds most of the weight the baseline stays.
+    """
+    rng = np.random.default_rng(3)
+    training, other = (record(rng, level=0.1, hidden=lambda u, w=w: 0.8 * np.sign(u) + w * np.sin(9 * u))
+                       for w in (0.5, -2.0))
+    assert {c.name for c in diagnose([training], Bent(), [Dry(), Wave()]).causes} == {"dry", "wave"}
+
+    def fixed(search):
+        known = [search.visited[frozenset(n)] for n in (("dry", "wave"), ("dry",), ())]
+        return sorted(zip(known, weights, strict=True), key=lambda t: -t[1])
+
+    monkeypatch.setattr(judging, "posterior", fixed)
+    monkeypatch.setattr(engine, "posterior", fixed)
+    monkeypatch.setattr(judging, "story", lambda sets: next(w for w, _ in sets if "dry" in w.members))
+    found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
+    assert list(found.stand_ins) == kept
+    assert any(r.name == "wave" and "no smaller" in r.why for r in found.rejected)
+    assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)

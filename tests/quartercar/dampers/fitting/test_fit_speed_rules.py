@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lpvid.least_squares import Trial
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.fitting.searching import Tasted, surely_worse
+from quartercar.dampers.fitting.solver import SearchCoordinates, search_law
 from quartercar.dampers.laws.bouc_wen import BoucWen
+from quartercar.dampers.parameter import Parameter
 
 
 def drive(samples: int = 1500) -> Drive:
@@ -49,3 +52,22 @@ def test_the_race_leaves_an_equal_start_about_once_in_a_thousand() -> None:
         a, b = rng.normal(size=(2, 900))
         left += surely_worse(Tasted(0.0, np.zeros(1), a), Tasted(0.0, np.zeros(1), b))
     assert left <= 4  # 0.13 % of 400 is half a case; five would be beyond the 99.9 % quantile
+
+
+def test_a_number_without_an_upper_limit_goes_no_farther_than_rounding_can_follow() -> None:
+    """The force of a damper in series with a stiff spring grows towards a limit: the least squares lie at infinity."""
+    class Problem:
+        coordinates = SearchCoordinates([Parameter("series", "N*s/m", "in series", 10.0, 1e-3, np.inf, log=True)])
+
+        def trial(self, point: np.ndarray) -> Trial | None:
+            left = 1 / (1 + self.coordinates.values(point)[0])
+            return Trial(point, point, np.array([left]))
+
+        def jacobian(self, trial: Trial) -> np.ndarray:
+            c = self.coordinates.values(trial.point)[0]
+            return np.array([[-c / (1 + c) ** 2]])
+
+    problem = Problem()
+    found = search_law(problem, problem.coordinates.of(np.array([10.0])), 2000, 1e-15)
+    assert found is not None
+    assert 1e3 < problem.coordinates.values(found.trial.point)[0] <= 10 / np.finfo(float).eps * 1.001
