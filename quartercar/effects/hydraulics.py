@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -277,6 +278,16 @@ class ValveDynamics(HydraulicEffect):
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [np.array(p) for p in itertools.product(*(p.grid for p in self.parameters))]
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """As many frequencies, evenly in the logarithm between that of the motion and half the sampling rate."""
+        share, frequency, damping = self.parameters
+        radians = scale("Hz")
+        if radians is None:
+            return self.points(signals)
+        ends = radians / (2 * np.pi), 0.5 / signals[0].sample_time
+        between = np.geomspace(*ends, len(frequency.grid) + 2)[1:-1].clip(*frequency.bounds)
+        return [np.array(p) for p in itertools.product(share.grid, between, damping.grid)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         from quartercar.effects import _hydraulics_kernels as kernels

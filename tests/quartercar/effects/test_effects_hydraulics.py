@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
 from quartercar import dampers
@@ -130,6 +131,15 @@ def test_the_share_of_a_valve_follows_its_second_order_equation() -> None:
                       max_step=1 / 512).y[0]
     wanted = c * s["velocity"] * (1 - share) + share * exact
     assert np.abs(force - wanted).max() < 1e-4 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("slower", [1.0, 0.2])
+def test_a_valve_is_looked_at_between_the_motion_and_what_the_clock_resolves(slower: float) -> None:
+    """The same motion, of .7 to 7 Hz, five times slower asks for frequencies five times lower."""
+    s = signals()
+    slow = replace(s.replace(velocity=slower * s["velocity"]), sample_time=1 / 512 / slower)
+    seen = np.unique([p[1] for p in ValveDynamics().spread_points((slow,), Scales.of([slow]).size)])
+    assert seen.size == 3 and 7 * slower < seen[0] < seen[-1] < 256 * slower
 
 
 def test_a_torn_column_refills_before_the_force_returns() -> None:
