@@ -67,7 +67,7 @@ class Backlash(SeriesElement):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("play", "m", "delta, from end to end", 0.0, (0.0, 2e-3), (0.0, 0.02),
+        return (EffectParameter("play", "m", "delta, from end to end", 0.0, (0.0, 2e-3), (0.0, 0.5),
                                 (2e-5, 6e-5, 2e-4, 6e-4)),)
 
     def elements(self, values: np.ndarray) -> dict[str, float]:
@@ -90,9 +90,9 @@ class EntrainedAir(SeriesElement):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("stroke", "m", "s, deflection that compresses all the air", 0.0, (0.0, 3e-3),
-                                (0.0, 0.05), (6e-6, 5e-5, 3e-4)),
+                                (0.0, 0.5), (6e-6, 5e-5, 3e-4)),
                 EffectParameter("pressure_force", "N", "F_p, pressure of the air times piston area", 500.0,
-                                (50.0, 5e3), (10.0, 1e5), (200.0, 1000.0)))
+                                (50.0, 5e3), (1e-3, 1e7), (200.0, 1000.0)))
 
     def elements(self, values: np.ndarray) -> dict[str, float]:
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}

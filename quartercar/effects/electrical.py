@@ -323,7 +323,7 @@ class CurrentSaturation(CurrentEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("saturation", "1/A", "q, reciprocal of the current at which the field bends", 0.0,
-                                (0.0, 2.0), (0.0, 20.0), (0.1, 0.25, 0.5, 1.0)),
+                                (0.0, 2.0), (0.0, 1e4), (0.1, 0.25, 0.5, 1.0)),
                 EffectParameter("softness", "", "b, 0 for a sharp bend, 1 for a soft one", 0.0, (0.0, 1.0), (0.0, 1.0),
                                 (0.0, 1.0)))
 
@@ -354,7 +354,7 @@ class Remanence(CurrentEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("half_width", "A", "w, half of the gap", 0.0, (0.0, 0.5), (0.0, 2.0),
+        return (EffectParameter("half_width", "A", "w, half of the gap", 0.0, (0.0, 0.5), (0.0, 1e3),
                                 (0.03, 0.08, 0.2, 0.4)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:

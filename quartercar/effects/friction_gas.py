@@ -52,9 +52,9 @@ class CoulombFriction(ParallelForce):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
                 EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
-                                (0.0, 0.05), (0.0, 2e-5, 1e-4)),
+                                (0.0, 0.5), (0.0, 2e-5, 1e-4)),
                 EffectParameter("turning_speed", "m/s", "eps, over which the sign of the velocity turns", REVERSAL,
-                                (1e-5, 0.01), (1e-6, 0.1), (REVERSAL,)))
+                                (1e-5, 0.01), (1e-6, 2.0), (REVERSAL,)))
 
     def is_static(self, values: np.ndarray) -> bool:
         return bool(values[1] < NIL)
@@ -145,7 +145,7 @@ class StribeckFriction(ParallelForce):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("breakaway", "N", "F_s, above the sliding friction", 0.0, (0.0, 300.0), (0.0, 1e6),
                                 (30.0,)),
-                EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (5e-4, 0.2), (0.003, 0.01, 0.03)))
+                EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (1e-6, 2.0), (0.003, 0.01, 0.03)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         force, speed = float(values[0]), float(values[1])

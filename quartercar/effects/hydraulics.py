@@ -320,7 +320,7 @@ class Cavitation(Effect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_cav", 0.0, (0.0, 0.03), (0.0, 0.1), (1e-3,)),)
+        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_cav", 0.0, (0.0, 0.03), (0.0, 1e6), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         peak = max(-float(s.output.min()) for s in signals)

@@ -241,7 +241,7 @@ class ForceClipping(Effect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.05), (0.0, 0.1), (1e-3,)),)
+        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.05), (0.0, 1e6), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         peak = max(float(np.abs(s.output).max()) for s in signals)

@@ -39,7 +39,7 @@ class EndStop(Effect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("stiffness", "N/m", "k, at a depth of 1 mm", 0.0, (0.0, 1e6), (0.0, 1e7), (3e4,)),
+        return (EffectParameter("stiffness", "N/m", "k, at a depth of 1 mm", 0.0, (0.0, 1e6), (0.0, 1e10), (3e4,)),
                 EffectParameter("position", "m", "x_s from mid stroke", 0.01, (0.0, 0.2), (0.0, 0.5), (0.01,)),
                 EffectParameter("exponent", "", "n, 1 for a linear stop, 1.5 for a rubber ball", 1.0, (1.0, 2.0),
                                 (1.0, 3.0), (1.0,)))
@@ -85,7 +85,7 @@ class FixtureInertia(GridEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("mass", "kg", "m", 0.0, (0.0, 20.0), (0.0, 1e3), (1.0,)),)
+        return (EffectParameter("mass", "kg", "m", 0.0, (0.0, 20.0), (0.0, 1e6), (1.0,)),)
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"

@@ -110,7 +110,7 @@ class ThermalFade(ThermalEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 1e-3),
-                                (0.0, 1e-2), (5e-6, 5e-5, 5e-4)),
+                                (0.0, 1e6), (5e-6, 5e-5, 5e-4)),
                 EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -141,7 +141,7 @@ class ViscousFade(ThermalEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "b, share of the damping lost per joule of heat, at first", 0.0,
-                                (0.0, 1e-2), (0.0, 0.1), (2e-5, 2e-4, 2e-3)),
+                                (0.0, 1e-2), (0.0, 1e6), (2e-5, 2e-4, 2e-3)),
                 EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:

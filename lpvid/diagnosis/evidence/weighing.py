@@ -104,7 +104,7 @@ class Weighed:
         """Effects whose strength stands at the end of what is possible, within what the clock leaves open: where.
 
         These data ask for more of it than there can be: it imitates something else (a displacement recorded a tenth of
-        a second late, all of a current's influence taken away).
+        a second late). A share, which has no unit, may be all of it.
         """
         found = {}
         low, high = self.fit.composition.bounds
@@ -114,7 +114,7 @@ class Weighed:
                 v, j = float(self.fit.vector[place][k]), place.start + k
                 slack = float(open_[k]) + 1e-6 * abs(high[j] - low[j])
                 for end in (low[j], high[j]):
-                    if end != p.neutral and abs(v - end) <= slack and not p.choices:
+                    if p.unit and end != p.neutral and abs(v - end) <= slack:
                         found[e.name] = f"{p.name} {end:g} {p.unit}".rstrip()
         return found
 
@@ -133,7 +133,17 @@ class Weighed:
         return -np.inf if self.ends else self.were_it_possible(kept)
 
     def were_it_possible(self, kept: float) -> float:
-        """The same, wherever strengths stand."""
+        """The same, wherever strengths stand.
+
+        Parameters
+        ----------
+        kept : float
+            κ.
+
+        Returns
+        -------
+        float
+        """
         return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
     def _weighed(self, kept: float) -> float:
