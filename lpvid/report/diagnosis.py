@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
+from lpvid.diagnosis.evidence.search import MISSED
 from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
@@ -44,6 +45,8 @@ _ADVICE = {
     "cannot-tell": "Do not mend anything yet: run the experiment below, then diagnose its records.",
     "unexplained": "Do not add a component on this evidence: none of the causes known here does what these data show.",
 }
+_REPEAT = ("Repeat the run. An error that the repeat does not show again is noise, and the baseline is as good as "
+           "these data can show; one that it shows again has a cause which none of those known here explains.")
 
 
 def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | None = None,
@@ -66,7 +69,11 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     """
     shown = before_after(found, question)
     extended = found.extended is not None and bool(found.extended.effects)
-    sections = [Section("What to do", (Paragraph(_ADVICE[found.verdict], strong=True), *_proposal(found, experiment)))]
+    mark, advice = _MARKS[found.verdict], _ADVICE[found.verdict]
+    if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
+            found.after.esr_held_out > MISSED**2:  # much, and nothing shows that it is noise
+        mark, advice = "warn", _REPEAT
+    sections = [Section("What to do", (Paragraph(advice, strong=True), *_proposal(found, experiment)))]
     if found.causes or found.rivals:
         sections.append(Section("The cause" if len(found.causes) < 2 else "The causes", tuple(_causes(found))))
     sections.append(Section("What the simulation gets wrong", tuple(_wrong(found, shown, extended))))
@@ -79,7 +86,7 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     sections.append(Section("The data", tuple(_data(found))))
     verdict = f"{_SAYS[found.verdict]}: {found.reason}."
     name = str(found.baseline.get("name", "a baseline"))
-    return Page(f"Diagnosis of {name}", verdict, _MARKS[found.verdict], _facts(found, extended), _caveats(found),
+    return Page(f"Diagnosis of {name}", verdict, mark, _facts(found, extended), _caveats(found),
                 tuple(sections))
 
 

@@ -1,0 +1,26 @@
+"""The page of a diagnosis: what it advises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.toy_diagnosis import Bent, Dry, record
+
+from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.facade import Question
+from lpvid.diagnosis.preparing import PreparedRecords
+from lpvid.record import Record
+from lpvid.report.diagnosis import diagnosis_page
+
+
+@pytest.mark.parametrize(("level", "again", "mark"), [(0.05, False, "good"), (0.6, False, "warn"), (0.6, True, "good")])
+def test_much_that_is_taken_for_noise_is_no_good_news_unless_a_repeat_shows_it(level, again, mark):
+    rng = np.random.default_rng(4)
+    first = record(rng, "ar1", level=level)
+    records: list[Record] = [first, record(rng, "ar1", level=level, u=first["u"])] if again else [first]
+    found = diagnose(records, Bent(), [Dry()])
+    assert found.verdict == "nothing-to-explain" and (found.noise_floor is not None) is again
+    prepared = PreparedRecords(tuple(records), (), ())
+    page = diagnosis_page(found, Question(prepared, Bent(), True, (Dry(),), tuple(records)))
+    assert page.mark == mark
+    assert ("Repeat the run" in str(page.sections[0])) is (mark == "warn")
