@@ -10,10 +10,12 @@ import pytest
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.scaling import Scales
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.guo import Guo
 from quartercar.effects import CATALOGUE
+from quartercar.effects.friction_gas import StribeckFriction
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
 
 PERIOD = 1 / 512
@@ -97,3 +99,10 @@ def test_gas_and_the_zero_of_the_load_cell_are_rivals() -> None:
     found = hidden("gas-preload")
     assert found.verdict == "cannot-tell" and not found.causes
     assert set(found.rivals[0].names) == {"gas-preload", "force-offset"}
+
+
+def test_a_stribeck_speed_is_looked_at_two_to_a_decade() -> None:
+    """Between speeds twenty times apart lies one that took half of the error away and was passed by."""
+    scales = Scales(force=500.0, way=0.01, time=0.1, current=1.0, period=0.002, work=1e3)
+    speeds = np.unique([p[1] for p in StribeckFriction().spread_points((), scales.size)])
+    assert speeds[-1] / speeds[0] > 300 and np.max(speeds[1:] / speeds[:-1]) < 4.5
