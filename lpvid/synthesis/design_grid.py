@@ -180,7 +180,23 @@ def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
 
 
 def moving_basis(lyapunov: Basis | None) -> Basis | None:
-    """Functions in which a Lyapunov matrix moves; None for a constant one, what is no basis is refused by its type."""
+    """Functions in which a Lyapunov matrix moves.
+
+    Parameters
+    ----------
+    lyapunov : Basis or None
+        As given to a design.
+
+    Returns
+    -------
+    Basis or None
+        None for a constant one.
+
+    Raises
+    ------
+    InputError
+        What is no basis.
+    """
     if lyapunov is None or (isinstance(lyapunov, Basis) and not lyapunov.names):
         return None
     if not isinstance(lyapunov, Basis):

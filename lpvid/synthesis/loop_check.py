@@ -39,7 +39,13 @@ class LoopStorage:
         return 0.5 * (p + p.swapaxes(1, 2))
 
     def blocks(self) -> np.ndarray:
-        """(N, n + m, n + m) diag(first, second), in terms of ξ."""
+        """P over the states of its two blocks.
+
+        Returns
+        -------
+        (N, n + m, n + m) array
+            diag(first, second), in terms of ξ.
+        """
         n = self.first.shape[1]
         p = np.zeros((len(self.first), *self.mix.shape))
         p[:, :n, :n], p[:, n:, n:] = self.first, self.second
