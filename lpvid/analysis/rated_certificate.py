@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from lpvid.lmi.certificate import GRID, Recheck, grid
+from lpvid.codec import ADDED
+from lpvid.lmi.certificate import EPS, GRID, Recheck, grid
 from lpvid.lmi.certificate_common import StorageCertificate
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
@@ -22,11 +24,15 @@ RATE = "_rate"
 
 @dataclass(frozen=True, eq=False)
 class RatedGainCertificate(StorageCertificate):
-    """A storage function xᵀP(p)x that bounds the gain of a loop with scheduling p and ṗ, both read by it.
+    """A storage function ξᵀP(p)ξ, x = Tξ, that bounds the gain of a loop with scheduling p and ṗ, both read by it.
 
     To a `GainCertificate` the variables ``p_rate`` would be free of p: it asks for He(PA(p, v)) + Ṗ(p, ṗ) at every v
     and ṗ. Here v = ṗ. With A affine in v the inequality is affine in ṗ, so that corners of the rates suffice at each p;
     it is looked at on a grid of p.
+
+    T is for the digits. Where a plant's states and its controller's all but cancel in V, the products PA over the
+    loop's own states cancel too, and their rounding errors can exceed the margin: for Wu et al. 1996 with X and Y
+    moving they are 4e-7 at a margin of 1e-7, over the states in which V falls into two blocks 4e-10.
 
     Parameters
     ----------
@@ -42,6 +48,8 @@ class RatedGainCertificate(StorageCertificate):
     inputs, outputs : tuple of str
     margin : float
         As in `GainCertificate`.
+    states : (n, n) array, optional
+        T; left out, the identity.
     """
 
     gamma: float
@@ -53,6 +61,7 @@ class RatedGainCertificate(StorageCertificate):
     outputs: tuple[str, ...]
     margin: float
     between_grid: bool = False
+    states: np.ndarray | None = field(default=None, metadata=ADDED)
 
     SCHEMA = "lpvid/rated-gain-certificate/1"
     NOUN = "a certificate of a loop that reads rates,"
@@ -62,7 +71,8 @@ class RatedGainCertificate(StorageCertificate):
     sample_time = None
 
     @classmethod
-    def of(cls, loop: LPVStateSpace, matrices: np.ndarray, basis: Basis, gamma: float) -> RatedGainCertificate | None:
+    def of(cls, loop: LPVStateSpace, matrices: np.ndarray, basis: Basis, gamma: float,
+           states: np.ndarray | None = None) -> RatedGainCertificate | None:
         """The certificate of a loop with a storage function, where numpy agrees.
 
         Parameters
@@ -73,16 +83,29 @@ class RatedGainCertificate(StorageCertificate):
         basis : Basis
             Bound to the box.
         gamma : float
+        states : (n, n) array, optional
+            T of x = Tξ, over whose ξ the matrices are.
 
         Returns
         -------
         RatedGainCertificate or None
         """
         system = driven(loop)
-        made = cls(gamma, matrices, basis, loop.box, system.digest, system.inputs, system.outputs, -math.inf)
+        made = cls(gamma, matrices, basis, loop.box, system.digest, system.inputs, system.outputs, -math.inf,
+                   states=states)
         found = made._looked_at(loop)
-        return cls(gamma, matrices, basis, loop.box, system.digest, system.inputs, system.outputs, found.margin
-                   ) if found.holds else None
+        return replace(made, margin=found.margin) if found.holds else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Without T where there is none: a file of before is written again as it was.
+        """
+        plain = super().to_dict()
+        return plain if self.states is not None else {k: v for k, v in plain.items() if k != "states"}
 
     @property
     def claim(self) -> str:
@@ -109,6 +132,8 @@ class RatedGainCertificate(StorageCertificate):
             return "the certificate names other signals or variables than the model"
         if self.matrices.shape != (self.basis.size, subject.order, subject.order):
             return "matrices and basis of the certificate do not fit the model"
+        if self.states is not None and self.states.shape != (subject.order, subject.order):
+            return "the states of the certificate do not fit the model"
         return ""
 
     def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
@@ -119,6 +144,9 @@ class RatedGainCertificate(StorageCertificate):
 
         He(PA) + Ṗ = He(P(A + ½P⁻¹Ṗ)): the drift is written as part of A.
         """
+        over = _Coordinates.of(self.states, self.matrices.shape[-1])
+        if over is None:
+            return Recheck(False, False, math.nan, "the states of the certificate are singular, or nearly")
         names = self.box.names
         rates = [i for i, n in enumerate(names) if n.endswith(RATE)]
         moving = [names.index(names[i].removesuffix(RATE)) for i in rates]
@@ -143,14 +171,51 @@ class RatedGainCertificate(StorageCertificate):
             drift = sum((speed * slopes[names[i]] for i, speed in zip(moving, corner, strict=True)
                          if names[i] in slopes), start=np.zeros_like(p))
             try:
-                a = a + 0.5 * np.linalg.solve(p, drift)
+                drift = 0.5 * np.linalg.solve(p, drift)
             except np.linalg.LinAlgError:
                 return Recheck(False, False, -math.inf, "P is singular at a point")
-            found = certify_gain((a, b, c, d), p, self.gamma)
+            sizes = over.magnitudes(a, b, c)
+            a, b, c = over.back @ a @ over.into + drift, over.back @ b, c @ over.into
+            found = certify_gain((a, b, c, d), p, self.gamma, magnitudes=(sizes[0] + np.abs(drift), *sizes[1:], d))
             if not found.holds:
                 return found
             margin = min(margin, found.margin)
         return Recheck(True, False, margin, f"shown on a grid of {len(points)} points only, not between them")
+
+
+@dataclass(frozen=True, eq=False)
+class _Coordinates:
+    """x = Tξ, with L computed for T⁻¹ and a bound W of what that multiplies magnitudes by.
+
+    From LT = I − E follows T⁻¹ = (I − E)⁻¹L: but for terms in E², which are below a unit of rounding where ‖E‖² is,
+    |T⁻¹ − L| ≤ |E||L| (Higham 2002, 14.1). E as computed is off by n units of |L||T|, and the products LAT by 2n units
+    of |L||A||T|. With W = I + |L||T| + |E|/nε all are less than 6nε W|L||A||T|, the share of the magnitudes that
+    `certify_gain` takes.
+    """
+
+    into: np.ndarray
+    back: np.ndarray
+    growth: np.ndarray
+
+    @classmethod
+    def of(cls, states: np.ndarray | None, n: int) -> _Coordinates | None:
+        """None where E is more than rounding."""
+        eye = np.eye(n)
+        if states is None:
+            return cls(eye, eye, eye)
+        try:
+            back = np.linalg.inv(states)
+        except np.linalg.LinAlgError:
+            return None
+        off = np.abs(eye - back @ states)
+        if not np.linalg.norm(off) ** 2 <= EPS:
+            return None
+        return cls(states, back, eye + np.abs(back) @ np.abs(states) + off / (n * EPS))
+
+    def magnitudes(self, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of T⁻¹AT, T⁻¹B, CT."""
+        into, back = np.abs(self.into), self.growth @ np.abs(self.back)
+        return back @ np.abs(a) @ into, back @ np.abs(b), np.abs(c) @ into
 
 
 def _affine_in_rates(model: LPVStateSpace) -> bool:

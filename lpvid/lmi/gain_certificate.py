@@ -183,7 +183,8 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
 
 def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], P: np.ndarray, gamma: float, *,
                  slopes: np.ndarray | None = None, rate: np.ndarray | float | None = None,
-                 later: np.ndarray | None = None) -> Recheck:
+                 later: np.ndarray | None = None,
+                 magnitudes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None) -> Recheck:
     """Check the bounded-real inequality at N points for matrices given as arrays, with a bound of the rounding errors.
 
     Continuous time unless `later` is given. What lies between the points is not covered.
@@ -199,6 +200,9 @@ def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], 
         Units per second.
     later : (N, T, n, n) array, optional
         Discrete time: P at the T scheduling values that one sample can lead to.
+    magnitudes : (A, B, C, D), each (N, …), optional
+        What of the system's matrices the rounding errors are shares of: left out, their absolute values. A system that
+        was computed from another has more.
 
     Returns
     -------
@@ -227,9 +231,11 @@ def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], 
     if not discrete and n:
         speed = np.linalg.norm(np.linalg.solve(root.swapaxes(1, 2), a) @ root.swapaxes(1, 2), 2, axis=(1, 2))
         scale[:, 0, :n, :n] /= np.sqrt(np.maximum(speed, 1e-300))[:, None, None]
-    a, b, c, d, p = (x[:, None] for x in (a, b, c, d, p))
+    system = a, b, c, d
+    a, b, c, d, p = (x[:, None] for x in (*system, p))
     value = scale @ bounded_real(Pieces(a, b, c, d, p, after), gamma, discrete) @ scale.swapaxes(2, 3)
-    sizes = Pieces(*(np.abs(x) for x in (a, b, c, d, p)), later=np.abs(after_size), sign=1.0)  # type: ignore[misc]
+    of = [np.abs(x)[:, None] for x in (system if magnitudes is None else magnitudes)]
+    sizes = Pieces(*of, np.abs(p), later=np.abs(after_size), sign=1.0)  # type: ignore[misc]
     size = bounded_real(sizes, gamma, discrete)
     size = np.abs(scale) @ size @ np.abs(scale.swapaxes(2, 3))
     rounding = (6 * (n + m) + 30) * EPS * size.sum(axis=-1).max(axis=-1)

@@ -179,6 +179,32 @@ def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
     return basis.evaluate(np.atleast_2d(points)[:, [box.names.index(n) for n in basis.names]])
 
 
+def moving_basis(lyapunov: Basis | None) -> Basis | None:
+    """Functions in which a Lyapunov matrix moves.
+
+    Parameters
+    ----------
+    lyapunov : Basis or None
+        As given to a design.
+
+    Returns
+    -------
+    Basis or None
+        None for a constant one.
+
+    Raises
+    ------
+    InputError
+        What is no basis.
+    """
+    if lyapunov is None or (isinstance(lyapunov, Basis) and not lyapunov.names):
+        return None
+    if not isinstance(lyapunov, Basis):
+        raise InputError("`lyapunov` is a basis over scheduling variables", got=type(lyapunov).__name__,
+                         mend='Polynomial("name of a variable", degree)')
+    return lyapunov
+
+
 def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> None:
     """Refuse a Lyapunov matrix that no certificate covers, or over a variable of unbounded rate in continuous time."""
     from lpvid.lmi.readings import readings_of

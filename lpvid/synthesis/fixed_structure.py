@@ -21,7 +21,7 @@ from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals
 from lpvid.synthesis.bilinear_descent import BilinearDescent
 from lpvid.synthesis.block_proof import still_bound
 from lpvid.synthesis.controller_structures import Attached, LowOrder, ObserverBased, StaticGain, Structure
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, moving_basis, tensor, varies
 from lpvid.synthesis.frozen_descent import FrozenLoops, shortlist
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
@@ -102,6 +102,7 @@ class FixedStructure:
         _checks.count(self.points, "points of a design grid", at_least=2)
         if self.start is not None and not isinstance(self.start, Synthesis | LPVStateSpace):
             raise InputError("a start is a Synthesis or a controller", got=type(self.start).__name__)
+        moving_basis(self.lyapunov)
         if self.hull is not None and self.lyapunov is not None:
             raise InputError("a hull needs a constant storage function", got="hull and lyapunov",
                              mend="leave one of the two out")

@@ -16,6 +16,7 @@ from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
 from lpvid.synthesis.controller_formula import FeedbackLaw
 from lpvid.synthesis.controller_table import dense
 from lpvid.synthesis.design_grid import columns
+from lpvid.synthesis.loop_check import LoopStorage
 
 SHARES = (1e-6, 1e-4, 2e-3)
 """by which the certified bound may lie above the one found at points."""
@@ -33,8 +34,9 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     controller which reads the rates ties them to p, on a grid.
     """
     if formula.variations.rated:
-        made = (RatedGainCertificate.of(loop, matrices, basis, bound * (1 + share))
-                for basis, matrices in _proposals(formula, loop.box) for share in SHARES)
+        states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
+        made = (RatedGainCertificate.of(loop, matrices, basis, bound * (1 + share), states)
+                for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks) for share in SHARES)
         return next((c for c in made if c is not None), None)
     return proven(loop, bound, _proposals(formula, box_of(driven(loop).readings, loop.box)), SHARES)
 
@@ -108,13 +110,15 @@ def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, 
     return certify_gain(system, values(points), bound, slopes=slopes, rate=rates).holds  # type: ignore[arg-type]
 
 
-def _proposals(formula: FeedbackLaw, box: Scheduling) -> Iterator[tuple[Basis, np.ndarray]]:
+def _proposals(formula: FeedbackLaw, box: Scheduling,
+               written: Callable[[LoopStorage], np.ndarray] = LoopStorage.matrices
+               ) -> Iterator[tuple[Basis, np.ndarray]]:
     own, plant = formula.variations.basis, formula.plant.plant
     if own is None or not set(own.names) <= set(box.names):
-        yield Polynomial((), 0), formula.storage(plant.box.centre[None, :]).matrices()
+        yield Polynomial((), 0), written(formula.storage(plant.box.centre[None, :]))
         return
     points = dense(plant.box, CELLS.get(len(plant.box.names), 4))
-    values = formula.storage(points).matrices()
+    values = written(formula.storage(points))
     for basis in richer_bases(own, plant.box):
         matrices = np.tensordot(np.linalg.pinv(columns(plant.box, basis, points)), values, axes=1)
         yield basis, 0.5 * (matrices + matrices.swapaxes(1, 2))

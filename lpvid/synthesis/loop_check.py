@@ -34,11 +34,22 @@ class LoopStorage:
 
     def matrices(self) -> np.ndarray:
         """(N, n + m, n + m) P in terms of [x; x_K]."""
-        n, back = self.first.shape[1], np.linalg.inv(self.mix)
-        p = np.zeros((len(self.first), *back.shape))
-        p[:, :n, :n], p[:, n:, n:] = self.first, self.second
-        p = back.T @ p @ back
+        back = np.linalg.inv(self.mix)
+        p = back.T @ self.blocks() @ back
         return 0.5 * (p + p.swapaxes(1, 2))
+
+    def blocks(self) -> np.ndarray:
+        """P over the states of its two blocks.
+
+        Returns
+        -------
+        (N, n + m, n + m) array
+            diag(first, second), in terms of ξ.
+        """
+        n = self.first.shape[1]
+        p = np.zeros((len(self.first), *self.mix.shape))
+        p[:, :n, :n], p[:, n:, n:] = self.first, self.second
+        return p
 
 
 def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool = False) -> np.ndarray:

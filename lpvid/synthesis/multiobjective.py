@@ -16,7 +16,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, CovarianceCriterion, Criterion, HInfinity, Region
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, moving_basis, tensor, varies
 from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
@@ -84,8 +84,7 @@ class MultiObjective:
         _checks.one_of(self.varying, VARYING, "varying")
         object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
-        if self.lyapunov is not None and not self.lyapunov.names:
-            object.__setattr__(self, "lyapunov", None)
+        object.__setattr__(self, "lyapunov", moving_basis(self.lyapunov))
         if self.regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")

@@ -14,7 +14,17 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, richer, tensor, varies
+from lpvid.synthesis.design_grid import (
+    check_rates,
+    columns,
+    design_axes,
+    fitted,
+    is_affine,
+    moving_basis,
+    richer,
+    tensor,
+    varies,
+)
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
@@ -66,6 +76,7 @@ class Observer:
     def __post_init__(self) -> None:
         object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        moving_basis(self.lyapunov)
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
                              mend="1.02 stops 2 % above it")

@@ -15,7 +15,7 @@ from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals, remarks
 from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, varying_signals
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.criteria import HInfinity, Region
-from lpvid.synthesis.design_grid import check_rates, design_axes, tensor
+from lpvid.synthesis.design_grid import check_rates, design_axes, moving_basis, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback_search import FeedbackProblem, search
 from lpvid.synthesis.result import Synthesis
@@ -86,8 +86,7 @@ class OutputFeedback:
         _checks.count(self.points, "points of a design grid", at_least=2)
         regions = (self.regions,) if isinstance(self.regions, Region) else tuple(self.regions)
         object.__setattr__(self, "regions", regions)
-        if self.lyapunov is not None and not self.lyapunov.names:
-            object.__setattr__(self, "lyapunov", None)
+        object.__setattr__(self, "lyapunov", moving_basis(self.lyapunov))
         if regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")

@@ -21,6 +21,7 @@ from lpvid.synthesis.design_grid import (
     design_axes,
     fitted,
     is_affine,
+    moving_basis,
     over,
     richer,
     storage_for,
@@ -87,6 +88,7 @@ class StateFeedback:
     def __post_init__(self) -> None:
         object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        moving_basis(self.lyapunov)
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
                              mend="1.02 stops 2 % above it")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.analysis.rated_certificate import RatedGainCertificate
+from lpvid.analysis.rated_certificate import RatedGainCertificate, _Coordinates
+from lpvid.lmi.certificate import EPS
 
 
 def turned(rate: float = 1.0, wrong: float = 1.0) -> lpv.LPVStateSpace:
@@ -54,3 +56,72 @@ def test_a_changed_certificate_does_not_hold(tmp_path):
     assert not lpv.verify(replace(found, margin=0.5), loop).holds
     with pytest.raises(lpv.InputError, match="reads rates"):
         RatedGainCertificate.from_dict({"schema": "other"})
+
+
+def skewed(loop: lpv.LPVStateSpace, t: np.ndarray, units: np.ndarray) -> lpv.LPVStateSpace:
+    """Two of it side by side, x = Tξ, with ξ in units of their own."""
+    two = np.eye(2)
+    a, b, c, d = (np.array([np.kron(two, m) for m in each]) for each in (loop.A, loop.B, loop.C, loop.D))
+    back = np.linalg.inv(t)
+    return lpv.LPVStateSpace(t @ a @ back, t @ (b / units[:, None]), (c * units) @ back, d, loop.basis, None, loop.box)
+
+
+def test_a_storage_function_over_its_own_states_keeps_the_digits_that_the_loops_states_lose(tmp_path):
+    """V = ξ1² + 2^42 (x1 + x2)², as of a plant and its observer: as one matrix over x its rounding is the larger part.
+
+    x1 = ξ1, x2 = ξ2 − ξ1.
+    """
+    t, units = np.array([[1.0, 0.0], [-1.0, 1.0]]), np.array([1.0, 2.0**21])
+    loop, (basis, one) = skewed(turned(), t, units), storage()
+    matrices, back = np.kron(one, np.diag(units**2)), np.linalg.inv(t)
+    assert RatedGainCertificate.of(loop, back.T @ matrices @ back, basis, 1.02) is None
+    found = RatedGainCertificate.of(loop, matrices, basis, 1.02, t)
+    assert found is not None and found.margin > 0
+    assert RatedGainCertificate.of(loop, matrices, basis, 0.98, t) is None
+    assert RatedGainCertificate.of(loop, matrices, basis, 1.02, np.ones((2, 2))) is None
+    lpv.save(found, tmp_path / "c.json")
+    lpv.save(loop, tmp_path / "l.json")
+    kept, model = lpv.load(tmp_path / "c.json"), lpv.load(tmp_path / "l.json")
+    assert lpv.verify(kept, model).holds
+    assert not lpv.verify(replace(kept, states=t[::-1]), model).holds
+    assert not lpv.verify(replace(kept, states=np.eye(3)), model).holds
+    assert "states" not in RatedGainCertificate.of(turned(), one, basis, 1.02).to_dict()
+
+
+def exact(m: np.ndarray) -> list[list[Fraction]]:
+    return [[Fraction(float(x)) for x in row] for row in m]
+
+
+def product(a, b):
+    return [[sum(x * y for x, y in zip(row, column, strict=True)) for column in zip(*b, strict=True)] for row in a]
+
+
+def inverse(m: np.ndarray) -> list[list[Fraction]]:
+    """Gauss and Jordan, in fractions."""
+    n = len(m)
+    rows = [row + [Fraction(int(i == j)) for j in range(n)] for i, row in enumerate(exact(m))]
+    for k in range(n):
+        pivot = max(range(k, n), key=lambda i: abs(rows[i][k]))
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(n):
+            if i != k:
+                rows[i] = [x - rows[i][k] * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return [row[n:] for row in rows]
+
+
+@pytest.mark.parametrize("spread", [0, 3, 6])
+def test_what_a_change_of_states_rounds_is_below_its_magnitudes(spread):
+    """T⁻¹AT, T⁻¹B, CT in fractions, for states up to 10^spread apart and mixed."""
+    rng, n = np.random.default_rng(spread), 5
+    for _ in range(10):
+        t = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-spread, spread, (n, 1))
+        a, b, c = rng.normal(size=(n, n)), rng.normal(size=(n, 2)), rng.normal(size=(3, n))
+        over, back = _Coordinates.of(t, n), inverse(t)
+        assert over is not None
+        true = product(product(back, exact(a)), exact(t)), product(back, exact(b)), product(exact(c), exact(t))
+        found = over.back @ a @ over.into, over.back @ b, c @ over.into
+        for value, truth, size in zip(found, true, over.magnitudes(a, b, c), strict=True):
+            off = np.array([[abs(float(x - Fraction(float(v)))) for x, v in zip(r, w, strict=True)]
+                            for r, w in zip(truth, value, strict=True)])
+            assert np.all(off <= 6 * n * EPS * size)

@@ -60,12 +60,16 @@ def test_wu_1996_infima(rate, published, tolerance):
 
 
 @pytest.mark.slow
-def test_wu_1996_with_both_varying_knows_the_rate():
+def test_wu_1996_with_both_varying_knows_the_rate(tmp_path):
     result = lpv.synthesize(wu(5.0), lpv.OutputFeedback(Fourier("rho", 1)))
     assert result.infimum == pytest.approx(0.905246, rel=1e-4)
     assert result.gamma_verified <= 0.92 and result.verdict == "solved"
     assert result.controller.box.names == ("rho", "rho_rate")
     assert result.controller.box.upper[1] == 5.0
+    lpv.save(result.certificate, tmp_path / "certificate.json")
+    lpv.save(result.closed_loop, tmp_path / "closed_loop.json")
+    again = lpv.verify(lpv.load(tmp_path / "certificate.json"), lpv.load(tmp_path / "closed_loop.json"))
+    assert again.holds and result.certificate.gamma <= result.gamma_verified
     mix = np.random.default_rng(1).normal(size=5)
     for omega in (0.3, 1.0, 5.0):
         size = min(np.pi, 5.0 / omega)

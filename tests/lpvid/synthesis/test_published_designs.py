@@ -236,3 +236,13 @@ def test_one_gain_criterion_is_solved_as_output_feedback_solves_it(make):
     one, other = (lpv.synthesize(make(), d) for d in (lpv.OutputFeedback(), lpv.MultiObjective(back_off=1.01)))
     assert one.verdict == other.verdict == "solved"
     assert other.gamma_verified <= 1.01 * one.gamma_verified
+
+
+@pytest.mark.parametrize("design", [
+    lambda x: lpv.OutputFeedback(lyapunov=x), lambda x: lpv.MultiObjective([lpv.HInfinity()], lyapunov=x),
+    lambda x: lpv.StateFeedback(lpv.HInfinity(), lyapunov=x), lambda x: lpv.Observer(lpv.HInfinity(), lyapunov=x),
+    lambda x: lpv.FixedStructure(lpv.StaticGain(), lyapunov=x)])
+@pytest.mark.parametrize("given", ["rho", 3, ("rho",)])
+def test_a_lyapunov_matrix_over_what_is_no_basis_is_refused_in_one_line(design, given):
+    with pytest.raises(lpv.InputError, match=f"`lyapunov` is a basis.*{type(given).__name__}.*Polynomial"):
+        design(given)
