@@ -48,9 +48,11 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default."""
+    """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none."""
     seen: dict[str, int] = {}
     for item in items:
+        if item.get_closest_marker("seconds") is not None:
+            item.add_marker(pytest.mark.slow)
         mark = item.get_closest_marker("thinned")
         if mark is not None:
             name = item.nodeid.split("[")[0]

@@ -207,6 +207,7 @@ def test_the_range_can_be_widened(damper):
     assert stability_probability([damper], Scheduling(("current",), (0.0,), (9.01,))).probability == 0
 
 
+@pytest.mark.seconds
 def test_five_hundred_draws_of_fourth_order_take_under_three_seconds(damper, rng):
     draws = [damper.replace(a=damper.a + 0.01 * rng.standard_normal(damper.a.shape)) for _ in range(500)]
     start = time.process_time()

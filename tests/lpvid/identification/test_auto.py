@@ -67,6 +67,7 @@ def test_staying_below_the_ceiling_is_reported() -> None:
     assert float(note.split("stays ")[1].split(" ")[0]) > 10
 
 
+@pytest.mark.seconds
 def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
     record = lightly_damped(3)
     parts, _ = make_folds([record], 5, 8, ["u"])
@@ -83,6 +84,7 @@ def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
     assert left.esr.sum() > bar.esr.sum() * bar.power * 0.999  # squared errors of the folds done
 
 
+@pytest.mark.seconds
 def test_a_leader_that_cannot_be_taken_lets_the_others_go_on() -> None:
     """What was left beside it is cross-validated to the end, as if it had never led."""
     record = lightly_damped(3)

@@ -47,6 +47,7 @@ def test_h_infinity_state_feedback_of_an_integrator_reaches_the_closed_form():
     assert found.between_grid
 
 
+@pytest.mark.seconds
 def test_polytopic_gain_varies_and_its_bound_holds_on_random_trajectories():
     plant, rng = spring_mass(), np.random.default_rng(2)
     found = lpv.StateFeedback().solve(plant)
