@@ -61,7 +61,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     >>> from quartercar.dampers.laws.linear import Linear
     >>> t = np.arange(2000) / 500
     >>> x = 0.01 * np.sin(12 * t) + 0.004 * np.sin(31 * t)
-    >>> record, = with_derived([Record({"displacement": x}, sample_time=1 / 500, units={"displacement": "m"})], ["velocity"])
+    >>> record = Record({"displacement": x}, sample_time=1 / 500, units={"displacement": "m"})
+    >>> record, = with_derived([record], ["velocity"])
     >>> record = record.with_channel("force", 1500 * record["velocity"] + 4000 * x - 120, "N")
     >>> found = fit(Linear(), record)
     >>> {name: round(value, 3) for name, value in found.damper.values.items() if name != "mass"}
