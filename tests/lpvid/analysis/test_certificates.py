@@ -77,6 +77,7 @@ def test_alternating_nilpotent_pair_is_never_certified_and_its_growth_is_shown(s
     assert "not certified" in str(found)
 
 
+@pytest.mark.seconds
 def test_slow_variation_is_certified_only_where_no_admissible_cycle_grows(rng):
     # jumping ±step/2 about p = ½ grows by 4 size² (½ + step/2)² every two samples: the exact limit of this family
     size = 0.9

@@ -147,6 +147,7 @@ def test_a_locus_needs_one_variable_and_a_range(damper):
             pole_locus(damper, **arguments)
 
 
+@pytest.mark.seconds
 def test_the_band_holds_the_quantiles_of_the_draws():
     """z = m + 0.2 p with m of standard deviation 0.1: quantiles of a normal distribution."""
     rng = np.random.default_rng(3)

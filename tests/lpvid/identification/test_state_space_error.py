@@ -302,6 +302,7 @@ def gyroscope_fit(shared_data: Path, order: int, *, from_least_squares: bool) ->
     return fit
 
 
+@pytest.mark.seconds
 def test_gyroscope(shared_data: Path) -> None:
     assert gyroscope_fit(shared_data, 3, from_least_squares=True) >= 94
 

@@ -66,6 +66,7 @@ def test_repetitions_are_ranks():
     assert fractional(np.array([np.zeros((4, 4)), np.outer(a, e), np.outer(b, e)]), np.arange(3)[:, None])[1] == (2,)
 
 
+@pytest.mark.seconds
 def test_a_rational_form_is_gridded_and_fitted_with_a_stated_error():
     model = LFTModel(np.array([[-0.5, 0.25, 1.0], [1.0, -0.5, 0.0], [1.0, 0.0, 0.0]]), 1,
                      Scheduling(("p",), (0.0,), (2.0,)), (1,), 0.1)  # A = −1/(1 + p)

@@ -29,6 +29,7 @@ def test_a_moving_matrix_lowers_the_gain_under_a_bounded_variance(varying):
     assert all(simulated_gain(found.closed_loop, rng) <= found.gamma_verified for _ in range(3))
 
 
+@pytest.mark.seconds
 def test_one_gain_agrees_with_output_feedback():
     """The change of variables and the projected inequalities admit the same gain where X alone moves."""
     plant = spring_mass(rate=0.1, full=False)

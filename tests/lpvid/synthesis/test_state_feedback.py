@@ -57,6 +57,7 @@ def test_polytopic_gain_varies_and_its_bound_holds_on_random_trajectories():
     assert found.gamma_lower <= found.gamma_verified * (1 + 1e-9)
 
 
+@pytest.mark.seconds
 def test_a_moving_lyapunov_matrix_never_promises_more_than_the_quadratic_one():
     slow = spring_mass(1.0, 9.0, rate=0.1)
     quadratic = lpv.StateFeedback().solve(slow)

@@ -65,6 +65,7 @@ def dragged(x: np.ndarray, share: float) -> np.ndarray:
     return 6e4 * out
 
 
+@pytest.mark.seconds
 def test_a_spring_behind_a_gap_is_not_explained_by_a_spring(rng: np.random.Generator) -> None:
     """The gap is not among the candidates, and leaves more than a good law does: 3 % of the output."""
     s = inputs()

@@ -176,6 +176,7 @@ def test_geometry_knows_what_free_parameters_and_motion_alone_cannot_show():
     assert np.linalg.norm(left) < 1e-5 * size
 
 
+@pytest.mark.seconds
 def test_without_an_actuator_a_payload_is_taken_for_the_car_itself():
     alone = QuarterCarBaseline(CAR, free=FREE, actuated=False)
     found = described(records(Truth().scaled(sprung_mass=1.3), 13, actuated=False), alone)

@@ -113,6 +113,7 @@ def test_play_takes_its_width_after_every_reversal() -> None:
     assert np.abs(force - rigid)[engaged].max() < 2e-3 * np.abs(rigid).max()
 
 
+@pytest.mark.seconds
 def test_air_is_soft_at_first_and_gone_when_compressed() -> None:
     stroke, pressure, c, f, x = 1e-3, 400.0, 2e5, 1.0, 0.01
     s = sine(x, f, 3, 4096.0)

@@ -60,6 +60,7 @@ def test_a_constant_current_is_the_car_without_a_loop():
     assert found.figures.comfort == pytest.approx(judge(found.run, 1.0).comfort)
 
 
+@pytest.mark.seconds
 def test_ideal_skyhook_written_down_anew():
     """Two-state skyhook on ideal sensors and a coil at once, by a loop over the car's own stepper."""
     coil, law = Coil(highest=2.0), Skyhook(values={"low_damping": 600.0, "high_damping": 2500.0})
