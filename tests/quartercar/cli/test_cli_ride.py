@@ -54,7 +54,7 @@ def written(quick, tmp_path_factory) -> tuple[Path, str]:
     out = tmp_path_factory.mktemp("ride") / "out"
     with pytest.MonkeyPatch.context() as patch:  # new processes would take longer to begin than the tuning
         patch.setattr(_threads, "processors", lambda: 1)
-        return out, run(quick, "--tune", 2, "--out", out).stdout
+        return out, run(quick, "--tune", 4, "--out", out).stdout
 
 
 def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
@@ -65,7 +65,7 @@ def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
     described = json.loads((out / "ride.json").read_text())
     assert described["schema"] == "quartercar/ride/1" and described["verdict"] in stated
     assert [r["controller"] for r in described["rides"]] == ["passive", "skyhook-linear", "mixed"]
-    assert described["tuned"]["mixed"]["evaluations"] == 2 and described["measurements"]["name"] == "stroke-body"
+    assert described["tuned"]["mixed"]["evaluations"] == 4 and described["measurements"]["name"] == "stroke-body"
     assert described["roads"] == [{"kind": "iso", "class": "C", "speed": 20.0, "duration": 1.0}]
     row = described["rides"][1]
     assert 0.3 < row["figures"]["comfort"]["mean"] < 3 and row["passivity"]["storage"] == "unknown"
