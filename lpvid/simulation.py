@@ -237,7 +237,8 @@ def _one_step(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.nd
     b[:nb, :, ny:] = model.b
     b.setflags(write=False)
     out = y.copy()
-    stop = _spans(model, model.a[:0], b, min(1, _first_lag(model)), p, np.vstack([y.T, u.T]), out, model.start, np.inf)
+    stop = _spans(model, model.a[:0], b, min(1, _first_lag(model)), p,
+                  np.ascontiguousarray(np.vstack([y.T, u.T])), out, model.start, np.inf)
     if stop is not None:
         out[stop:] = np.nan
     return out

@@ -135,7 +135,7 @@ def _plain(found: Selection) -> Structure:
 
 def _ceiling(request: Request, found: Selection, training: Sequence[Record],
              held_out: Sequence[Record]) -> tuple[Ceiling, float | None]:
-    from lpvid.condition import segments, with_velocity
+    from lpvid.condition import segments, with_derived
     from lpvid.identification.selection import noise_ceiling
 
     assert found.identification is not None
@@ -143,7 +143,7 @@ def _ceiling(request: Request, found: Selection, training: Sequence[Record],
     if not held_out:
         return ceiling, None
     channels, model = _plain(found).channels, found.identification.model
-    kept = [with_velocity(r) for r in held_out] if "velocity" in channels else list(held_out)
+    kept = with_derived(held_out, channels)
     pieces = segments(kept, channels, sample_rate=1 / model.sample_time if request.sample_rate else None,
                       minimum=model.start + 2)
     return ceiling, ceiling.on(pieces)

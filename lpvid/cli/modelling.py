@@ -185,7 +185,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     """
     from lpvid.auditing import audit
     from lpvid.cli.structures import BUDGET
-    from lpvid.condition import segments, with_velocity
+    from lpvid.condition import segments, with_derived
     from lpvid.identification import identify
     from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.report.forms import form_gaps
@@ -207,7 +207,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
     report_progress("auditing the data")
     audited = audit(everything, scheduling=request.schedule or None, inputs=request.input)
-    derived = [with_velocity(r) for r in training] if "velocity" in structure.channels else list(training)
+    derived = with_derived(training, structure.channels)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)
     report_progress("state-space forms")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lpvid.condition.alignment import align, delay
-from lpvid.condition.differentiation import differentiate, with_velocity
+from lpvid.condition.differentiation import differentiate, with_derived, with_velocity
 from lpvid.condition.filtering import low_pass
 from lpvid.condition.resampling import resample
 from lpvid.condition.segmentation import segments
@@ -22,5 +22,6 @@ __all__ = [
     "resample",
     "segments",
     "split_tail",
+    "with_derived",
     "with_velocity",
 ]

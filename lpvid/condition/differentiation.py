@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -110,6 +111,29 @@ def with_velocity(record: Record, method: str = "savitzky-golay") -> Record:
         how = "central differences over unsteady time stamps"
         slope = _over_stamps(channel.values, record.times, base.gaps)
     return record.with_channel("velocity", slope, unit, f"{DERIVED} ({how})")
+
+
+DERIVATIONS: Mapping[str, Callable[[Record], Record]] = {"velocity": with_velocity}
+"""Channels that others give where they were not measured, each with what derives it of a record."""
+
+
+def with_derived(records: Iterable[Record], channels: Iterable[str]) -> list[Record]:
+    """The records with those of the channels that were not measured and follow from others, as `DERIVATIONS` has them.
+
+    Parameters
+    ----------
+    records : iterable of Record
+    channels : iterable of str
+        What a model reads.
+
+    Returns
+    -------
+    list of Record
+    """
+    found = list(records)
+    for derive in (DERIVATIONS[c] for c in channels if c in DERIVATIONS):
+        found = [derive(r) for r in found]
+    return found
 
 
 def _over_stamps(values: np.ndarray, times: np.ndarray, gaps: tuple[int, ...]) -> np.ndarray:

@@ -178,14 +178,14 @@ def _diagnosis(step: str, job: Job, plan: FleetPlan, paths: Sequence[Path], base
 
 def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:
     """The file's records at one rate; a large file in parts where its rate is right already."""
-    from lpvid.condition import segments, with_velocity
+    from lpvid.condition import segments, with_derived
     from lpvid.files import read
     from lpvid.files.streaming import read_chunks
 
     if job.path.stat().st_size > LARGE and job.path.suffix.lower() in (".csv", ".parquet"):
         return read_chunks(job.path, ROWS, roles=plan.roles)
     channels = plan.structure.channels
-    found = [with_velocity(r) if "velocity" in channels else r for r in read(job.path, roles=plan.roles)]
+    found = with_derived(read(job.path, roles=plan.roles), channels)
     return found if rate is None else segments(found, channels, sample_rate=rate, minimum=1)
 
 

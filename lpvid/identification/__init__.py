@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
@@ -75,8 +75,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
         held_out = as_records(held_out, "held-out", units)
     if not listed:
         raise InputError("no records to identify from")
-    if "velocity" in structure.channels:
-        listed = [with_velocity(r) for r in listed]
+    listed = with_derived(listed, structure.channels)
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
                       remedy="a lower order")
     found = _remember(structure.estimate(pieces), pieces, listed[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.condition.tables import as_records
 from lpvid.identification.arx import ARX
 from lpvid.record import Record
@@ -38,8 +38,7 @@ def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidat
     from lpvid.identification import identify
 
     listed = as_records(records)
-    if "velocity" in structure.channels:
-        listed = [with_velocity(r) for r in listed]
+    listed = with_derived(listed, structure.channels)
     start = replace(structure, nk=max(candidates)).start
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=start + 2,
                       remedy="a lower order")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.canonical_form import CanonicalForm
@@ -163,7 +163,7 @@ def refit_form(realization: Realization | LPVTransferFunction, records: Record |
     own = tuple(v for v in (found.training, found.held_out) if v is not None)
     figures[SHOWN[2]] = own
     listed = [records] if isinstance(records, Record) else list(records)
-    listed = [with_velocity(r) for r in listed] if "velocity" in structure.channels else listed
+    listed = with_derived(listed, structure.channels)
     pieces = segments(listed, structure.channels, sample_rate=1 / source.sample_time if sample_rate else None,
                       minimum=structure.start + 2)
     made = FormRefit(realization, found, realization.gap(pieces, "training"), figures)

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
 from lpvid.least_squares import Factors, StopRule, descend
@@ -48,6 +49,9 @@ class SearchData:
     pieces: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
     weight: np.ndarray
     limit: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pieces", tuple((phi, _checks.read_only(u), y) for phi, u, y in self.pieces))
 
     @classmethod
     def of(cls, records: Sequence[Record], model: LPVStateSpace) -> SearchData:

@@ -262,7 +262,7 @@ class QuasiLPVModel(Coded, SelfScheduled):
         else:
             assert isinstance(self.own, Polynomial)
             kind, knots = 1, np.array([self.own.centre[0], self.own.half_width[0]])
-        kappa = np.ones(1) if self.on == "input" else self.kappa
+        kappa = _checks.read_only(np.ones(1)) if self.on == "input" else self.kappa
         return kind, knots, self.theta, kappa, 0.0 if self.on == "input" else 1.0, self.na
 
     def free_run(self, u: np.ndarray, p: np.ndarray, past: np.ndarray, limit: float) -> tuple[np.ndarray, int | None]:

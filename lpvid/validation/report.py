@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._shown import Shown
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
@@ -167,9 +167,7 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     outputs = model.outputs if measured else ()
     channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *outputs)), *model.box.names)))
     listed = recalled(listed, model.metadata)
-    if "velocity" in channels:
-        listed = [with_velocity(r) for r in listed]
-    listed = derived(listed, channels)
+    listed = derived(with_derived(listed, channels), channels)
     pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
     notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
     if foreign:

@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals, most_kept
+from lpvid.toolkit import checks
 from quartercar.effects.corners import corners
 from quartercar.effects.series_law import Law, read_law
 
@@ -119,7 +120,7 @@ class InSeries(Linearised):
         """(n,) force; `trace`, as long as the march has stages or empty, is filled by the kernel."""
         from quartercar.effects import _series_kernels as kernels
 
-        velocity = np.ascontiguousarray(s["velocity"], dtype=float)
+        velocity = checks.read_only(np.ascontiguousarray(s["velocity"], dtype=float))
         out, without, found = np.empty(s.n_samples), np.empty(s.n_samples), corners(s)
         kernels.march(velocity, found.rise, found.place, law.speeds, law.nodes, law.rows, law.before, law.tilt,
                       self.elements.numbers(law.rest), s.sample_time, trace, *self.steps(s, law), out)

@@ -101,7 +101,8 @@ class _Filter:
         law[:, 0, 0] = phi @ self._c - self._rest
         law[:, 0, [1, 2, 3]] = phi @ self._direct.T
         law[:, 0, 4], law[:, 0, 7] = self._sharpness(p)[0], 1.0
-        return Coefficients(law, phi @ self._a.T, np.einsum("nm,jim->nji", phi, self._past))
+        past = np.ascontiguousarray(np.einsum("nm,jim->nji", phi, self._past))  # one order of memory, one compilation
+        return Coefficients(law, phi @ self._a.T, past)
 
     def back(self, p: np.ndarray, bars: Coefficients) -> np.ndarray:
         """(N, 1) gradient by the current."""

@@ -27,6 +27,7 @@ def model() -> LPVStateSpace:
                          Scheduling(("p",), (-1.0,), (1.0,)))
 
 
+@pytest.mark.seconds
 def test_a_sweep_of_eleven_rates(benchmark, model):
     found = benchmark(l2_gains, model, RATES.tolist(), QUADRATIC)
     assert all(g.between_grid for g in found)

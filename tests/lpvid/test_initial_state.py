@@ -52,6 +52,7 @@ def test_one_state_is_the_closed_form() -> None:
     assert found[0] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.seconds
 def test_a_model_in_error_starts_better_than_by_least_squares() -> None:
     """Forty records with coloured noise on the output, runs from 2 n samples as `simulate` takes them."""
     rng = np.random.default_rng(1)

@@ -327,6 +327,7 @@ def test_an_estimated_state_is_exact_without_noise(scale: float, rng: np.random.
         np.testing.assert_allclose(run.output, y, atol=1e-8 * np.abs(y).max())
 
 
+@pytest.mark.seconds
 def test_an_estimated_state_averages_the_noise_out(rng: np.random.Generator) -> None:
     """Slow poles: a state from a handful of noisy samples is far off, one from 200 is not."""
     a = np.array([[[0.995, 0.05], [0.0, 0.99]]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lpvid import _checks
-from lpvid.condition import with_velocity
+from lpvid.condition import with_derived
 from lpvid.condition.tables import as_records
 from lpvid.identification.selection.candidates import Candidates
 from lpvid.identification.selection.every_kind import every_kind
@@ -73,5 +73,5 @@ def automatic_candidates(records: Sequence[Record], input: str | Sequence[str], 
 
 def _is_damper(records: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]) -> bool:
     """Whether the one input is a velocity and the one output a force."""
-    record = with_velocity(records[0]) if "velocity" in inputs else records[0]
+    record = with_derived(records[:1], inputs)[0]
     return len(inputs) == len(outputs) == 1 and record.unit(inputs[0]) == "m/s" and record.unit(outputs[0]) == "N"

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.codec import Encoded
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
@@ -96,8 +96,7 @@ def noise_ceiling(records: Record | Sequence[Record], structure: Structure, *,
         raise InputError("a noise ceiling comes from an ARX of high order", got=type(structure).__name__,
                          mend="give an ARX with the same channels")
     listed = as_records(records)
-    if "velocity" in structure.channels:
-        listed = [with_velocity(r) for r in listed]
+    listed = with_derived(listed, structure.channels)
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
                       remedy="a lower order")
     if isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str):

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
@@ -95,8 +95,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     if len({s.output for s in structures if isinstance(s, ARX)}) > 1:
         raise InputError("candidates must share their outputs to be compared")
     channels = tuple(dict.fromkeys(c for s in structures for c in s.channels))
-    if "velocity" in channels:
-        listed = [with_velocity(r) for r in listed]
+    listed = with_derived(listed, channels)
     start = max(s.start for s in structures)
     pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2, remedy="lower orders")
     sample = _shortened(pieces, start)

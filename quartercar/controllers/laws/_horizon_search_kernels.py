@@ -100,7 +100,7 @@ def note_all(z, v, felt, car, table, grid, sizes, shape, forces, inputs, filtere
         for j in range(forces.shape[1] - 1, 0, -1):
             forces[i, j] = forces[i, j - 1]
         for j in range(inputs.shape[1] - 1, 0, -1):
-            inputs[i, j] = inputs[i, j - 1]
+            copy_values(inputs[i, j - 1], inputs[i, j])
         forces[i, 0], inputs[i, 0, 0], inputs[i, 0, 1], inputs[i, 0, 2] = f, v[i], z[i], t
         copy_values(filtered[i], xw[0])
         filtered_on(shape, xw, 0, -(car[0, 8] * z[i] + car[1, 8] * v[i] + f) / car[2, 8])

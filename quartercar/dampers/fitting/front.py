@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from lpvid.condition import segments, with_velocity
+from lpvid.condition import segments, with_derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
@@ -61,7 +61,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     >>> from quartercar.dampers.laws.linear import Linear
     >>> t = np.arange(2000) / 500
     >>> x = 0.01 * np.sin(12 * t) + 0.004 * np.sin(31 * t)
-    >>> record = with_velocity(Record({"displacement": x}, sample_time=1 / 500, units={"displacement": "m"}))
+    >>> record = Record({"displacement": x}, sample_time=1 / 500, units={"displacement": "m"})
+    >>> record, = with_derived([record], ["velocity"])
     >>> record = record.with_channel("force", 1500 * record["velocity"] + 4000 * x - 120, "N")
     >>> found = fit(Linear(), record)
     >>> {name: round(value, 3) for name, value in found.damper.values.items() if name != "mass"}
@@ -118,8 +119,7 @@ def prepared(records: Record | Sequence[Record], channels: Sequence[str], start:
     listed = as_records(records)
     if not listed:
         return []
-    if "velocity" in channels:
-        listed = [with_velocity(r) for r in listed]
+    listed = with_derived(listed, channels)
     return segments(listed, channels, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
 
 

@@ -162,11 +162,9 @@ class ForceMap(SemiActiveDamper):
         return [self]
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
-        from quartercar.dampers.laws._semi_active_kernels import map_run
-
         v = np.atleast_1d(np.asarray(velocity, dtype=float))
-        return map_run(np.full(v.size, float(displacement)), v, np.full(v.size, float(current)), np.array(self.knots),
-                       np.array(self.nodes), self.table(self.vector), self.parted(self.vector)[1])
+        settled = Drive(1.0, v, np.full(v.size, float(displacement)), np.full(v.size, float(current)))
+        return self.response(settled, self.vector)
 
     def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
         from quartercar.dampers.laws.semi_active_expressions import force_map

@@ -77,6 +77,7 @@ def test_alternating_nilpotent_pair_is_never_certified_and_its_growth_is_shown(s
     assert "not certified" in str(found)
 
 
+@pytest.mark.seconds
 def test_slow_variation_is_certified_only_where_no_admissible_cycle_grows(rng):
     # jumping ±step/2 about p = ½ grows by 4 size² (½ + step/2)² every two samples: the exact limit of this family
     size = 0.9
@@ -109,6 +110,7 @@ def test_frozen_unstable_point_is_named():
 
 
 # -- found where it must exist -------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_common_lyapunov_function_is_always_found_when_it_exists_by_construction(rng):
     for trial in range(30):
         n, degree = int(rng.integers(1, 6)), int(rng.integers(1, 4))
@@ -361,6 +363,7 @@ def test_tampering_and_other_models_fail():
         assert "another model" in outcome.why
 
 
+@pytest.mark.seconds
 def test_rescaling_the_scheduling_unit_changes_nothing():
     ampere, milliampere = (certify_stability(synthetic_damper(s, u)) for s, u in ((1.0, "A"), (1000.0, "mA")))
     assert milliampere.kind == ampere.kind

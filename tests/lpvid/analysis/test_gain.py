@@ -53,6 +53,7 @@ def test_time_invariant_systems_have_their_h_infinity_norm(discrete, rng):
         assert found.lower == pytest.approx(norm, rel=1e-6)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("rate", [0.0, 0.3, 1.0])
 def test_a_trigonometric_storage_function_is_exact_for_a_rotating_system(rate):
     inner, turn = np.array([[-1.0, 2.0], [0.0, -1.5]]), np.array([[0.0, -1.0], [1.0, 0.0]])

@@ -56,6 +56,7 @@ def test_a_moving_system_stays_below_its_bound_in_simulation(rng):
     assert found.lower <= found.upper
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("discrete", [False, True])
 def test_too_rich_a_storage_function_is_left_out_once_there_is_a_bound(discrete, monkeypatch):
     model = random_stable(np.random.default_rng(4), 3, 1, discrete=discrete)

@@ -147,6 +147,7 @@ def test_a_locus_needs_one_variable_and_a_range(damper):
             pole_locus(damper, **arguments)
 
 
+@pytest.mark.seconds
 def test_the_band_holds_the_quantiles_of_the_draws():
     """z = m + 0.2 p with m of standard deviation 0.1: quantiles of a normal distribution."""
     rng = np.random.default_rng(3)
@@ -207,6 +208,7 @@ def test_the_range_can_be_widened(damper):
     assert stability_probability([damper], Scheduling(("current",), (0.0,), (9.01,))).probability == 0
 
 
+@pytest.mark.seconds
 def test_five_hundred_draws_of_fourth_order_take_under_three_seconds(damper, rng):
     draws = [damper.replace(a=damper.a + 0.01 * rng.standard_normal(damper.a.shape)) for _ in range(500)]
     start = time.process_time()

@@ -89,6 +89,7 @@ def test_slope_is_worth_more_than_a_sector():
     assert beyond.verdict == "not certified" and "range" in beyond.mend
 
 
+@pytest.mark.seconds
 def test_a_simulated_nonlinearity_keeps_the_bound():
     """Runs of the loop with a saturation in the sector, over random inputs: ‖z‖ ≤ γ‖w‖ in every one."""
     found = lpv.robust_gain(OSCILLATOR, lpv.Sector("p", "q", 0.0, 0.5, slope=True, odd=True), poles=(0.5, 2.0))

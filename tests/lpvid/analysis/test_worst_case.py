@@ -24,7 +24,8 @@ def searched(model, rate) -> WorstCase:
     return worst_trajectory(plant, box, WorstCase.frozen(box, point, frequency, norm))
 
 
-@pytest.mark.parametrize("rate", [1.0, *(pytest.param(r, marks=pytest.mark.slow) for r in (0.1, 4.0))])
+@pytest.mark.parametrize("rate", [
+    pytest.param(1.0, marks=pytest.mark.seconds), *(pytest.param(r, marks=pytest.mark.slow) for r in (0.1, 4.0))])
 def test_a_triangle_keeps_the_rate_and_stays_below_the_reference(rate):
     found = searched(vanishing(), rate)
     bound = {0.1: 0.09925, 1.0: 0.66240, 4.0: 0.86630}[rate]  # synthesis sheet, section 1
@@ -60,6 +61,7 @@ def test_nothing_moves_in_a_time_invariant_system():
     assert worst_trajectory(plant, box, held) is held
 
 
+@pytest.mark.seconds
 def test_discrete_trajectories_and_their_dictionary(rng):
     model = random_stable(rng, 2, 1, discrete=True)
     found = searched(model, 5.0)

@@ -130,6 +130,7 @@ def test_rates_that_differ() -> None:
 
 
 # -- single channels --------------------------------------------------------------------------------------------
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("fault", "name", "severity"),
     [

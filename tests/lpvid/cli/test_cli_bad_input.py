@@ -253,6 +253,7 @@ def test_held_out_records_without_motion_of_the_output_are_refused_before_the_fi
 
 
 # -- findings that are no errors --------------------------------------------------------------------------------------
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("content, names", [
     (table(HEADER.replace("[N]", "[raw]")), ["unknown-unit"]),
     (table(v=with_cell(V, 16, "abc")), []),

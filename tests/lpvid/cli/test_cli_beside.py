@@ -11,6 +11,8 @@ from typer.testing import CliRunner, Result
 
 from lpvid.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 IO = ["--input", "velocity", "--output", "force", "--nk", "0"]
 
 

@@ -272,6 +272,7 @@ def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
     assert np.mean(run * record["velocity"]) < 0 and np.corrcoef(run, record["force"])[0, 1] > 0.95
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("current", "advised"), [
     (np.repeat([0.0, 1.0, 0.4, 1.7], 1000), True), (np.sin(np.linspace(0, 30, 4000)), True),
     (np.full(4000, 0.87), False), (1.5 + 0.01 * np.random.default_rng(3).standard_normal(4000), False)])

@@ -136,6 +136,7 @@ def test_a_way_that_was_not_measured_is_that_of_the_velocity():
     assert np.isclose(derived.way, measured.way, rtol=0.1)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("noise", list(NOISES))
 def test_nothing_hidden_nothing_named(noise):
     runs = [record(np.random.default_rng(s), noise) for s in range(3)]
@@ -353,6 +354,7 @@ class Steep(Added):
     shape = staticmethod(lambda s: np.tanh(30 * s["u"]))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("misfit", "named", "rivals"), [(0.1, ["dry"], []), (0.4, [], [("dry", "steep")])])
 def test_next_of_kin_are_told_apart_where_they_differ_by_more_than_the_law_errs(misfit, named, rivals):
     """The change by either is the same but near zero; the law errs by .07 and by .28 of the output's unit."""

@@ -47,6 +47,7 @@ def noises(default: str, *slow: str) -> pytest.MarkDecorator:
 
 
 class TestScreening:
+    @pytest.mark.seconds
     @noises("ar1", "white", "proportional")
     def test_p_values_are_uniform_where_nothing_is_hidden(self, noise: str) -> None:
         rng = np.random.default_rng(20)
@@ -177,6 +178,7 @@ class TestRefit:
 
 
 class TestRemainder:
+    @pytest.mark.thinned(3)
     @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
     def test_noise_is_not_predictable(self, noise: str, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng, noise, n=15000))

@@ -81,6 +81,7 @@ def test_its_numbers_stay_within_the_spread_of_the_specimens() -> None:
     assert (wild.upper < 2 * np.abs(found.shared.vector)).all()  # one that is no specimen moves no bound
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("cubic", "dry", "named"), [(SHARED, 0.0, ()), (SHARED, 1.0, ("dry",)),
                                                      (2 * SHARED, 0.0, ("cubic",))])
 def test_a_file_differs_by_what_it_has_beyond_the_fleet(cubic: float, dry: float, named: tuple[str, ...]) -> None:
@@ -89,6 +90,7 @@ def test_a_file_differs_by_what_it_has_beyond_the_fleet(cubic: float, dry: float
     assert tuple(c.name for c in found.causes) == named, found
 
 
+@pytest.mark.seconds
 def test_what_every_file_has_is_an_error_without_the_fleet_alone() -> None:
     law = fleet()
     assert diagnose([run(100)], law, law.candidates(CAUSES)).verdict == "nothing-to-explain"

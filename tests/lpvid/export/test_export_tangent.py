@@ -32,6 +32,7 @@ def continuous(basis, rng, **more):
                              inputs=("velocity",), **more)
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_directional_derivatives_are_the_matrices_of_the_model(version, tmp_path, rng):
@@ -67,6 +68,7 @@ def test_directional_derivatives_are_the_matrices_of_the_model(version, tmp_path
     fmu.freeInstance()
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("name", BASES)
 def test_derivatives_with_respect_to_the_scheduling_agree_with_differences(name, rng):

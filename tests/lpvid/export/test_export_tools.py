@@ -43,6 +43,7 @@ def fmpy():
     return pytest.importorskip("fmpy", reason="the extra 'fmu' is not installed")
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("case", ["square, tanh", "limited"])
@@ -51,6 +52,7 @@ def test_an_fmu_is_valid_and_agrees(case, version, fmpy, rng):
     assert made.passed and "valid; " in made.checks[0]
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_has_units_starts_and_sources_that_compile(version, fmpy, tmp_path, rng):
@@ -107,6 +109,7 @@ def test_an_fmu_is_of_double_precision_and_of_a_known_version(tmp_path, rng):
 # -- continuous models -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_continuous_model_goes_to_model_exchange(version, fmpy, tmp_path, rng):
@@ -118,6 +121,7 @@ def test_a_continuous_model_goes_to_model_exchange(version, fmpy, tmp_path, rng)
     assert rate.derivative.name == "x[2]"
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_model_exchange_gives_the_step_response_of_the_frozen_model(version, fmpy, tmp_path, rng):

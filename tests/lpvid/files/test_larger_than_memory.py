@@ -72,6 +72,7 @@ def stored(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Chunks, Reco
     return read_chunks(path, rows=900), record
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("structure", [PLAIN, FILTERED, Recursive(PLAIN, forgetting=1.0)],
                          ids=["plain", "filter", "rls"])
 def test_the_estimate_of_the_parts_is_that_of_the_whole(stored: tuple[Chunks, Record], structure: lpv.ARX) -> None:
@@ -144,6 +145,7 @@ class Broken(Chunks):
             yield found
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("structure", [PLAIN, FILTERED, Recursive(PLAIN, forgetting=0.999)],
                          ids=["plain", "filter", "rls"])
 def test_a_stream_goes_on_behind_its_last_part(stored: tuple[Chunks, Record], structure: lpv.ARX,
@@ -221,6 +223,7 @@ def test_what_a_stream_cannot_do_is_one_line(tmp_path: Path) -> None:
         read_chunks(tmp_path / "empty.parquet")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_commands_read_in_parts(tmp_path: Path) -> None:
     parquet(tmp_path / "run.parquet", measured(5000), 0, 5000)
     parquet(tmp_path / "other.parquet", measured(3000, seed=1), 0, 3000)

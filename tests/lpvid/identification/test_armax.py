@@ -43,6 +43,7 @@ def study(structure, runs: int, **changes) -> tuple[np.ndarray, np.ndarray, np.n
             np.array([f.model.noise.vector for f in found]))
 
 
+@pytest.mark.seconds
 def test_consistent_where_least_squares_is_not_sample():
     estimates, errors, noise = study(ARMAX(**SETTINGS, nc=1, starts=1), 12)
     assert joint_bias_test(estimates, TRUTH) > 0.001

@@ -434,6 +434,7 @@ def test_columns_are_counted() -> None:
 
 
 # -- size -------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_memory_does_not_grow_with_the_record(rng: np.random.Generator) -> None:
     n = 1_000_000
     record = Record({"u": rng.normal(size=n), "p": rng.uniform(size=n), "y": rng.normal(size=n)}, sample_time=TS)

@@ -67,6 +67,7 @@ def test_staying_below_the_ceiling_is_reported() -> None:
     assert float(note.split("stays ")[1].split(" ")[0]) > 10
 
 
+@pytest.mark.seconds
 def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
     record = lightly_damped(3)
     parts, _ = make_folds([record], 5, 8, ["u"])
@@ -83,6 +84,7 @@ def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
     assert left.esr.sum() > bar.esr.sum() * bar.power * 0.999  # squared errors of the folds done
 
 
+@pytest.mark.seconds
 def test_a_leader_that_cannot_be_taken_lets_the_others_go_on() -> None:
     """What was left beside it is cross-validated to the end, as if it had never led."""
     record = lightly_damped(3)
@@ -113,6 +115,7 @@ def test_one_of_every_kind_comes_before_the_budget_counts() -> None:
     assert any("ended at its budget of 0.001 s" in n and "counted after one of every kind" in n for n in found.notes)
 
 
+@pytest.mark.seconds
 def test_the_shortest_search_runs_freely_where_least_squares_does_not() -> None:
     """Oracle: the true equation. White noise on the output makes the poles of least squares far too fast."""
     record, later = lightly_damped(11, noise=0.5), lightly_damped(12, noise=0.5)
@@ -123,6 +126,7 @@ def test_the_shortest_search_runs_freely_where_least_squares_does_not() -> None:
     assert arx.held_out.overall.free_run.fit_percent < fit - 20
 
 
+@pytest.mark.seconds
 def test_where_all_run_worse_than_the_mean_it_is_said() -> None:
     """A random walk that has nothing to do with the input."""
     rng = np.random.default_rng(0)

@@ -68,6 +68,7 @@ def test_a_coloured_residual_counts_as_fewer_samples(rho):
     assert found == pytest.approx(n * (1 - rho**2) / (1 + rho**2), rel=0.08)
 
 
+@pytest.mark.seconds
 def test_poles_of_a_fold_refuse_nothing_but_those_of_all_data_do(monkeypatch):
     """Frozen poles are looked at once for a candidate, of its estimate on all records."""
     from lpvid.identification.selection import search

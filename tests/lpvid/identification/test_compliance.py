@@ -70,6 +70,7 @@ def test_maxwell_element_has_the_closed_form_work_per_cycle() -> None:
     assert force[crest] == pytest.approx(c * omega**2 * stroke * tau / (1 + (omega * tau) ** 2), rel=0.01)
 
 
+@pytest.mark.seconds
 def test_simulation_converges_to_a_stiff_solver(rng: np.random.Generator) -> None:
     """Against scipy's Radau on Ḟ = k_h (v − g(F)), g the inverse of the same piecewise linear law; order one."""
     from scipy.integrate import solve_ivp

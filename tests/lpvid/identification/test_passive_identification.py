@@ -51,6 +51,7 @@ def test_an_active_truth_becomes_the_nearest_passive_model():
     assert lpv.passivity_margin(found.unconstrained).active and not lpv.passivity_margin(found.model).active
 
 
+@pytest.mark.seconds
 def test_no_random_motion_and_current_take_more_than_is_stored():
     truth = yielding(lag=0.7)
     data = _measured(truth, np.random.default_rng(4), noise=5.0)

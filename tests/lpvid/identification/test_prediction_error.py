@@ -11,6 +11,7 @@ from helpers.monte_carlo import coverage, joint_bias_test, known_bias_test
 from scipy.linalg import lapack, solve_banded
 
 from lpvid import _noise, _sensitivity
+from lpvid._checks import read_only
 from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.armax import ARMAX
@@ -295,8 +296,8 @@ def test_innovations_and_colour_undo_each_other(rng):
     e = rng.normal(size=(400, 1))
     v = lfilter([1, 0.5, 0.2], [1, -0.8], e[:, 0])[:, None]
     back = np.zeros_like(e)
-    code = _noise.innovations(v, np.array([0.5, 0.2]).reshape(2, 1, 1), np.array([[-0.8]]), np.ones((1, 400)), False, 0,
-                              1e9, back)
+    c, d = read_only(np.array([0.5, 0.2]).reshape(2, 1, 1)), read_only(np.array([[-0.8]]))
+    code = _noise.innovations(v, c, d, np.ones((1, 400)), False, 0, 1e9, back)
     assert code == -1
     np.testing.assert_allclose(back, e, atol=1e-10)
 

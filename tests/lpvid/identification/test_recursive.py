@@ -353,6 +353,7 @@ def test_parquet_in_parts(rng, tmp_path) -> None:
     np.testing.assert_array_equal(np.concatenate([c["u"] for c in parts]), whole["u"])
 
 
+@pytest.mark.seconds
 def test_memory_does_not_grow_with_the_file(rng, tmp_path) -> None:
     """200 000 rows in parts of 10 000 need a fraction of what the samples themselves fill."""
     n = 200_000

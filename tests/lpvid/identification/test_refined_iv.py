@@ -202,6 +202,7 @@ CASES = [(OE, ([], [])), (BJ, RED), (OE, RED)]
 NAMES = ["OE, white output noise", "BJ, AR(2) noise", "OE, AR(2) noise"]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("structure", "colour"), CASES, ids=NAMES)
 def test_unbiased_sample(structure, colour) -> None:
     errors, deviations, least = study(structure, 16, 2000, colour)

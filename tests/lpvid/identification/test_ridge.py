@@ -69,6 +69,7 @@ def test_criterion_is_the_restricted_likelihood_of_the_dense_gaussian_model(rng)
     np.testing.assert_allclose(np.diff(ours), np.diff(theirs), rtol=1e-9)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("penalty, basis", [("curvature", Spline("p", segments=8)),
                                             ("variation", Polynomial("p", degree=7))])
 def test_beats_least_squares_on_short_noisy_records_with_a_rich_basis(penalty, basis):

@@ -79,6 +79,7 @@ def test_robustness(name):
         assert near >= ENOUGH
 
 
+@pytest.mark.seconds
 def test_least_squares_intervals_cover_where_its_noise_is_assumed():
     """White equation error, 100 runs: no bias by Hotelling's test, and 95 % intervals pooled over parameters."""
     truth = np.array([-1.0, 0.3, 0.4, -0.2, 0.6, 0.3, 0.3, -0.2])

@@ -62,6 +62,7 @@ def test_finds_the_true_structure_as_often_as_one_standard_error_does(grid):
     assert sum((b.na, b.delay, b.width, b.basis.degree, b.affine, b.lagged) == truth for b in found) >= 6
 
 
+@pytest.mark.seconds
 def test_is_deterministic(record):
     grid = Candidates("u", "y", "p", na=(1, 2), nk=(1,), degree=(1,))
     first, second = select(record, grid), select(record, grid)

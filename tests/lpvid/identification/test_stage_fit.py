@@ -51,6 +51,7 @@ def bench(stage, rng: np.random.Generator, n: int = 5000, noise: float = 0.0) ->
     return Record({"velocity": v, "current": p, "force": y}, sample_time=TS)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("noise", "tolerance", "esr"), [(0.0, 0.01, 1e-6), (0.001, 0.05, 1e-4)])
 @pytest.mark.parametrize(("v0", "slope"), [(0.05, 0.0), (0.2, 0.0), (0.1, 0.05)])
 def test_a_known_knee_is_found(
@@ -68,6 +69,7 @@ def test_a_known_knee_is_found(
     assert any("input stage tanh" in note and "holds it fixed" in note for note in found.notes)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "true",
     [
@@ -179,6 +181,7 @@ def test_real_mr_damper_under_random_voltage(shared_data: Path) -> None:
     assert any("resampled" in note for note in found.held_out.notes)
 
 
+@pytest.mark.seconds
 def test_fitted_stages_are_stated_with_units(rng: np.random.Generator) -> None:
     """v0 in the input's unit, its slope per unit of the scheduling, time constants in s; once for each estimator."""
     record = bench(TanhStage(v0=0.1, slope=0.05), rng)

@@ -116,6 +116,7 @@ def test_search_is_the_same_in_any_coordinates(rng: np.random.Generator) -> None
 
 
 # -- known systems ---------------------------------------------------------------------------------------------------
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("snr", [20.0, 30.0])
 def test_two_by_two_of_order_three(snr: float) -> None:
     rng = np.random.default_rng(3)
@@ -171,6 +172,7 @@ def test_innovation_form_predicts_as_well_as_the_system(rng: np.random.Generator
     assert free is not None and free > 1.02 * rmse
 
 
+@pytest.mark.seconds
 def test_covariance_of_frozen_gain_sample() -> None:
     """z-scores of the gain at three levels, over runs: their sum of squares is no accident."""
     rng = np.random.default_rng(8)
@@ -300,6 +302,7 @@ def gyroscope_fit(shared_data: Path, order: int, *, from_least_squares: bool) ->
     return fit
 
 
+@pytest.mark.seconds
 def test_gyroscope(shared_data: Path) -> None:
     assert gyroscope_fit(shared_data, 3, from_least_squares=True) >= 94
 

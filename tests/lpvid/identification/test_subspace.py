@@ -60,6 +60,7 @@ def test_thinned_kernel_rows_spread_over_all_records(rng: np.random.Generator) -
 
 
 # -- states and matrices ---------------------------------------------------------------------------------------------
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("kernel", [False, True])
 def test_noise_free_order_and_poles(kernel: bool) -> None:
     rng = np.random.default_rng(11)
@@ -73,6 +74,7 @@ def test_noise_free_order_and_poles(kernel: bool) -> None:
         np.testing.assert_allclose(np.sort_complex(found.model.frozen_poles([p])), np.sort_complex(exact), atol=0.03)
 
 
+@pytest.mark.seconds
 def test_two_by_two_close_to_the_system(rng: np.random.Generator) -> None:
     rng = np.random.default_rng(3)
     system = StateSpaceSystem(rng, 3, 2, 2, 3)

@@ -126,7 +126,7 @@ def test_the_thesis_matrices():
 
 
 # -- what exact means ------------------------------------------------------------------------------------------------
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(shape=shapes)
 def test_exact_forms_reproduce_the_equation_for_moving_scheduling(shape):
     source = random_model(**shape)
@@ -147,7 +147,7 @@ def test_exact_forms_reproduce_the_equation_for_moving_scheduling(shape):
         assert realize(source, "shifted").causal
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(shape=shapes, point=st.floats(-1, 1))
 def test_all_forms_agree_for_frozen_scheduling(shape, point):
     source = random_model(**shape)

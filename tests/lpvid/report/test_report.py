@@ -219,6 +219,7 @@ def test_an_estimate_too_uncertain_for_a_band_says_so(found):
     assert isinstance(last, Paragraph) and "diverges" in last.text
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("kind, notes, words_", [
     ("least squares, white equation error", (), "assume white errors, and are too small"),
     ("least squares, white equation error", ("the residual is correlated: standard errors in sandwich form",),

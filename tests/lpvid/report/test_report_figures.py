@@ -42,6 +42,7 @@ def coloured(rng: np.random.Generator, n: int, pole: float) -> np.ndarray:
 
 
 # -- residuals --------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_limits_hold_99_per_cent_of_correlations_of_what_is_independent():
     """Coloured residual beside coloured input: the share of bars outside is near 1 % over many lags and records."""
     rng = np.random.default_rng(3)

@@ -39,6 +39,7 @@ def test_near_the_least_bound_and_above_what_the_loop_does(seed):
     assert max(least_gain(balanced, k) for k in range(len(points))) <= found.infimum * (1 + 1e-3)
 
 
+@pytest.mark.seconds
 def test_what_decays_too_slowly_to_be_found_is_shown_to_be_so():
     """Seed 93: every frozen point has a controller; over all of them none decays at 1e-6 of the plant's pace."""
     case, design, _ = random_case(93)

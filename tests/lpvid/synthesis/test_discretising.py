@@ -92,6 +92,7 @@ def test_the_stated_error_is_that_of_a_dense_integration():
     assert zoh.error < 1e-4 and zoh.bound == 0.0 and "zero-order hold at 20 Hz (exact for held u and p)" in str(zoh)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("rule", [ZeroOrderHold(), Tustin(), Euler(), Taylor(6)])
 @pytest.mark.parametrize("basis", [Polynomial("p", 2), Fourier("p", 1, 4.0), Polynomial()])
 def test_there_and_back_is_the_system_again(rule, basis):

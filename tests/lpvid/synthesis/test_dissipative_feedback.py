@@ -34,6 +34,7 @@ def plant(stiffness: float = 4.0, damping: float = 0.6, effort: float = 0.5, mov
     return GeneralizedPlant(system, ["u"], ["x_0", "x_1"])
 
 
+@pytest.mark.seconds
 def test_bound_holds_on_random_courses_of_share_and_scheduling() -> None:
     given = plant()
     found = lpv.synthesize(given, DissipativeFeedback())

@@ -36,6 +36,7 @@ def test_one_state_comes_close_to_the_full_order_optimum():
     assert 9.508 <= found.gamma_verified <= 1.005 * 9.50808  # Scherer, Gahinet & Chilali 1997: no controller is better
 
 
+@pytest.mark.seconds
 def test_two_states_beside_near_integrators():
     """Poles of 2e-7 and 12 rad/s in one controller: its slowest two states are a start, and the loop is proven.
 

@@ -40,6 +40,7 @@ POLYNOMIALS = [Polynomial("p", 1), Polynomial("p", 3), Polynomial(("p", "q"), 2,
                Product(Polynomial("q", 1), Polynomial("p", 2)), Polynomial()]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("basis", POLYNOMIALS)
 def test_a_polynomial_becomes_a_linear_fractional_form_and_comes_back(basis):
     old = system(basis)
@@ -65,6 +66,7 @@ def test_repetitions_are_ranks():
     assert fractional(np.array([np.zeros((4, 4)), np.outer(a, e), np.outer(b, e)]), np.arange(3)[:, None])[1] == (2,)
 
 
+@pytest.mark.seconds
 def test_a_rational_form_is_gridded_and_fitted_with_a_stated_error():
     model = LFTModel(np.array([[-0.5, 0.25, 1.0], [1.0, -0.5, 0.0], [1.0, 0.0, 0.0]]), 1,
                      Scheduling(("p",), (0.0,), (2.0,)), (1,), 0.1)  # A = −1/(1 + p)
@@ -110,6 +112,7 @@ def test_an_affine_fit_states_what_it_leaves_out():
         to_polytopic(old)
 
 
+@pytest.mark.seconds
 def test_a_grid_is_exact_at_its_points():
     old = system(Product(Fourier("p", 1), Polynomial("q", 1)))
     form = to_gridded(old, {"p": (-1.0, 0.2, 1.1, 2.0), "q": (2.0, 5.0)})

@@ -29,6 +29,7 @@ def test_a_moving_matrix_lowers_the_gain_under_a_bounded_variance(varying):
     assert all(simulated_gain(found.closed_loop, rng) <= found.gamma_verified for _ in range(3))
 
 
+@pytest.mark.seconds
 def test_one_gain_agrees_with_output_feedback():
     """The change of variables and the projected inequalities admit the same gain where X alone moves."""
     plant = spring_mass(rate=0.1, full=False)
@@ -97,6 +98,7 @@ def _along(loop, rng, rate, steps=3000, period=0.02):
     return np.sqrt(energy / given)
 
 
+@pytest.mark.seconds
 def test_x_and_y_that_both_move_keep_several_promises():
     """At least as low as either alone (whose inequalities they contain), with a controller that reads the rate."""
     plant, criteria = spring_mass(rate=0.2, full=False), [lpv.HInfinity(), lpv.H2("w0", ["z0", "z1"], bound=0.7)]
@@ -122,6 +124,7 @@ def test_one_gain_agrees_with_output_feedback_where_both_move():
     assert other.gamma_verified == pytest.approx(one.gamma_verified, rel=0.02)
 
 
+@pytest.mark.seconds
 def test_a_variance_where_both_move_lies_between_the_frozen_norm_and_the_promise():
     plant = spring_mass(rate=0.2, full=False)
     found = lpv.synthesize(plant, lpv.MultiObjective(lpv.H2(), lyapunov=MOVING, varying="both", points=5))

@@ -60,6 +60,7 @@ def test_bounds_and_regions_are_kept_and_cost_something():
     assert poles.real.max() < -0.8
 
 
+@pytest.mark.seconds
 def test_polytopic_design_holds_on_jumping_trajectories():
     found = lpv.MultiObjective().solve(spring_mass(full=False))
     assert found.solved and found.between_grid

@@ -69,6 +69,7 @@ def test_varying_observer_keeps_its_bound_and_its_decay():
     assert max(poles) < -0.5
 
 
+@pytest.mark.seconds
 def test_observer_by_regions_alone_and_with_a_moving_lyapunov_matrix():
     placed = lpv.Observer((), lpv.HalfPlane(2.0)).solve(spring_mass(full=False))
     assert placed.solved and placed.gamma is None and placed.gamma_verified is not None

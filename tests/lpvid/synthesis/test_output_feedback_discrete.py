@@ -115,7 +115,8 @@ def test_without_feedthrough():
     assert free.infimum <= result.infimum * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("varying", [pytest.param("controls", marks=pytest.mark.slow), "measurements"])
+@pytest.mark.parametrize("varying", [
+    pytest.param("controls", marks=pytest.mark.slow), pytest.param("measurements", marks=pytest.mark.seconds)])
 def test_a_path_from_control_to_sensor_costs_the_feedthrough_alone(varying):
     """The controller is put around D22, so that the loop is the same; it is closed and certified with D22 in it."""
     without = lpv.synthesize(_spring(0.5), _design(varying, strictly_proper=True))

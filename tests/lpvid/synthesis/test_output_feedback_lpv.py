@@ -204,6 +204,7 @@ def test_discrete_polytopic():
     assert result.gamma_verified <= 1.03 * gain.upper
 
 
+@pytest.mark.seconds
 def test_two_parameters_with_a_lyapunov_matrix_over_one():
     """The other variable may jump."""
     a = [[[0, 1], [-2, -0.2]], [[0, 0], [-1, 0]], [[0, 0], [0, -0.1]]]

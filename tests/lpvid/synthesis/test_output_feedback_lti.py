@@ -32,6 +32,7 @@ def _kept(result, limit):
     assert peak <= result.gamma_lower * (1 + 1e-6)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("make", "optimum"), [(scherer, 9.50808), (sb10fd, 10.1843),
                                                 (ill_conditioned, math.sqrt(0.65))])
 def test_published_optima_are_reached_and_kept(make, optimum):

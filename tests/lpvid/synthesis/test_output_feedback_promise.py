@@ -34,7 +34,7 @@ def _examine(seed: int, paths: int) -> tuple[str, float]:
     return found.verdict, found.gamma / found.infimum
 
 
-@pytest.mark.parametrize("seed", [2, 3, *(pytest.param(s, marks=pytest.mark.slow) for s in (4, 5, 6, 7))])
+@pytest.mark.parametrize("seed", [2, *(pytest.param(s, marks=pytest.mark.slow) for s in (3, 4, 5, 6, 7))])
 def test_a_few(seed):
     verdict, above = _examine(seed, 20)
     assert verdict in ("unstabilisable", "infeasible") or above <= NEAR

@@ -21,6 +21,7 @@ def _peak(result, points=3):
     return worst
 
 
+@pytest.mark.seconds
 def test_two_disks_by_output_feedback():
     """LPVTools, one Lyapunov matrix: 1.130. The sensor's weight has a pole at 40,000 rad/s, the tracking's at 0.04."""
     found = lpv.synthesize(two_disks(), lpv.OutputFeedback())

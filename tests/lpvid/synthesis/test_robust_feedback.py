@@ -53,6 +53,7 @@ def test_a_loop_that_is_certified_for_part_only_is_made_robust_to_all():
     assert worst_drawn(found.closed_loop, 0.8) <= found.gain.upper
 
 
+@pytest.mark.seconds
 def test_without_much_uncertainty_it_is_the_nominal_design():
     found = lpv.RobustFeedback(lpv.Dynamic("p", "q", 1e-4), turns=1).solve(platform())
     assert found.gain.upper == pytest.approx(found.nominal.upper, rel=0.02)

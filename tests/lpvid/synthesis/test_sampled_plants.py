@@ -72,6 +72,7 @@ def test_the_promise_holds_for_the_function_and_not_for_its_table_alone():
     assert grid.metadata["interpolation"]["error"] > 0.02  # leaving out every second point shows it
 
 
+@pytest.mark.seconds
 def test_a_loop_of_fine_tables_has_no_more_functions_than_it_needs():
     """B2(v) D_K(v) C2(v) over tables of 61 and 15 functions: 55,815 products, whose coefficients take 25 GB."""
     def of(v):

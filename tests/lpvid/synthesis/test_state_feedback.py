@@ -47,6 +47,7 @@ def test_h_infinity_state_feedback_of_an_integrator_reaches_the_closed_form():
     assert found.between_grid
 
 
+@pytest.mark.seconds
 def test_polytopic_gain_varies_and_its_bound_holds_on_random_trajectories():
     plant, rng = spring_mass(), np.random.default_rng(2)
     found = lpv.StateFeedback().solve(plant)
@@ -56,6 +57,7 @@ def test_polytopic_gain_varies_and_its_bound_holds_on_random_trajectories():
     assert found.gamma_lower <= found.gamma_verified * (1 + 1e-9)
 
 
+@pytest.mark.seconds
 def test_a_moving_lyapunov_matrix_never_promises_more_than_the_quadratic_one():
     slow = spring_mass(1.0, 9.0, rate=0.1)
     quadratic = lpv.StateFeedback().solve(slow)

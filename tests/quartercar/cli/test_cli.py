@@ -36,7 +36,7 @@ def run(*arguments: object, code: int = 0):
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory) -> Path:
+def records(tmp_path_factory, undrawn) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     (folder / "plan.toml").write_text(PLAN)
     run("rig", folder / "plan.toml", "--out", folder / "records")

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import lpvid as lpv
+from lpvid import _threads
 from lpvid.errors import InputError
 from quartercar.cli.app import app
 from quartercar.controllers import Controller, Skyhook
@@ -51,7 +52,9 @@ def quick(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def written(quick, tmp_path_factory) -> tuple[Path, str]:
     out = tmp_path_factory.mktemp("ride") / "out"
-    return out, run(quick, "--tune", 4, "--out", out).stdout
+    with pytest.MonkeyPatch.context() as patch:  # new processes would take longer to begin than the tuning
+        patch.setattr(_threads, "processors", lambda: 1)
+        return out, run(quick, "--tune", 4, "--out", out).stdout
 
 
 def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):

@@ -17,7 +17,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
 from quartercar import dampers
 from quartercar.controllers.laws._horizon_kernels import back, predict
-from quartercar.controllers.laws._horizon_search_kernels import improve_all
+from quartercar.controllers.laws._horizon_search_kernels import improve_all, note_all
 from quartercar.controllers.laws.horizon import CostWeights, Horizon, comfort_filter
 from quartercar.criteria import comfort_transition, comfort_weighting
 from quartercar.parameters import MEGANE
@@ -177,6 +177,7 @@ def test_the_quadratic_program_of_a_frozen_case_is_solved(rng):
     assert early < 1.01 * cost
 
 
+@pytest.mark.seconds
 def test_and_a_solver_of_quadratic_programs_finds_the_same(rng):
     osqp = pytest.importorskip("osqp")
     from scipy.sparse import csc_matrix
@@ -233,3 +234,17 @@ def test_what_has_no_horizon(changes, message: str):
     given = {"damper": GUO, "coil": Coil(highest=2.0), **changes}
     with pytest.raises(InputError, match=message):
         Horizon.of(MEGANE, given["damper"], given["coil"], 1 / RATE, N)
+
+
+def test_the_damper_remembers_the_newest_samples_first() -> None:
+    rng, table = np.random.default_rng(0), np.zeros((2, 8 + 2 + 9))
+    table[:, 7] = 1.0
+    table[:, 1] = 100.0  # F = 100 v
+    forces, inputs, filtered = np.zeros((1, 2)), np.zeros((1, 3, 3)), np.zeros((1, 1))
+    motion = rng.normal(size=(4, 2))
+    for z, v in motion:
+        note_all(np.array([z]), np.array([v]), np.zeros(1), np.ones((4, 10)), table, np.array([0.0, 1.0]),
+                 np.array([2, 3]), np.zeros((2, 2)), forces, inputs, filtered)
+    np.testing.assert_array_equal(inputs[0, :, 0], motion[:0:-1, 1])
+    np.testing.assert_array_equal(inputs[0, :, 1], motion[:0:-1, 0])
+    np.testing.assert_allclose(forces[0], 100.0 * motion[:1:-1, 1], rtol=1e-14)

@@ -99,6 +99,7 @@ def test_velocities_from_realistic_sensors(sensors: str, limits: dict[str, float
         assert wrong_by(found, run, name) < limit, name
 
 
+@pytest.mark.seconds
 def test_its_covariance_is_what_it_makes():
     # white noise without lag and a force that is known: the filter's own error covariance must come out
     sensors = MeasurementSet("plain", (Sensor("suspension_deflection", noise=STROKE.noise),

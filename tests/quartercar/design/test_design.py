@@ -108,6 +108,7 @@ def test_what_cannot_be_weighted_is_refused() -> None:
 
 
 # -- controllers -------------------------------------------------------------------------------------------------------
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.criterion}-{law.measured}")
 def test_the_verified_gain_bounds_what_the_loop_does(law) -> None:
     found = synthesized(law.task(law.values, SETTING))
@@ -154,6 +155,7 @@ def test_sampling_is_exact_for_held_readings() -> None:
             np.testing.assert_allclose(mine, theirs, atol=1e-12)
 
 
+@pytest.mark.seconds
 def test_many_cars_at_once_are_the_stored_controllers_one_by_one() -> None:
     rng = np.random.default_rng(3)
     laws = [LpvHinf(values={"tyre_force": t, "least_share": q}) for t, q in ((5000.0, 0.2), (20000.0, 0.8))]

@@ -116,6 +116,7 @@ def test_another_rate_is_refused() -> None:
 
 
 # -- the design --------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_the_stored_controller_rides_as_the_law(found: IdentifiedDesign, tmp_path: Path) -> None:
     back = lpv.load(lpv.save(found.controller, tmp_path / "controller.json"))
     road = Bump(duration=0.6)

@@ -80,7 +80,7 @@ def test_a_measured_velocity_stays(rng: np.random.Generator) -> None:
     assert prepared.notes == ()
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.seconds
 @pytest.mark.parametrize("noise", [0.0, NOISE])
 def test_a_late_displacement_brings_no_causes_that_are_not_there(noise: float, rng: np.random.Generator) -> None:
     """Three tones behind a low-pass of 4 ms, which the noise makes hard to tell from a delay; nothing else is wrong."""

@@ -65,6 +65,7 @@ def dragged(x: np.ndarray, share: float) -> np.ndarray:
     return 6e4 * out
 
 
+@pytest.mark.seconds
 def test_a_spring_behind_a_gap_is_not_explained_by_a_spring(rng: np.random.Generator) -> None:
     """The gap is not among the candidates, and leaves more than a good law does: 3 % of the output."""
     s = inputs()
@@ -72,6 +73,7 @@ def test_a_spring_behind_a_gap_is_not_explained_by_a_spring(rng: np.random.Gener
     assert diagnosed(s, force, GasStiffness()).verdict in {"partly-explained", "unexplained"}
 
 
+@pytest.mark.seconds
 def test_what_changes_less_than_the_law_leaves_is_not_sure(rng: np.random.Generator) -> None:
     """The same behind a lag of the coil, of which less is known: the spring may be named, explained it is not."""
     s = inputs()
@@ -82,6 +84,7 @@ def test_what_changes_less_than_the_law_leaves_is_not_sure(rng: np.random.Genera
     assert "gas-stiffness" not in sure
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("noise", "lags"), [(4e-3, False), (1e-3, True)])
 def test_a_valve_is_named_where_it_lags_and_not_for_the_noise_of_the_motion(noise: float, lags: bool,
                                                                             rng: np.random.Generator) -> None:
@@ -93,6 +96,7 @@ def test_a_valve_is_named_where_it_lags_and_not_for_the_noise_of_the_motion(nois
     assert [c.name for c in diagnosed(noisy, force, ValveDynamics()).causes] == (["valve-dynamics"] if lags else [])
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("levels", [(0.0, 0.4, 0.8, 1.2, 1.6, 2.0), (0.0, 0.8, 1.2, 0.4, 2.0, 1.6)])
 def test_one_lag_for_both_edges_is_a_lag(levels: tuple[float, ...], rng: np.random.Generator) -> None:
     """Where all edges rise a lag that falls faster would do the same; it is a form of the lag."""
@@ -101,6 +105,7 @@ def test_one_lag_for_both_edges_is_a_lag(levels: tuple[float, ...], rng: np.rand
     assert [c.name for c in diagnosed(s, force, CoilLag(), RiseFallLag()).causes] == ["coil-lag"]
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("stribeck_speed", [0.2, 0.02])
 def test_friction_that_breaks_away_is_dry_friction(stribeck_speed: float, rng: np.random.Generator) -> None:
     s = inputs(np.ones(SAMPLES))
@@ -109,6 +114,7 @@ def test_friction_that_breaks_away_is_dry_friction(stribeck_speed: float, rng: n
     assert len(found.causes) == 1 and found.causes[0].name in {"coulomb-friction", "stribeck-friction"}
 
 
+@pytest.mark.seconds
 def test_a_valve_that_passes_all_is_the_fixture_that_it_comes_to(rng: np.random.Generator) -> None:
     """A power law of exponent 1 is viscous altogether: there the two are one, but for a parameter."""
     law, s = power_law(), inputs(np.ones(SAMPLES))
@@ -119,6 +125,7 @@ def test_a_valve_that_passes_all_is_the_fixture_that_it_comes_to(rng: np.random.
     assert "valve-dynamics" not in {*names(found), *found.stand_ins}
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("corner", [53.0, pytest.param(16.0, marks=pytest.mark.xfail(
     strict=True, reason="undone in noise the filter leaves more than the delay, also without the noise it raises"))])
 def test_a_filter_of_three_tones_is_not_named_a_delay(corner: float, rng: np.random.Generator) -> None:

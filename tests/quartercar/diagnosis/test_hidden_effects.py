@@ -84,6 +84,7 @@ def test_a_clear_cause_is_named_and_measured(cause: str) -> None:
     assert row["held_out_gain"] > 0.85 * row["oracle_gain"] > 0
 
 
+@pytest.mark.seconds
 def test_a_lag_is_found_beside_a_law_that_was_fitted_to_nothing() -> None:
     """Sines of 30 ms too early: Guo's law by itself takes away less than nothing, and no lag of it shows."""
     made, _ = hidden_truth.build(2100027, CATALOGUE)
@@ -97,7 +98,7 @@ def test_a_lag_is_found_beside_a_law_that_was_fitted_to_nothing() -> None:
 
 
 @pytest.mark.parametrize("colour", [
-    c if c == "white" else pytest.param(c, marks=pytest.mark.slow) for c in hidden.COLOURS])
+    pytest.param(c, marks=pytest.mark.seconds if c == "white" else pytest.mark.slow) for c in hidden.COLOURS])
 def test_nothing_hidden_accuses_nothing(colour: str) -> None:
     row = answer(21, kind="nothing", colour=colour)
     assert not row["named"], hidden_score.line(row)

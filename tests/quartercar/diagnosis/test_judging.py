@@ -112,6 +112,7 @@ class TestFits:
         return fair_fits.Run(v, x, np.gradient(v), np.ones_like(v), force + 0.01 * rng.standard_normal(v.size), 1 / 200,
                              np.zeros_like(v))
 
+    @pytest.mark.seconds
     def test_a_spring_behind_friction_is_found_and_a_late_force_is_not_it(self) -> None:
         first, other = ([self.run(0.02, s)] for s in (1, 2))
         rigid, late, series = (fair_fits.fit(first, other, ("spring", "friction", *t)) for t in (

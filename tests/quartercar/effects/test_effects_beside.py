@@ -34,7 +34,8 @@ def composed(names: tuple[str, ...], values: list[float]) -> tuple[Composition, 
     return Composition(baseline, tuple(CAUSES[n] for n in names)), np.array([DAMPING, MASS, OFFSET, *values])
 
 
-@pytest.mark.parametrize("friction", [pytest.param(0.0, marks=pytest.mark.slow), FRICTION])
+@pytest.mark.parametrize("friction", [
+    pytest.param(0.0, marks=pytest.mark.slow), pytest.param(FRICTION, marks=pytest.mark.seconds)])
 def test_of_a_spring_before_damper_and_friction_with_a_mass_outside(friction: float) -> None:
     """F = F_s + m a + F_0, Ḟ_s/k = v − w, F_s = c w + F_c tanh(w/ε) by scipy's Radau along the motion itself."""
     t, x, v, a = motion(1200)

@@ -48,19 +48,21 @@ def rk4(car: np.ndarray, friction: float, road: np.ndarray, force: np.ndarray, s
     """(n, 4) classical Runge-Kutta in relative coordinates; road and force at half steps (2n + 1)."""
     n = (road.size - 1) // 2
     out = np.zeros((n + 1, 4))
-    k = np.zeros((4, 4))
+    k, x = np.zeros((4, 4)), np.empty(4)
     for i in range(n):
         for stage in range(4):
             at = 2 * i + (0 if stage == 0 else 2 if stage == 3 else 1)
             share = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5
-            x = out[i] + (share * step * k[stage - 1] if stage else np.zeros(4))
+            for m in range(4):
+                x[m] = out[i, m] + share * step * k[stage - 1, m]
             slope = (road[2 * i + 2] - road[2 * i]) / step
             rate = x[1] - x[3]
             strut = car[2] * (x[0] - x[2]) + car[3] * rate + friction * np.tanh(rate / 1e-3) - force[at]
             k[stage, 0], k[stage, 2] = x[1], x[3]
             k[stage, 1] = -strut / car[0]
             k[stage, 3] = (strut - car[4] * (x[2] - road[at]) - car[5] * (x[3] - slope)) / car[1]
-        out[i + 1] = out[i] + step / 6 * (k[0] + 2 * k[1] + 2 * k[2] + k[3])
+        for m in range(4):
+            out[i + 1, m] = out[i, m] + step / 6 * (k[0, m] + 2 * k[1, m] + 2 * k[2, m] + k[3, m])
     return out
 
 
@@ -174,6 +176,7 @@ def test_geometry_knows_what_free_parameters_and_motion_alone_cannot_show():
     assert np.linalg.norm(left) < 1e-5 * size
 
 
+@pytest.mark.seconds
 def test_without_an_actuator_a_payload_is_taken_for_the_car_itself():
     alone = QuarterCarBaseline(CAR, free=FREE, actuated=False)
     found = described(records(Truth().scaled(sprung_mass=1.3), 13, actuated=False), alone)

@@ -113,6 +113,7 @@ def test_play_takes_its_width_after_every_reversal() -> None:
     assert np.abs(force - rigid)[engaged].max() < 2e-3 * np.abs(rigid).max()
 
 
+@pytest.mark.seconds
 def test_air_is_soft_at_first_and_gone_when_compressed() -> None:
     stroke, pressure, c, f, x = 1e-3, 400.0, 2e5, 1.0, 0.01
     s = sine(x, f, 3, 4096.0)
@@ -128,6 +129,7 @@ def test_air_is_soft_at_first_and_gone_when_compressed() -> None:
 
 
 # -- a stiff solver --------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_law_of_speed_position_and_current_in_series_follows_the_exact_solution() -> None:
     """ESR below 1e-5 at k = 1.5 MN/m, where the slope at rest is 48,000 N·s/m, on motion and current without jumps."""
     k, rate = 1.5e6, 512.0
@@ -232,6 +234,7 @@ def static_law(s: Signals) -> np.ndarray:
     return (900 + 300 * i) * v + (60 + 580 * i) * np.tanh(v / 0.025)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", PLACES)
 def test_the_rig_does_the_same_to_a_damper_without_memory(name: str) -> None:
     element, values, allowed = PLACES[name]

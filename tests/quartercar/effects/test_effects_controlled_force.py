@@ -57,6 +57,7 @@ def test_force_is_the_formula():
     np.testing.assert_allclose(force, 7 * v + i * (3 * np.tanh(v / 0.2) + 5 * v), rtol=1e-12)
 
 
+@pytest.mark.seconds
 def test_found_from_a_linear_law_with_its_numbers():
     causes = named(bingham(random_levels()), "linear")
     assert {"current-dependence", "coulomb-friction"} <= causes.keys()

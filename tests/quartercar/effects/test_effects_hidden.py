@@ -77,8 +77,9 @@ def test_one_hidden_cause_is_named(name: str) -> None:
 
 
 @pytest.mark.thinned(3)
-@pytest.mark.parametrize("name", ["coulomb-friction", "coil-lag", *(pytest.param(n, marks=pytest.mark.slow) for n in (
-    "one-sided-filter", "force-offset", "force-clipping"))])
+@pytest.mark.parametrize("name", [
+    pytest.param("coulomb-friction", marks=pytest.mark.seconds), "coil-lag", *(pytest.param(n, marks=pytest.mark.slow)
+    for n in ("one-sided-filter", "force-offset", "force-clipping"))])
 def test_a_short_record_names_it_too(name: str) -> None:
     found = hidden(name, duration=10.0)
     assert [c.name for c in found.causes] == [name], found

@@ -40,6 +40,7 @@ def linear(**values: float) -> DamperBaseline:
     return DamperBaseline(Linear(spring=True).replace(values=values))
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.8, -0.5])
 def test_the_loop_solves_its_differential_equation(share):
     s, d = motion(1.0), 0.003

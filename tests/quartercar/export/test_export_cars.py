@@ -207,6 +207,7 @@ def loop(damper, case) -> LoopLaw:
                    ChainSettings(SETS[sensors], inverse=inverse))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("case", LOOPS)
 @pytest.mark.parametrize("damper", INVERSES)
 def test_a_loop_law_agrees_with_the_chain_of_a_ride(damper, case):

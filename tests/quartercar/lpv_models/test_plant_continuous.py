@@ -145,6 +145,7 @@ def test_reduction_drops_what_the_car_does_not_move(reduced: EmbeddedDamper) -> 
         study(MEGANE, fourth_order(), CURRENTS, order=5)
 
 
+@pytest.mark.seconds
 def test_the_study_says_what_it_found(embedded: EmbeddedDamper) -> None:
     text, kept = str(embedded), embedded.to_dict()
     assert "damper about 0 A" in text and "free-run replay" in text and "as identified" in text

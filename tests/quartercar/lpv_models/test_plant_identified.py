@@ -129,6 +129,7 @@ def test_what_E9_refuses() -> None:
         IdentifiedDamper(MEGANE, LpvArx(order=1, stored=Held(bent.replace(lagged=True), ONE).to_dict()))
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("which, centre", [("plain", 1.25), ("moving knee", 1.25), ("embedded", 0.3),
                                            ("embedded", 1.25)])
 def test_a_ramped_force_is_the_nonlinear_car(which: str, centre: float) -> None:

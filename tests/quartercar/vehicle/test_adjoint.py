@@ -45,6 +45,7 @@ def road(sample_time: float, duration: float = 0.5) -> np.ndarray:
     return IsoRoad("E", 20.0, duration).profile(sample_time, 1)
 
 
+@pytest.mark.thinned(3)
 def test_it_runs_as_the_ordinary_ride_does(car: QuarterCar, case):
     elevation = road(case[1])
     command = np.repeat(np.random.default_rng(0).uniform(-0.2, 2.7, elevation.size // 3 + 1), 3)[:elevation.size]
@@ -58,6 +59,7 @@ def test_it_runs_as_the_ordinary_ride_does(car: QuarterCar, case):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=3e-9 * np.abs(theirs).max())
 
 
+@pytest.mark.thinned(3)
 def test_its_gradient_is_that_of_finite_differences(car: QuarterCar, case):
     elevation, rng = road(case[1]), np.random.default_rng(1)
     adjoint = AdjointCar(car, elevation, case[1])

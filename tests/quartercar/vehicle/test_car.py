@@ -286,6 +286,7 @@ class Dry(Toy):
         return np.sign(velocity)[:, None]
 
 
+@pytest.mark.seconds
 def test_dry_friction_holds_without_chatter():
     run = QuarterCar(MEGANE, Dry()).run(bump(1800, 0.03), STEP)
     stuck = run.after(1.5)
@@ -300,6 +301,7 @@ def test_dry_friction_holds_without_chatter():
 
 
 # -- every damper ------------------------------------------------------------------------------------------------------
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_damper_gives_its_own_response_inside_the_car(name: str):
     damper = truth(name)

@@ -31,6 +31,7 @@ def driven(car: QuarterCar, n: int, cars: int, seed: int = 0) -> tuple[Log, np.n
     return log, z, command
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("damper", "tolerance"), [
     (None, 1e-12), (Linear(values={"damping": 1200.0, "mass": 2.0}), 1e-12),
     (Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5)), 1e-12), (identified_damper(), 1e-6)])

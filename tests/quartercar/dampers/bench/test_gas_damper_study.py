@@ -119,6 +119,7 @@ def test_creep_in_one_direction_is_refused(rng: np.random.Generator) -> None:
 
 
 # -- ramps ---------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_ramps_recover_the_law_within_their_errors() -> None:
     scores = []
     for seed in range(6):

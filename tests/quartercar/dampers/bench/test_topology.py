@@ -274,6 +274,7 @@ def test_part_of_the_printed_margin_is_the_norm(rng: np.random.Generator) -> Non
     assert miss(best.force(v)) > 5 * miss(series.force(v))
 
 
+@pytest.mark.seconds
 def test_free_runs_rank_the_networks_the_same_way(rng: np.random.Generator) -> None:
     path, friction = TRUTHS["series"]
     records = []

@@ -58,6 +58,7 @@ def esr(damper, record: Record) -> float:
     return float(np.sum(error**2) / np.sum((force[run.start:] - force[run.start:].mean()) ** 2))
 
 
+@pytest.mark.seconds
 def test_spring_law_and_gas_come_back_from_reversed_data() -> None:
     training, held_out = (measured(s, turn=-1.0, centre=0.3) for s in (0, 1))
     facts = Facts.of([training], polarity=-1)

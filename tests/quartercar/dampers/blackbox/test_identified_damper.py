@@ -36,6 +36,7 @@ def car(damper) -> QuarterCar:
     return QuarterCar(MEGANE, damper, coil=Coil(lowest=0.23, highest=1.79))
 
 
+@pytest.mark.thinned(3)
 def test_it_runs_along_records_as_the_model_itself(kind):
     found, record = model(kind), run(1, mean=0.3)
     damper = Identified.of(found)

@@ -82,6 +82,7 @@ def test_without_current_it_is_a_hammerstein_model() -> None:
     np.testing.assert_allclose(found.static_force(v), settled, rtol=0.01)
 
 
+@pytest.mark.seconds
 def test_shape_and_lag_are_parameters() -> None:
     found = LpvArx(order=2).estimate([data(0, "tanh", noise=0.01)], FitSettings())
     damper = found.damper
@@ -98,6 +99,7 @@ def test_shape_and_lag_are_parameters() -> None:
     np.testing.assert_array_equal(again.response(drive, again.vector), damper.response(drive, damper.vector))
 
 
+@pytest.mark.seconds
 def test_it_starts_settled_without_a_measured_force() -> None:
     damper = LpvArx(order=1).estimate([data(0, "tanh", noise=0.01)], FitSettings()).damper
     held = Drive(1 / RATE, np.full(40, 0.2), np.zeros(40), np.full(40, 1.5))

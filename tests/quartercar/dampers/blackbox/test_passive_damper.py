@@ -47,6 +47,7 @@ def test_the_setting_is_kept_and_the_damper_certified(passive):
     assert not margin_of(passive).active
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("current", [0.0, 1.2, 2.5, "jumping"])
 def test_in_a_car_it_gives_no_more_than_it_has(passive, current):
     rng = np.random.default_rng(1)

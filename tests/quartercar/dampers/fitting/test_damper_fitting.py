@@ -160,6 +160,7 @@ def test_standard_errors_of_white_residuals_cover() -> None:
     assert 0.90 <= coverage(np.array([f.damper.vector for f in found]), std, true.vector) <= 0.985
 
 
+@pytest.mark.seconds
 def test_standard_errors_of_coloured_residuals_cover() -> None:
     """AR(1) noise of pole 0.9: plain standard errors would be about four times too small for slow motion."""
     v, estimates, errors = np.sin(0.02 * np.arange(6000)), [], []

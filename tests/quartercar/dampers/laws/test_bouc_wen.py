@@ -169,6 +169,7 @@ def test_other_exponents_from_their_printed_form(exponent: float) -> None:
     assert rms(force - exact, exact) < 5e-4
 
 
+@pytest.mark.seconds
 def test_voltage_steps_against_lsoda() -> None:
     """The lag is exact for a voltage that is linear between samples: 0 → 2 V within one of them."""
     t, x, v = motion(0.6, 1 / 1024)

@@ -67,6 +67,7 @@ def test_a_turbulent_bridge_is_homogeneous_balanced_and_gives_no_power():
     assert np.allclose(net.pressure(-q), -net.pressure(q), rtol=1e-12)
 
 
+@pytest.mark.seconds
 def test_it_contains_series_and_parallel_and_inverts():
     leak, orifice, gap = Laminar(3.0), Turbulent(0.7), Laminar(0.2)
     net = Bridged([Branch("in", "a", gap), Branch("a", "out", orifice), Branch("out", "in", leak)])

@@ -93,6 +93,7 @@ def test_response_against_the_printed_equations(current: float) -> None:
     assert np.abs(damper.response(drive, damper.vector) - exact).max() < 2e-4 * exact.std()
 
 
+@pytest.mark.seconds
 def test_the_scale_of_z_that_was_removed_leaves_the_force_unchanged() -> None:
     """z' = κz, δ' = κδ, γ' = γ/κ, β' = β/κ, α' = α/κ; sheet 7.1, n = 2."""
     damper, drive = asymmetric(), sine(0.8, current=0.3)
@@ -187,6 +188,7 @@ def runge_kutta(damper: ExtendedBoucWen, drive: Drive) -> np.ndarray | None:
     return np.array(out)
 
 
+@pytest.mark.seconds
 def test_runge_kutta_at_1_ms_diverges_beyond_its_limit_where_this_step_stays_accurate() -> None:
     """(αδ + k_0)/(c_0 + c_1) = 3200 s⁻¹ > 2785 s⁻¹, sheet 1.2.5; slip is kept small so that nothing else is fast."""
     damper, drive = uniform(3.2e4, yield_force=1500.0), sine(2.5)
@@ -213,6 +215,7 @@ def test_runge_kutta_serves_below_the_limit() -> None:
     assert explicit is not None and np.abs(explicit - exact).max() < 1e-3 * exact.std()
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize(("sharpness", "explicit_error"), [(5e3, 1e-4), (2e4, 0.25), (8e4, None), (1e6, None)])
 def test_the_figures_that_the_docstring_states(sharpness: float, explicit_error: float | None) -> None:
     damper, drive = uniform(sharpness), sine(1.3)

@@ -219,6 +219,7 @@ def real(folder: Path, pattern: str) -> list[Record]:
     return [with_velocity(r) for path in sorted(folder.glob(pattern)) for r in read(path)]
 
 
+@pytest.mark.seconds
 def test_real_sines_at_a_current_that_was_not_fitted(shared_data: Path) -> None:
     runs = {level: real(shared_data / "mr_damper_sines", f"*Hz{level}A.csv") for level in ("0", "0p25", "0p75", "1")}
     training = [r for level in ("0", "0p25", "1") for r in runs[level]]

@@ -215,6 +215,7 @@ def test_starts_are_near_the_truth(kind: type[NetworkDamper], asymmetric: bool, 
     assert all(np.all(s >= [p.lower for p in m.parameters]) for s in first)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("kind", MODELS)
 @pytest.mark.parametrize("asymmetric", [False, True])
 def test_a_fit_recovers_the_network(kind: type[NetworkDamper], asymmetric: bool, rng: np.random.Generator) -> None:

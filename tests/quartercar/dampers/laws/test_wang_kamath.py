@@ -128,6 +128,7 @@ def test_the_regression_of_its_own_force_starts_next_to_the_truth(rng: np.random
     assert best[[1, 2, 4]] == pytest.approx(model.vector[[1, 2, 4]], rel=0.25)
 
 
+@pytest.mark.seconds
 def test_recovered_from_its_own_simulation() -> None:
     truth = WangKamath(degree=1, current_scale=2.0, values={
         "force_inertia_0": 3e-6, "force_inertia_1": 2e-6, "force_lag_0": 8e-4, "force_lag_1": 5e-4,
