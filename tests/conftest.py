@@ -39,17 +39,6 @@ of the processor time of light tests (13.9 s for 11.7 s, `tests/contracts/test_e
 def pytest_configure(config: pytest.Config) -> None:
     """Collect garbage less often: the thousands of tests themselves are most of what it would look through."""
     gc.set_threshold(*GENERATIONS)
-    if _from_the_other_end(config):
-        config.args.reverse()
-
-
-def _from_the_other_end(config: pytest.Config) -> bool:
-    """Whether this is every second of the workers over all: it collects from the other end.
-
-    What one worker has compiled to byte code or rewritten, the other then finds.
-    """
-    worker = getattr(config, "workerinput", {}).get("workerid", "gw0")
-    return worker[-1] in "13579" and {Path(a).name for a in config.args} == {*config.getini("testpaths")}
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
@@ -58,11 +47,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none."""
-    if _from_the_other_end(config):
-        places = {name: k for k, name in enumerate(config.getini("testpaths"))}
-        items.sort(key=lambda item: places[item.nodeid.split("::")[0].split("/")[0]])
     seen: dict[str, int] = {}
     for item in items:
         if item.get_closest_marker("seconds") is not None:

@@ -145,7 +145,8 @@ class StribeckFriction(ParallelForce):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("breakaway", "N", "F_s, above the sliding friction", 0.0, (0.0, 300.0), (0.0, 1e6),
                                 (30.0,)),
-                EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (1e-6, 2.0), (0.002, 0.005, 0.01, 0.02, 0.05)))
+                EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (1e-6, 2.0),
+                                (0.002, 0.005, 0.01, 0.02, 0.05)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         force, speed = float(values[0]), float(values[1])
