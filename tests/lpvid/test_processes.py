@@ -94,11 +94,15 @@ def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, with
     code = f"""
         from lpvid import _processes
         _processes.WORKER = "from lpvid import _processes\\n" + {without!r} + "_processes.serve({{}})"
-        _processes.in_processes(eval, ["print(__import__('os').getpid(), flush=True) or {work}"] * 2, workers=2)
+        number = "__import__('os').write(1, b'%d' % __import__('os').getpid() + bytes([10]))"
+        _processes.in_processes(eval, [number + " and {work}"] * 2, workers=2)
     """
     with subprocess.Popen([sys.executable, "-c", textwrap.dedent(code)], stderr=subprocess.PIPE, text=True) as parent:
-        assert parent.stderr is not None  # what the work prints goes there
-        workers = {int(parent.stderr.readline()) for _ in range(2)}
-        parent.send_signal(how)
-        parent.wait()
+        assert parent.stderr is not None  # what the work prints goes there, each number by one call
+        try:
+            workers = {int(parent.stderr.readline()) for _ in range(2)}
+            parent.send_signal(how)
+            parent.wait()
+        finally:
+            parent.kill()
         assert len(workers) == 2 and all(gone(pid) for pid in workers)
