@@ -15,6 +15,8 @@ from lpvid.diagnosis.hopping import hop, hopped
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.signals import LONG
 
+AT_BOUND = 1e-6
+"""of its own scale, within which a parameter lies on a bound"""
 ITERATIONS = 25
 PROMISE, ROUGHLY = 0.02, 0.3
 """fall of the log-likelihood that a step must promise to be worth a run, and in a rough refit"""
@@ -86,7 +88,7 @@ class Refit:
     def at_bounds(self) -> np.ndarray:
         """(P,) bool: parameters that lie on a bound."""
         low, high = self.composition.bounds
-        slack = 1e-6 * self.composition.scales
+        slack = AT_BOUND * self.composition.scales
         return (self.vector <= low + slack) | (self.vector >= high - slack)
 
 

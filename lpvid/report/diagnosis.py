@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
 from lpvid.diagnosis.evidence.search import MISSED
+from lpvid.diagnosis.evidence.weighing import NORMAL
 from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
@@ -29,8 +30,6 @@ from lpvid.report.page import (
 )
 from lpvid.validation.residuals import probability
 
-NORMAL = 1.96
-"""standard errors on either side of a 95 % interval"""
 SIGNIFICANT = 0.05
 TINY = float(np.finfo(float).tiny)
 """p-values below underflow."""

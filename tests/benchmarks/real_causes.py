@@ -97,7 +97,7 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
 
 def _base(name: str) -> str:
     """The group whose fair answers hold."""
-    return name.partition(":")[0]
+    return real_records.group(name).of or name
 
 
 def _path(out: Path, options: argparse.Namespace) -> Path:

@@ -112,7 +112,7 @@ class EvidenceOutcome:
         rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
         rejected += [Rejected(m.effect.name, NO_GAIN) for m in found if not members]
         known = {m.effect.name for m in found}
-        why_not = {**dict.fromkeys(self.refused, NO_GAIN), **dict(j.dropped), **self._impossible()}
+        why_not = {**dict.fromkeys(self.refused, NO_GAIN), **dict(j.dropped), **self._at_bounds()}
         rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
         verdict, reason = self._verdict(named, contested,
                                         [m for m in found if not members or objections[m.effect.name]])
@@ -169,13 +169,13 @@ class EvidenceOutcome:
     def _of_family(self, m: Member) -> str:
         return f", something of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED else ""
 
-    def _impossible(self) -> dict[str, str]:
-        """Causes that the data ask more of than there can be, and why, where sets with them would come first."""
+    def _at_bounds(self) -> dict[str, str]:
+        """Causes at their bounds, and why they are rejected, where sets with them would come first."""
         s, best = self.search, self.judged.sets[0][0]
         least = best.evidence(s.kept)
-        sets = [w for w in s.visited.values() if w.ends and w.were_it_possible(s.kept) > least]
-        return {n: f"it would fit best at the end of what is possible, {end}: it imitates something else"
-                for w in sets for n, end in w.ends.items() if n not in best.members}
+        sets = [w for w in s.visited.values() if w.at_bounds and w.unbounded_evidence(s.kept) > least]
+        return {n: f"it fits best at its bound, {bound}: the data ask for more of it than is possible"
+                for w in sets for n, bound in w.at_bounds.items() if n not in best.members}
 
     def _share(self) -> tuple[float, float]:
         """Share of the baseline's squared error out of fold, beyond noise where repeats tell it, that the set takes."""

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
 from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.refitting import Refit
+from lpvid.diagnosis.refitting import AT_BOUND, Refit
 
 ROOM = 10.0
 """scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
@@ -22,8 +22,8 @@ ABSENT = 1e-6
 """change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
 TINY = 1e-300
 """curvature, of parameters in their own units, below which nothing answers to one"""
-INTERVAL = 1.96
-"""standard errors of a 95 % interval"""
+NORMAL = 1.96
+"""standard errors on either side of a 95 % interval"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,19 +100,20 @@ class Weighed:
         return tuple(change_by(self.data.problem, self.fit, e) / self.data.discrepancy.force for e in self.effects)
 
     @cached_property
-    def ends(self) -> dict[str, str]:
-        """Effects whose strength stands at the end of what is possible, within what the clock leaves open: where.
+    def at_bounds(self) -> dict[str, str]:
+        """Effects whose strength stands at its bound, within what the clock leaves open, and the bound.
 
         These data ask for more of it than there can be: it imitates something else (a displacement recorded a tenth of
         a second late). A share, which has no unit, may be all of it.
         """
         found = {}
         low, high = self.fit.composition.bounds
+        scales = self.fit.composition.scales
         for e, place in zip(self.effects, self.fit.composition.places, strict=True):
-            open_ = INTERVAL * e.clock_errors(self.fit.vector[place], self.data.problem.signals)
+            clock = NORMAL * e.clock_errors(self.fit.vector[place], self.data.problem.signals)
             for k, p in enumerate(e.parameters[: e.strengths]):
                 v, j = float(self.fit.vector[place][k]), place.start + k
-                slack = float(open_[k]) + 1e-6 * abs(high[j] - low[j])
+                slack = float(clock[k]) + AT_BOUND * scales[j]
                 for end in (low[j], high[j]):
                     if p.unit and end != p.neutral and abs(v - end) <= slack:
                         found[e.name] = f"{p.name} {end:g} {p.unit}".rstrip()
@@ -128,12 +129,12 @@ class Weighed:
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
         parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` each. A parameter
-        that these data do not reach costs nothing. A set with a strength at the end of what is possible has none.
+        that these data do not reach costs nothing. A set with a strength at its bound has none.
         """
-        return -np.inf if self.ends else self.were_it_possible(kept)
+        return -np.inf if self.at_bounds else self.unbounded_evidence(kept)
 
-    def were_it_possible(self, kept: float) -> float:
-        """The same, wherever strengths stand.
+    def unbounded_evidence(self, kept: float) -> float:
+        """The same, also where a strength stands at its bound.
 
         Parameters
         ----------

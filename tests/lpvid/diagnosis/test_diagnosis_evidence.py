@@ -410,7 +410,7 @@ def test_a_cause_that_would_have_to_be_more_than_there_can_be_is_not_named(there
     found = diagnose([data], Bent(), [Bounded(), Cubic()])
     assert [c.name for c in found.causes if c.name == "dry"] == named
     if not named:
-        assert any(r.name == "dry" and "at the end of what is possible, gain 0.5 V" in r.why for r in found.rejected)
+        assert any(r.name == "dry" and "at its bound, gain 0.5 V" in r.why for r in found.rejected)
 
 
 @pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
