@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from lpvid.auditing import clock, coherence, excitation, force, gains, motion, naming, resting, spectrum, values
+from lpvid.auditing import coherence, motion
+from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
-from lpvid.auditing.view import View, view
+from lpvid.auditing.streamed import audit_stream
+from lpvid.auditing.view import view
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
 from lpvid.record import Record
 
 __all__ = ["Audit", "Finding", "audit", "motion_remarks"]
-
-RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
-    clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
-    clock.unitless,
-    values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
-    values.duplicates,
-    motion.velocity_against_displacement, resting.rests, resting.flat_peaks,
-    force.polarity, force.offset, force.drift,
-    excitation.repeated, spectrum.moving_average, naming.nominal,
-)
-"""Checks of one record at a time."""
-
-DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
-    clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.mixed_polarity, force.offset_between,
-    motion.magnitude, excitation.scheduling, excitation.same_excitation, gains.motion_gain_varies,
-    gains.force_gain_varies,
-)
-"""Checks of all records together."""
 
 
 def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[str] | None = None,
@@ -69,8 +53,6 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     ['--flip force']
     """
     if isinstance(records, Chunks):
-        from lpvid.auditing.streamed import audit_stream
-
         return audit_stream(records, scheduling=scheduling, inputs=inputs)
     listed = as_records(records, units=units)
     if not listed:

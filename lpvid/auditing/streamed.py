@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from lpvid.auditing import DATA_SET_CHECKS, RECORD_CHECKS
+from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.coherence import coherent_inputs
 from lpvid.auditing.findings import SEVERITIES, Audit, Finding, ordered
 from lpvid.auditing.view import View, view

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.identification.arx import ARX
 from lpvid.identification.layout import ParameterLayout
+from lpvid.identification.pem_sweep import CHUNK, sweep_record
 from lpvid.identification.regression import Columns
 from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
@@ -18,8 +19,6 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import DIVERGED
 
-CHUNK = 1024
-"""samples whose sensitivities are in memory at once."""
 STAGE_STEP = 1e-4
 """central difference of a stage's parameter, in units of its search scale."""
 
@@ -256,8 +255,6 @@ class PredictionErrorProblem:
         ``consumer(record)`` gives a function that is called as ``absorb(write, rows)`` for each chunk in turn;
         ``write(block, row0, output)`` writes the weighted rows [J_past J_shared e] of one output, transposed.
         """
-        from lpvid.identification.pem_sweep import sweep_record
-
         model = self.model_at(point.shared)
         slopes = self._stage_slopes(point)
         for i, (u, phi) in enumerate(self.drive(model)):

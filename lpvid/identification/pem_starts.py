@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lpvid.identification.pem_problem import CHUNK, PredictionErrorProblem
+from lpvid.identification.pem_problem import PredictionErrorProblem
+from lpvid.identification.pem_sweep import CHUNK
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record

@@ -3,21 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
+from lpvid.identification.layout import ParameterLayout
+from lpvid.identification.regression import Columns
 from lpvid.model.transfer_function import LPVTransferFunction
 
-if TYPE_CHECKING:
-    from lpvid.identification.pem_problem import PredictionErrorProblem
-
+CHUNK = 1024
+"""samples whose sensitivities are in memory at once."""
 FADED = 1e-60
 """sensitivity below which what is carried into the next chunk counts as zero."""
 
 
+class Swept(Protocol):
+    """What a sweep reads of a prediction-error problem.
+
+    Attributes
+    ----------
+    layout : ParameterLayout
+    columns : Columns
+    weights : (ny,) array
+        Of the outputs.
+    start, depth : int
+        First sample with a whole past, and how much of the past is unknown.
+    estimate_past : bool
+    """
+
+    layout: ParameterLayout
+    columns: Columns
+    weights: np.ndarray
+    start: int
+    depth: int
+    estimate_past: bool
+
+
 def sweep_record(
-    problem: PredictionErrorProblem,
+    problem: Swept,
     model: LPVTransferFunction,
     signals: tuple[np.ndarray, np.ndarray, np.ndarray],
     state: tuple[np.ndarray, np.ndarray],
@@ -28,17 +51,15 @@ def sweep_record(
 
     Parameters
     ----------
-    problem : Problem
+    problem : Swept
     model : LPVTransferFunction
     signals : y (n, ny), u (width, n), phi (M, n)
     state : e (n, ny), and x (n, ny) or the equation error
     slopes : (n, ny) arrays
         Columns of the free stage parameters.
     absorb : callable
-        ``absorb(write, rows)``, see `Problem.sweep`.
+        ``absorb(write, rows)``, see `PredictionErrorProblem.sweep`.
     """
-    from lpvid.identification.pem_problem import CHUNK
-
     sweep = _Sweep(problem, model, signals, state, slopes)
     if problem.depth:
         sweep.head()
@@ -55,10 +76,8 @@ def sweep_record(
 class _Sweep:
     """Sensitivities of one chunk behind those of the last few samples."""
 
-    def __init__(self, problem: PredictionErrorProblem, model: LPVTransferFunction, signals: tuple, state: tuple,
+    def __init__(self, problem: Swept, model: LPVTransferFunction, signals: tuple, state: tuple,
                  slopes: Sequence[np.ndarray]) -> None:
-        from lpvid.identification.pem_problem import CHUNK
-
         self.problem, self.model, self.noise = problem, model, model.noise
         self.y, self.u, self.phi = signals
         self.e, self.plant = state

@@ -2,8 +2,9 @@
 
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures
 from lpvid.validation.regimes import Regime
-from lpvid.validation.report import Validation, acting_model, figures, validate
+from lpvid.validation.report import acting_model, figures, validate
 from lpvid.validation.residuals import LAGS, ResidualTest, residual_tests
+from lpvid.validation.result import Validation
 
 __all__ = [
            "LAGS",

@@ -10,6 +10,8 @@ import numpy as np
 from lpvid.codec import Encoded
 
 LAGS = 25
+OTHER_LAGS = (5, 100)
+"""numbers of lags over which whiteness is tested beside the usual one."""
 LEVEL = 0.01
 EXACT = 1e-11
 """residual over output below which a model is exact, and its residual nothing but rounding."""

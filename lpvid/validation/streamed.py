@@ -18,8 +18,8 @@ from lpvid.record import Channel, Record
 from lpvid.simulation import Model, predict, simulate
 from lpvid.training_fingerprint import SAMPLES, seen_records
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
-from lpvid.validation.report import OTHER_LAGS, Validation
-from lpvid.validation.residuals import LAGS, ResidualTest, independence, whiteness
+from lpvid.validation.residuals import LAGS, OTHER_LAGS, ResidualTest, independence, whiteness
+from lpvid.validation.result import Validation
 
 
 class StreamedRuns:
