@@ -15,6 +15,7 @@ from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import GainCertificate
+from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
@@ -186,7 +187,5 @@ def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
 
 
 def _certificate(data: Mapping) -> GainCertificate:
-    from lpvid.analysis.hull_certificate import HullCertificate
-
     kind = HullCertificate if data.get("schema") == HullCertificate.SCHEMA else GainCertificate
     return kind.from_dict(data)  # type: ignore[return-value]

@@ -8,91 +8,26 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.analysis.gain import Gain
-from lpvid.errors import InputError
 from lpvid.lmi.affine import block, he
-from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import Certificate
-from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import frame_of
-from lpvid.lmi.gain_certificate import certify_gain
+from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at, scheduling_points
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage_search import SOLVERS
 from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
+
+__all__ = ["HullCertificate", "hull_gain"]
 
 MARGIN = 1e-7
 """of the inequalities, in balanced coordinates"""
 RAISED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 """shares above the solver's bound at which its matrix is checked"""
-
-
-@dataclass(frozen=True, eq=False)
-class HullCertificate(Certificate):
-    """One P that bounds a gain for every trajectory, however fast, in a polytope of the scheduling.
-
-    Parameters
-    ----------
-    gamma : float
-    matrix : (n, n) array
-        P.
-    names : tuple of str
-    vertices : (V, len(names)) array
-    sample_time : float or None
-    model_hash : str
-    inputs, outputs : tuple of str
-    margin : float
-    solver : str
-    """
-
-    gamma: float
-    matrix: np.ndarray
-    names: tuple[str, ...]
-    vertices: np.ndarray
-    sample_time: float | None
-    model_hash: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    margin: float
-    solver: str = ""
-
-    SCHEMA = "lpvid/hull-certificate/1"
-    NOUN = "a hull certificate"
-    kind = "quadratic"
-    between_grid = True
-
-    @property
-    def claim(self) -> str:
-        """What the certificate states, in words."""
-        return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
-                f"trajectory of {', '.join(self.names)} in a polytope of {len(self.vertices)} vertices, however fast")
-
-    def subject(self, model: LPVStateSpace) -> Driven:
-        return _affine(model, self.names)
-
-    def fault(self, model: LPVStateSpace, subject: Driven) -> str:
-        fault = super().fault(model, subject)
-        if not fault and (self.inputs, self.outputs) != (subject.inputs, subject.outputs):
-            fault = "the certificate names other signals than the model has"
-        if not fault and not np.array_equal(self.matrix, self.matrix.T):
-            fault = "the certificate's matrix is not symmetric"
-        return fault
-
-    def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
-        return _recheck(subject, self.names, self.vertices, self.matrix, self.gamma)
-
-    @classmethod
-    def array_shapes(cls, values: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-        n = len(values["matrix"])
-        return {"matrix": (n, n), "vertices": (-1, len(values["names"]))}
 
 
 def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
@@ -117,6 +52,7 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
 
     Examples
     --------
+    >>> from lpvid.scheduling import Polynomial
     >>> corner = Hull.of(("p", "q"), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
     >>> model = LPVStateSpace([[[-2.5]], [[1.0]], [[1.0]]], [[[1.0]], [[0.0]], [[0.0]]], [[[1.0]], [[0.0]], [[0.0]]],
     ...                       np.zeros((3, 1, 1)), Polynomial(("p", "q"), 1), None)
@@ -125,8 +61,8 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     (0.667, 'certified')
     """
     started = time.perf_counter()
-    plant, vertices = _affine(system, hull.names), hull.vertices()
-    points = _points(plant, hull.names, vertices)
+    plant, vertices = affine_driven(system, hull.names), hull.vertices()
+    points = scheduling_points(plant, hull.names, vertices)
     a, b, c, d = plant.matrices(points)
     discrete = plant.sample_time is not None
     signals = plant.inputs, plant.outputs
@@ -140,7 +76,7 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     lower = max(h_infinity_norm((a[k], b[k], c[k], d[k]), discrete)[0] for k in range(len(a)))
     for p, gamma, solver in _proposals(plant, points, lower):
         for share in RAISED:
-            found = _recheck(plant, hull.names, vertices, p, gamma * (1 + share))
+            found = recheck_at(plant, hull.names, vertices, p, gamma * (1 + share))
             if found.holds:
                 proof = HullCertificate(gamma * (1 + share), p, hull.names, vertices, plant.sample_time, plant.digest,
                                         *signals, found.margin, solver)
@@ -149,32 +85,6 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     return Gain("not certified", math.inf, lower, None, None, *signals,
                 "no constant storage function was found that bounds the gain", "a smaller hull, or l2_gain with rate "
                 "bounds on its box", time.perf_counter() - started)
-
-
-def _affine(system: LPVStateSpace, names: tuple[str, ...]) -> Driven:
-    basis = system.basis
-    if not isinstance(basis, Polynomial) or basis.degree > 1:
-        raise InputError("a hull needs a system that is affine in its scheduling variables",
-                         got=", ".join(basis.labels), mend="name products as further variables, or use l2_gain on the "
-                         "box")
-    if set(basis.names) - set(names):
-        raise InputError("the hull lacks a scheduling variable of the system", got=", ".join(names),
-                         why=f"it reads {', '.join(basis.names)}", mend="a hull of samples of all of them")
-    return driven(system)
-
-
-def _points(system: Driven, names: tuple[str, ...], vertices: np.ndarray) -> np.ndarray:
-    """The vertices over what the system reads."""
-    return np.unique(vertices[:, [names.index(r.label) for r in system.readings]], axis=0)
-
-
-def _recheck(system: Driven, names: tuple[str, ...], vertices: np.ndarray, p: np.ndarray, gamma: float) -> Recheck:
-    points = _points(system, names, vertices)
-    everywhere = np.broadcast_to(p, (len(points), *p.shape))
-    later = everywhere[:, None] if system.sample_time is not None else None
-    found = certify_gain(system.matrices(points), everywhere, gamma, later=later)
-    why = "proven on the polytope by its vertices" if found.holds else found.why
-    return Recheck(found.holds, found.holds, found.margin, why)
 
 
 def _proposals(system: Driven, points: np.ndarray, floor: float):

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.export.c_printer import CPrinter, c_number, initializer
-from lpvid.export.exportable import Exportable
+from lpvid.export.contract import Exportable
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.export.tangent import tangent
 

@@ -1,120 +1,24 @@
-"""Exportable: a model as a step program, with the simulation that the program must reproduce."""
+"""A model as a step program: whose exporter makes it, and what is held in it."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.export.contract import SAMPLES, Exportable, Exporter, Options, smooth_noise, within
 from lpvid.export.expression import Array, Symbol
-from lpvid.export.step_program import StepProgram
+from lpvid.export.model_steps import EXPORTER
+
+__all__ = ["SAMPLES", "Exportable", "Exporter", "Options", "exportable", "exporters", "flow_of", "has_step", "held",
+           "smooth_noise", "within"]
 
 ENTRY_POINTS = "lpvid.exports"
 """Group under which another package names its `Exporter`, as ``name = "package.module:EXPORTER"``."""
-SAMPLES = 200
-"""samples of the reference data of a self-test"""
-
-
-@dataclass(frozen=True, eq=False)
-class Options:
-    """How a model is exported.
-
-    Attributes
-    ----------
-    name : str
-        Prefix of files and functions; left out, one from the model's kind.
-    clamp : bool or None
-        Hold the scheduling inside the model's box; left out, for designed controllers only.
-    sample_time : float or None
-        Period of what runs at any [s]; what is sampled keeps its own.
-    at : mapping of str to float
-        Inputs to hold: a model frozen at its scheduling.
-    """
-
-    name: str = ""
-    clamp: bool | None = None
-    sample_time: float | None = None
-    at: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Exportable:
-    """A step program with its oracle.
-
-    Attributes
-    ----------
-    program : StepProgram
-    reference : callable
-        (n, inputs) samples to (n, outputs): this package's own simulation from rest, not the program.
-    excite : callable
-        (n, rng) to (n, inputs): a random trajectory inside the ranges.
-    model : object
-        What was exported.
-    """
-
-    program: StepProgram
-    reference: Callable[[np.ndarray], np.ndarray]
-    excite: Callable[[int, np.random.Generator], np.ndarray]
-    model: Any
-
-    def trial(self, samples: int = SAMPLES, seed: int = 0, single: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """A random trajectory and what the simulation makes of it.
-
-        Parameters
-        ----------
-        samples, seed : int
-        single : bool
-            Inputs that single precision holds exactly, so that only the arithmetic is compared.
-
-        Returns
-        -------
-        (n, inputs) array
-        (n, outputs) array
-        """
-        u = self.excite(samples, np.random.default_rng(seed))
-        u = u.astype(np.float32).astype(float) if single else u
-        y = np.asarray(self.reference(u), dtype=float).reshape(samples, len(self.program.outputs))
-        if not np.isfinite(y).all():
-            raise InputError("an unstable model is not exported as a step",
-                             got=f"a self-test of {self.program.name} that leaves all bounds at sample "
-                             f"{int(np.argmin(np.isfinite(y).all(axis=1)))}",
-                             mend="identify again with a lower order, or with --passive")
-        return u, y
-
-    def rounding(self, samples: int = SAMPLES) -> float:
-        """How far rounding of the inputs to single precision moves the simulation, relative to the largest output.
-
-        No arithmetic in single precision can be expected to do better: it is the condition of the task times 6e-8.
-        """
-        u, y = self.trial(samples, single=True)
-        signs = np.random.default_rng(1).choice([-1.0, 1.0], u.shape)
-        moved = np.asarray(self.reference(u * (1 + signs * 2.0**-24)), dtype=float).reshape(y.shape)
-        scale = np.abs(y).max(axis=0, initial=0.0)
-        return float((np.abs(moved - y).max(axis=0, initial=0.0) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Exporter:
-    """What one package can export.
-
-    Attributes
-    ----------
-    accepts : callable
-        Noun to bool.
-    prepare : callable
-        (noun, Options) to Exportable; InputError where this one has no step, with the nearest that has.
-    flow : callable
-        (noun, Options) to `lpvid.export.flow.Flow`, or None for what is not continuous.
-    """
-
-    accepts: Callable[[Any], bool]
-    prepare: Callable[[Any, Options], Exportable]
-    flow: Callable[[Any, Options], Any] = lambda noun, options: None
 
 
 def exporters() -> Sequence[Exporter]:
@@ -126,8 +30,6 @@ def exporters() -> Sequence[Exporter]:
         An entry point that does not load, or names something else.
     """
     from importlib.metadata import entry_points
-
-    from lpvid.export.model_steps import EXPORTER
 
     found = [EXPORTER]
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda e: (e.name, e.value)):
@@ -189,22 +91,6 @@ def flow_of(noun: Any, options: Options | None = None) -> Any:
         if exporter.accepts(noun):
             return exporter.flow(noun, options or Options())
     return None
-
-
-def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: float = 0.7) -> np.ndarray:
-    """(n, columns) low-passed noise within ±1: a random trajectory that visits the whole range."""
-    raw = rng.standard_normal((samples + 50, columns))
-    out = np.zeros_like(raw)
-    for k in range(1, len(raw)):
-        out[k] = memory * out[k - 1] + (1 - memory) * raw[k]
-    out = out[50:]
-    return out / np.maximum(np.abs(out).max(axis=0, initial=0.0), 1e-300)
-
-
-def within(samples: int, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(n, k) random trajectories that fill [low, high]."""
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
-    return 0.5 * (low + high) + 0.5 * (high - low) * smooth_noise(samples, low.size, rng)
 
 
 def held(found: Exportable, at: Mapping[str, float]) -> Exportable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -153,6 +153,12 @@ FORMS: Mapping[str, tuple[str, str]] = {
     "csv": ("lpvid.export.csv_tables", "csv_content"),
 }
 """Where each form is written: module and function from (Exportable, precision) to `Content`."""
+FLOW_FORMS: Mapping[str, tuple[str, str]] = {
+    "fmu2": ("lpvid.export.fmu", "fmi2_flow_content"),
+    "fmu3": ("lpvid.export.fmu", "fmi3_flow_content"),
+    "modelica": ("lpvid.export.modelica", "modelica_flow_content"),
+}
+"""Forms that hold a continuous model as it is: module and function from (Flow, precision) to `Content`."""
 
 
 def content(model: Any, form: str, options: Options | None = None, precision: str = "double") -> Content:
@@ -163,16 +169,18 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
     InputError
         An unknown form; a model that the form cannot hold, with the nearest that can.
     """
-    module, function = FORMS[_checks.one_of(form, tuple(FORMS), "the form of an export")]
-    if form.startswith(("fmu", "modelica")) and (flow := flow_of(model, options)) is not None:
-        from lpvid.export.fmu import flow_content
-        from lpvid.export.modelica import modelica_flow_content
-
+    _checks.one_of(form, tuple(FORMS), "the form of an export")
+    if form in FLOW_FORMS and (flow := flow_of(model, options)) is not None:
         if options is not None and options.at:
             raise InputError("inputs of a continuous model are not held", got=", ".join(options.at),
                              mend="discretise it (lpvid.discretise), or let the importer set them")
-        return modelica_flow_content(flow, precision) if form == "modelica" else flow_content(flow, form, precision)
-    return getattr(importlib.import_module(module), function)(exportable(model, options), precision)
+        return _writer(FLOW_FORMS[form])(flow, precision)
+    return _writer(FORMS[form])(exportable(model, options), precision)
+
+
+def _writer(place: tuple[str, str]) -> Callable[[Any, str], Content]:
+    module, function = place
+    return getattr(importlib.import_module(module), function)
 
 
 def written(made: Content, folder: str | os.PathLike) -> Export:

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.export.basis_steps import basis_values, staged
-from lpvid.export.exportable import Options, within
+from lpvid.export.contract import Options, within
 from lpvid.export.expression import Expr, clipped
 from lpvid.export.state_space_steps import mixed
 from lpvid.export.step_builder import StepBuilder

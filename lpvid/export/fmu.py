@@ -22,7 +22,7 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import compile_c, find_compiler
 from lpvid.export.c_printer import c_number
 from lpvid.export.c_source import header, source
-from lpvid.export.exportable import Exportable, Options
+from lpvid.export.contract import Exportable, Options
 from lpvid.export.exporting import Content, Export, content, written
 from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import Variable, build_description, model_description, variables
@@ -184,6 +184,50 @@ def packed(archive: dict[str, bytes]) -> bytes:
 
 
 # -- continuous models -----------------------------------------------------------------------------------------------
+def fmi2_flow_content(flow: Flow, precision: str = "double") -> Content:
+    """The FMU of a continuous model, for model exchange in FMI 2.0.
+
+    Parameters
+    ----------
+    flow : Flow
+    precision : str
+        "double"; FMI's variables are.
+
+    Returns
+    -------
+    Content
+        One file, in memory.
+
+    Raises
+    ------
+    InputError
+        Another precision, a model without states.
+    """
+    return flow_content(flow, "fmu2", precision)
+
+
+def fmi3_flow_content(flow: Flow, precision: str = "double") -> Content:
+    """The FMU of a continuous model, for model exchange in FMI 3.0.
+
+    Parameters
+    ----------
+    flow : Flow
+    precision : str
+        "double"; FMI's variables are.
+
+    Returns
+    -------
+    Content
+        One file, in memory.
+
+    Raises
+    ------
+    InputError
+        Another precision, a model without states.
+    """
+    return flow_content(flow, "fmu3", precision)
+
+
 def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
     """The FMU of a continuous model, for model exchange in FMI 2.0 or 3.0."""
     _double(precision)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.export.exportable import Exportable, Exporter, Options, within
+from lpvid.export.contract import Exportable, Exporter, Options, within
 from lpvid.export.flow import flow_of
 from lpvid.export.quasi_steps import compliance_program, quasi_program
 from lpvid.export.state_space_steps import state_space_program

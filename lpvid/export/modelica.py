@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.export.exportable import Exportable, Options
+from lpvid.export.contract import Exportable, Options
 from lpvid.export.exporting import Content, Export, content, written
 from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import BASE

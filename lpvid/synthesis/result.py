@@ -24,7 +24,7 @@ VERDICTS = ("solved", "backed-off", "infeasible", "unstabilisable", "undetectabl
 the last four come without a controller."""
 _CERTIFICATES = {
     "lpvid/gain-certificate/1": ("lpvid.lmi.gain_certificate", "GainCertificate"),
-    "lpvid/hull-certificate/1": ("lpvid.analysis.hull_certificate", "HullCertificate"),
+    "lpvid/hull-certificate/1": ("lpvid.lmi.hull_certificate", "HullCertificate"),
     "lpvid/rated-gain-certificate/1": ("lpvid.analysis.rated_certificate", "RatedGainCertificate"),
     "lpvid/robust-certificate/1": ("lpvid.analysis.robust_certificate", "RobustCertificate"),
     "lpvid/stability-certificate/1": ("lpvid.analysis.stability_certificate", "StabilityCertificate"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lpvid.export.exportable import Exporter
+from lpvid.export.contract import Exporter
 from quartercar.export.flow_steps import flow_of
 from quartercar.export.nouns import accepts, prepare
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.export.basis_steps import basis_values
-from lpvid.export.exportable import Exportable, Options, within
+from lpvid.export.contract import Exportable, Options, within
 from lpvid.export.expression import Expr, RealConstant, call, clipped, select
 from lpvid.export.state_space_steps import mixed
 from lpvid.export.step_builder import StepBuilder

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import ExtrapolationWarning
-from lpvid.export.exportable import Exportable, Options, smooth_noise
+from lpvid.export.contract import Exportable, Options, smooth_noise
 from lpvid.export.expression import Expr, RealConstant, clipped
 from lpvid.export.step_builder import StepBuilder
 from lpvid.record import Record

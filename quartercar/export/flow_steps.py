@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid.export.exportable import Options
+from lpvid.export.contract import Options
 from lpvid.export.expression import Expr, RealConstant
 from lpvid.export.flow import Flow
 from lpvid.export.step_builder import StepBuilder

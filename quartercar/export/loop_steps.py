@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.export.exportable import Exportable, Options, within
+from lpvid.export.contract import Exportable, Options, within
 from lpvid.export.expression import Expr
 from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks

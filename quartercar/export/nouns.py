@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.export.exportable import Exportable, Options
+from lpvid.export.contract import Exportable, Options
 from lpvid.export.model_steps import prepare as prepare_model
 from quartercar.controllers.contract import Controller
 from quartercar.dampers.as_model import Turned
