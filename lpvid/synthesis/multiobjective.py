@@ -23,10 +23,12 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
+from lpvid.synthesis.moderated import SLACK
 from lpvid.synthesis.moving_feedback import moving_feedback
 from lpvid.synthesis.moving_objectives import moving_objectives
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.preconditioning import Preconditioned, balancing, preconditioned, unconditioned
+from lpvid.synthesis.projected_feedback import constant_feedback
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
@@ -276,13 +278,10 @@ def _lowest(found: Sequence[Synthesis]) -> Synthesis:
 def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int
                         ) -> Synthesis | None:
     """One bound of a gain alone is what the projected inequalities decide with fewer unknowns; None where they fail."""
-    from lpvid.synthesis.moderated import SLACK
-    from lpvid.synthesis.output_feedback import OutputFeedback
-
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
     part = channels_of(plant, criterion.disturbances or plant.disturbances, criterion.performance or plant.performance)
     share = min(max(back_off - 2 * SLACK, 0.0), 1.0)
-    found = OutputFeedback(bound=criterion.bound, back_off=share, points=points).solve(part)
+    found = constant_feedback(part, criterion.bound, share, points)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
         return found
     if found.verdict != "solved" or found.gamma_verified is None:

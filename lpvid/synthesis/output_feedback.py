@@ -11,13 +11,13 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling import Basis, Scheduling
-from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals, remarks
-from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, varying_signals
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.criteria import HInfinity, Region
 from lpvid.synthesis.design_grid import check_rates, design_axes, moving_basis, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.output_feedback_search import FeedbackProblem, search
+from lpvid.synthesis.moving_feedback import lowest, moving_feedback
+from lpvid.synthesis.multiobjective import MultiObjective
+from lpvid.synthesis.projected_feedback import FeedbackGrid, inspected, projected_feedback
 from lpvid.synthesis.result import Synthesis
 
 Rate = float | Sequence[float | None] | Mapping[str, float | None] | None
@@ -102,31 +102,23 @@ class OutputFeedback:
         """
         started = time.perf_counter()
         plant = _rated(plant, self.rate)
-        axes, corners, notes = self._axes(plant)
-        points = tensor(axes)
-        at = plant.at(points)
-        refuse_dead_signals(plant, at)
-        fault = fault_of(plant, at, points, between=True)
-        if fault is not None:
-            return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, seconds=time.perf_counter() - started,
-                             method="output feedback")
-        notes = (*notes, *remarks(plant, at))
+        grid = self._grid(plant)
+        notes = inspected(plant, grid)
+        if isinstance(notes, Synthesis):
+            return replace(notes, seconds=time.perf_counter() - started)
         constant = self.lyapunov is None
         if self.regions or (constant and self.strictly_proper and plant.sample_time is not None):
             return self._shaped(plant, notes, started)
         if self.lyapunov is not None and plant.sample_time is not None:
-            found = self._moving(plant, axes)
+            found = self._moving(plant, grid.axes)
         else:
             basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
-            problem = FeedbackProblem(BalancedPlant.of(plant, points), Variations(basis, self.varying, plant.box), axes,
-                                      corners, self.strictly_proper, points[:0])
-            found = search(problem, self.bound, self.back_off)
+            found = projected_feedback(plant, grid, Variations(basis, self.varying, plant.box),
+                                       strictly_proper=self.strictly_proper, bound=self.bound, back_off=self.back_off)
         return replace(found, notes=tuple(dict.fromkeys((*notes, *found.notes))), seconds=time.perf_counter() - started)
 
     def _moving(self, plant: GeneralizedPlant, axes: tuple[np.ndarray, ...]) -> Synthesis:
         """Discrete time: the lowest verified gain of what may move, and of a constant X and Y."""
-        from lpvid.synthesis.moving_feedback import lowest, moving_feedback
-
         assert self.lyapunov is not None
         basis, sides = self.lyapunov.bound(plant.box), {"controls": (False,), "measurements": (True,)}
         moving = [moving_feedback(plant, basis, axes, turned=turned, strictly_proper=self.strictly_proper,
@@ -135,22 +127,15 @@ class OutputFeedback:
         proper = self.strictly_proper or bool(plant.at(tensor(axes)).D22.any())
         return lowest(moving, replace(self, lyapunov=None, strictly_proper=proper).solve(plant))
 
-    def _axes(self, plant: GeneralizedPlant) -> tuple[tuple[np.ndarray, ...], bool, tuple[str, ...]]:
-        """Where the inequalities are imposed, whether that covers the whole box, and a remark."""
-        if self.lyapunov is not None:
-            check_rates(self.lyapunov, plant.box, plant.sample_time)
-            return design_axes(plant.box, self.points, False), False, ()
-        if corners_suffice(plant):
-            return convex_axes(plant), True, ()
-        moving = varying_signals(plant)
-        note = (f"the gains of {moving} vary with the scheduling, so that the design holds at grid points: put a fast "
-                "constant filter in front of them for one that holds in between",) if moving else ()
-        return design_axes(plant.box, self.points, False), False, note
+    def _grid(self, plant: GeneralizedPlant) -> FeedbackGrid:
+        """Where the inequalities are imposed."""
+        if self.lyapunov is None:
+            return FeedbackGrid.constant(plant, self.points)
+        check_rates(self.lyapunov, plant.box, plant.sample_time)
+        return FeedbackGrid(design_axes(plant.box, self.points, False))
 
     def _shaped(self, plant: GeneralizedPlant, notes: tuple[str, ...], started: float) -> Synthesis:
         """Pole regions, and no feedthrough in discrete time, need the change of variables."""
-        from lpvid.synthesis.multiobjective import MultiObjective
-
         design = MultiObjective(HInfinity(bound=self.bound), self.regions, not self.strictly_proper, self.points,
                                 1 + self.back_off)
         found = design.solve(plant)

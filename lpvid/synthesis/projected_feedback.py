@@ -1,0 +1,146 @@
+"""Output feedback with one X and Y for every scheduling: where its inequalities stand, and the search on them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals, remarks
+from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, varying_signals
+from lpvid.synthesis.controller_formula import Variations
+from lpvid.synthesis.design_grid import design_axes, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.output_feedback_search import FeedbackProblem, search
+from lpvid.synthesis.result import Synthesis
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackGrid:
+    """Where the inequalities of an output feedback are imposed.
+
+    Attributes
+    ----------
+    axes : tuple of arrays
+        Values of each scheduling variable.
+    corners : bool
+        The inequalities then hold on the whole box.
+    notes : tuple of str
+        What keeps them from that.
+    """
+
+    axes: tuple[np.ndarray, ...]
+    corners: bool = False
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def constant(cls, plant: GeneralizedPlant, points: int) -> FeedbackGrid:
+        """For one X and Y: the corners of the box where they suffice, else `points` values of each variable.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+        points : int
+            Of each scheduling variable.
+
+        Returns
+        -------
+        FeedbackGrid
+        """
+        if corners_suffice(plant):
+            return cls(convex_axes(plant), True)
+        moving = varying_signals(plant)
+        note = (f"the gains of {moving} vary with the scheduling, so that the design holds at grid points: put a fast "
+                "constant filter in front of them for one that holds in between",) if moving else ()
+        return cls(design_axes(plant.box, points, False), False, note)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, n_scheduling) all combinations."""
+        return tensor(self.axes)
+
+
+def inspected(plant: GeneralizedPlant, grid: FeedbackGrid) -> Synthesis | tuple[str, ...]:
+    """Why a plant has no output feedback at all, or the remarks on one that may have it.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    grid : FeedbackGrid
+
+    Returns
+    -------
+    Synthesis or tuple of str
+        A verdict without a controller; or remarks, those of the grid among them.
+
+    Raises
+    ------
+    InputError
+        A control or measurement that is connected to nothing or changes its polarity within the box.
+    """
+    at = plant.at(grid.points)
+    refuse_dead_signals(plant, at)
+    fault = fault_of(plant, at, grid.points, between=True)
+    if fault is not None:
+        return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method="output feedback")
+    return (*grid.notes, *remarks(plant, at))
+
+
+def projected_feedback(plant: GeneralizedPlant, grid: FeedbackGrid, variations: Variations, *, strictly_proper: bool,
+                       bound: float | None, back_off: float) -> Synthesis:
+    """The controller of the least bound that the projected inequalities admit; see `OutputFeedback`.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    grid : FeedbackGrid
+    variations : Variations
+        Of X and Y.
+    strictly_proper : bool
+    bound : float or None
+        A gain that is good enough; None for the least.
+    back_off : float
+        Share by which the bound is raised above the least one.
+
+    Returns
+    -------
+    Synthesis
+    """
+    points = grid.points
+    problem = FeedbackProblem(BalancedPlant.of(plant, points), variations, grid.axes, grid.corners, strictly_proper,
+                              points[:0])
+    return search(problem, bound, back_off)
+
+
+def constant_feedback(plant: GeneralizedPlant, bound: float | None, back_off: float, points: int) -> Synthesis:
+    """One bound of the gain with one X and Y and a feedthrough: what `OutputFeedback` solves without further settings.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    bound : float or None
+        A gain that is good enough; None for the least.
+    back_off : float
+        Share by which the bound is raised above the least one.
+    points : int
+        Grid points per scheduling variable, where corners of the box are not enough.
+
+    Returns
+    -------
+    Synthesis
+
+    Raises
+    ------
+    InputError
+        As `inspected`; fewer than two points.
+    """
+    started = time.perf_counter()
+    grid = FeedbackGrid.constant(plant, _checks.count(points, "points of a design grid", at_least=2))
+    notes = inspected(plant, grid)
+    if isinstance(notes, Synthesis):
+        return replace(notes, seconds=time.perf_counter() - started)
+    found = projected_feedback(plant, grid, Variations(None, "both", plant.box), strictly_proper=False, bound=bound,
+                               back_off=back_off)
+    return replace(found, notes=tuple(dict.fromkeys((*notes, *found.notes))), seconds=time.perf_counter() - started)
