@@ -114,7 +114,7 @@ class SampledDamper(Damper):
     def stepper(self, step: float) -> DamperStepper:
         from quartercar.dampers.blackbox.sampled_stepper import sampled_stepper
 
-        return sampled_stepper(self, step)
+        return sampled_stepper(self.at_clock(step))
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         model = self.held.at(vector)

@@ -14,22 +14,29 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.dampers.blackbox.held import Inner
 from quartercar.dampers.blackbox.rest import at_rest, state_at_rest
-from quartercar.dampers.blackbox.sampled import SampledDamper
 from quartercar.dampers.stepper import DamperStepper
 
 LIMIT = 1e12
 """force at which a run counts as diverged [N]"""
 
 
-def sampled_stepper(damper: SampledDamper, step: float) -> DamperStepper:
-    """The stepper of a sampled damper, at its own period.
+def sampled_stepper(model: Inner) -> DamperStepper:
+    """The stepper of a sampled damper's model, at the model's own period.
+
+    Parameters
+    ----------
+    model : Inner
+        With velocity, displacement and current as inputs and scheduling.
+
+    Returns
+    -------
+    DamperStepper
 
     Raises
     ------
     InputError
-        Another period, a damper that has not been fitted, a current filter that is not a lag.
+        A current filter that is not a lag, a model that reads the current ahead of time.
     """
-    model = damper.at_clock(step)
     if isinstance(model, LPVTransferFunction):
         return TransferFunctionStepper(model)
     if isinstance(model, LPVStateSpace):

@@ -314,10 +314,8 @@ def _solve(b, mode, g, tangent, arrow):
 class ReliefValveStepper(DamperStepper):
     """The relief-valve damper, whose integration carries its poppets' modes and its step size beside the states."""
 
-    def __init__(self, damper, step: float) -> None:
-        from quartercar.dampers.laws.relief_valve import TOLERANCE
-
-        self._sample, self._tolerance, self._damper, self._step = sample, TOLERANCE, damper, step
+    def __init__(self, damper, step: float, tolerance: float) -> None:
+        self._sample, self._tolerance, self._damper, self._step = sample, tolerance, damper, step
         self._law = tuple(float(p) for p in np.real(damper.law(damper.vector)))
         self._shape = damper.shape
         self._work = np.zeros((5, 5)), np.zeros((2, 2, 6))

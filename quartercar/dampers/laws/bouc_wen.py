@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.export.expression import Expr, RealConstant, call, select
+from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import COMPLEX_STEP, DynamicDamper
+from quartercar.dampers.laws.expressions import named_parameters
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.stepper import DamperStepper, StateStepper
-
-if TYPE_CHECKING:
-    from lpvid.export.expression import Expr
-    from lpvid.export.step_builder import StepBuilder
 
 
 @dataclass(frozen=True)
@@ -187,9 +186,31 @@ class BoucWen(DynamicDamper):
         return StateStepper(self, bouc_wen_move(self, step))
 
     def flow(self, b: StepBuilder, x: Expr, v: Expr, i: Expr) -> Expr | None:
-        from quartercar.dampers.laws.flows import bouc_wen_flow
+        values = named_parameters(b, self)
+        zero = RealConstant(0.0)
+        y, z = b.state("node", "m", "internal node y"), b.state("hysteresis", "", "hysteretic state z, saturated at 1")
+        felt = None
+        if self.scheduled:
+            felt = b.state("current_felt", self.current_unit, "current behind the lag")
 
-        return bouc_wen_flow(b, self, x, v, i)
+        def at(name: str) -> Expr:
+            return values[name] if felt is None else values[name] + values[f"{name}_per_current"] * felt
+
+        c0, c1 = b.let("c0", at("viscous_damping")), b.let("c1", at("series_damping"))
+        spring = values["parallel_stiffness"] * (x - y) if self.springs else zero
+        rise = b.let("rise", (at("yield_force") * z + c0 * v + spring) / (c0 + c1))
+        slip = b.let("slip", v - rise)
+        exponent = values.get("exponent", RealConstant(self.exponent))
+        size = b.let("size", call("pow", call("fabs", z), exponent))
+        sign = select(z > 0.0, 1.0, select(z < 0.0, -1.0, 0.0))
+        shape = values["hysteresis_shape"]
+        bend = (1.0 - shape) * call("fabs", slip) * sign + shape * slip
+        b.rate(y, rise)
+        b.rate(z, (slip - bend * size) / values["yield_displacement"])
+        if felt is not None:
+            b.rate(felt, values["current_rate"] * (call("fmax", i, 0.0) - felt))
+        force = c1 * rise + values["gas_force"]
+        return force + values["gas_stiffness"] * x if self.springs else force
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._bouc_wen_kernels import spencer_run

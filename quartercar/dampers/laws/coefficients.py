@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import comb
 
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.export.expression import Expr
 from lpvid.toolkit import checks
 from quartercar.dampers.parameter import Parameter
 
@@ -39,6 +41,41 @@ class Coefficient(ABC):
     @abstractmethod
     def constant(self, value: float) -> dict[str, float]:
         """Parameters that come nearest to one value at every current; a start for a search."""
+
+    @abstractmethod
+    def powers(self, theta: np.ndarray) -> np.ndarray:
+        """The coefficients a_0, a_1, … of c(i) = a_0 + a_1 i + a_2 i².
+
+        Parameters
+        ----------
+        theta : array
+            θ.
+
+        Returns
+        -------
+        array
+            Of the lowest power first.
+
+        Raises
+        ------
+        InputError
+            A coefficient that is no polynomial in the current.
+        """
+
+    @abstractmethod
+    def expression(self, named: Mapping[str, Expr]) -> Callable[[Expr], Expr]:
+        """The coefficient as an expression of the current, by the rule of `value`.
+
+        Parameters
+        ----------
+        named : mapping of str to Expr
+            θ, by the names of `parameters`.
+
+        Returns
+        -------
+        callable
+            Current to coefficient.
+        """
 
 
 @dataclass(frozen=True)
@@ -117,6 +154,35 @@ class Controlled(Coefficient):
         points = np.linspace(*self.span, self.degree + 1)
         return np.linalg.solve(np.vander(points, increasing=True), self.value(points, theta))
 
+    def expression(self, named: Mapping[str, Expr]) -> Callable[[Expr], Expr]:
+        return self.mixed([named[p.name] for p in self.parameters])
+
+    def mixed(self, theta: Sequence) -> Callable[[Expr], Expr]:
+        """De Casteljau's rule on control values that are expressions or numbers.
+
+        Parameters
+        ----------
+        theta : sequence of Expr or float
+            b_k.
+
+        Returns
+        -------
+        callable
+            Current to coefficient.
+        """
+        low, high = self.span
+
+        def value(current: Expr) -> Expr:
+            if self.degree == 0:
+                return theta[0]
+            s = (current - low) / (high - low)
+            level = list(theta)
+            while len(level) > 1:
+                level = [a + s * (other - a) for a, other in itertools.pairwise(level)]
+            return level[0]
+
+        return value
+
 
 @dataclass(frozen=True)
 class Proportional(Coefficient):
@@ -137,6 +203,12 @@ class Proportional(Coefficient):
 
     def constant(self, value: float) -> dict[str, float]:
         return {self.parameter.name: value}
+
+    def powers(self, theta: np.ndarray) -> np.ndarray:
+        return np.array([0.0, theta[0]])
+
+    def expression(self, named: Mapping[str, Expr]) -> Callable[[Expr], Expr]:
+        return lambda current: named[self.parameter.name] * current
 
 
 @dataclass(frozen=True)
@@ -178,6 +250,14 @@ class Quotient(Coefficient):
         tilts = np.linspace(1.0, 0.8, self.denominator.degree + 1)[1:]
         rest = zip(self.denominator.parameters[1:], tilts, strict=True)
         return {**self.numerator.constant(value), **{p.name: float(t) for p, t in rest}}
+
+    def powers(self, theta: np.ndarray) -> np.ndarray:
+        raise InputError("a quotient of polynomials is no polynomial in the current")
+
+    def expression(self, named: Mapping[str, Expr]) -> Callable[[Expr], Expr]:
+        above = self.numerator.expression(named)
+        below = self.denominator.mixed([1.0, *(named[p.name] for p in self.denominator.parameters[1:])])
+        return lambda current: above(current) / below(current)
 
 
 def settled_span(span: tuple[float, float] | None, fitted: tuple[float, float] | None) -> tuple[float, float]:

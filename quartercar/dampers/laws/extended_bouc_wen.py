@@ -12,7 +12,7 @@ import numpy as np
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes
+from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes, sub_steps
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.real_time import RealTime
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from lpvid.export.expression import Expr
     from lpvid.export.step_builder import StepBuilder
 
-LONGEST_STEP = 1e-3
-"""longest sub-step [s]"""
 DIRECTIONS = ("compression", "rebound")
 ROW = (
     Parameter("damping", "N*s/m", "damping c_0", 1000.0, 0.0),
@@ -239,7 +237,8 @@ class ExtendedBoucWen(SemiActiveDamper):
     def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
         from quartercar.dampers.laws.semi_active_expressions import extended_bouc_wen
 
-        return lambda x, v, i: extended_bouc_wen(b, self, x, v, i)
+        tables = self.tables(self.vector)
+        return lambda x, v, i: extended_bouc_wen(b, self, tables, float(self.exponent), x, v, i)
 
     def real_time(self, step: float = 1e-3) -> RealTime:
         from quartercar.dampers.laws._semi_active_kernels import bouc_wen_force, bouc_wen_step, mixed, sense
@@ -259,8 +258,3 @@ class ExtendedBoucWen(SemiActiveDamper):
                                  delays, gas, n)
 
         return RealTime(step, begin, advance, 3)
-
-
-def sub_steps(period: float) -> int:
-    """Sub-steps of a sampling interval."""
-    return max(1, math.ceil(period / LONGEST_STEP - 1e-9))

@@ -169,7 +169,8 @@ class ForceMap(SemiActiveDamper):
     def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
         from quartercar.dampers.laws.semi_active_expressions import force_map
 
-        return lambda x, v, i: force_map(b, self, x, v, i)
+        knots, table = np.array(self.knots), self.table(self.vector)
+        return lambda x, v, i: force_map(b, self, knots, table, x, v, i)
 
     def real_time(self, step: float = 1e-3) -> RealTime:
         from quartercar.dampers.laws._semi_active_kernels import map_force, map_step

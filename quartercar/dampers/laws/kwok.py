@@ -5,22 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from lpvid.export.expression import Expr, call
+from lpvid.export.step_builder import StepBuilder
+from lpvid.model.signals import Signal
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
+from lpvid.scheduling import Polynomial, Product, Scheduling
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Controlled, settled_span
+from quartercar.dampers.laws.expressions import Law, named_parameters
+from quartercar.dampers.laws.secant import secant
 from quartercar.dampers.parameter import Parameter
 
-if TYPE_CHECKING:
-    from lpvid.export.expression import Expr
-    from lpvid.export.step_builder import StepBuilder
-
+SECANTS = ("saturation", "turning")
+"""Channels that schedule the LPV form."""
 SLOPES = (0.5, 1.0, 2.0, 5.0, 12.0, 30.0, 80.0)
 """β of the starts, in terms of the root mean square speed."""
 SHIFTS = (0.0, 0.2, 0.5, 1.0, 2.0)
@@ -116,10 +121,16 @@ class Kwok(StaticDamper):
 
         return by_current
 
-    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
-        from quartercar.dampers.laws.expressions import kwok_expression
+    def expression(self, b: StepBuilder) -> Law:
+        named = named_parameters(b, self)
+        width = b.parameter("turning_stroke", self.turning_stroke, "m", "stroke over which the offset turns its sign")
+        c, k, alpha, delta, offset = (f.expression(named) for f in self.functions.values())
 
-        return kwok_expression(b, self)
+        def law(x: Expr, v: Expr, i: Expr) -> Expr:
+            side = b.let("side", call("tanh", x / width))
+            return (c(i) * v + k(i) * x + alpha(i) * call("tanh", named["sharpness"] * v + delta(i) * side)) + offset(i)
+
+        return law
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
@@ -155,17 +166,64 @@ class Kwok(StaticDamper):
         nearest = float(np.clip(0.0, *settled_span(self.span, self.current_range)))
         return self.force(x, 0.0, nearest).reshape(x.shape)
 
-    def to_lpv(self, sample_time: float) -> Any:
-        """Quasi-LPV model, scheduled on the current and two secants; see `quartercar.dampers.laws.kwok_lpv`.
+    def to_lpv(self, sample_time: float) -> LPVTransferFunction:
+        r"""Kwok's law as a static quasi-LPV model with inputs v and x, exact.
 
-        The secants are channels that no record has: run it along ``damper.with_secants(record)``.
+        With ρ = tanh(s)/s of s = β v + δ(i) tanh(x/ε), and χ = ρ tanh(x/ε)/(x/ε), both in (0, 1]::
+
+            F = [c(i) + α(i) β ρ] v + [k(i) + α(i) δ(i) χ/ε] x + f_0(i)
+
+        scheduled on the current, ρ (``saturation``) and χ (``turning``), which `with_secants` adds to a record.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        LPVTransferFunction
+            It runs along ``damper.with_secants(record)``: the secants are channels that no record has.
         """
-        from quartercar.dampers.laws.kwok_lpv import to_lpv
+        degree = self.degree
+        blocks = dict(zip(self.functions, np.split(self.vector[:-1], len(self.functions)), strict=True))
+        powers = {name: f.powers(blocks[name]) for name, f in self.functions.items()}
+        quadratic = 2 * degree                                                 # α δ is quadratic where both are affine
 
-        return to_lpv(self, sample_time)
+        def padded(c: np.ndarray) -> np.ndarray:
+            return np.pad(c, (0, quadratic + 1 - c.size))
+
+        none = np.zeros(quadratic + 1)
+        sharpness, width = float(self.vector[-1]), self.turning_stroke
+        alpha, delta = powers["hysteresis_force"], powers["hysteresis_shift"]
+        speed = np.column_stack([padded(powers["viscous_damping"]), padded(sharpness * alpha), none]).ravel()
+        stroke = np.column_stack([padded(powers["stiffness"]), none, padded(np.convolve(alpha, delta) / width)]).ravel()
+        constant = np.column_stack([padded(powers["offset"]), none, none]).ravel() - self.centre * stroke
+        secants = Polynomial(SECANTS, degree=1)
+        basis = Product(Polynomial(("current",), degree=quadratic), secants) if degree else secants
+        low, high = self.current_range or settled_span(self.span, None)
+        current = [("current", low, high, self.current_unit)] if degree else []
+        names, lower, upper, units = zip(*current, *((n, 0.0, 1.0, "") for n in SECANTS), strict=True)
+        return LPVTransferFunction(
+            np.zeros((0, 1, 1, basis.size)), self.polarity * np.stack([speed, stroke])[None, None], basis, sample_time,
+            Scheduling(names, lower, upper, units=units), self.polarity * constant[None, None],
+            inputs=(Signal("velocity", "m/s"), Signal("displacement", "m")), outputs=(Signal("force", "N"),),
+            metadata={"damper": self.name, "polarity": self.polarity})
 
     def with_secants(self, record: Record) -> Record:
-        """The record with the channels that schedule `to_lpv`; see `quartercar.dampers.laws.kwok_lpv`."""
-        from quartercar.dampers.laws.kwok_lpv import with_secants
+        """The record with the channels ``saturation`` and ``turning`` that schedule the model of `to_lpv`.
 
-        return with_secants(self, record)
+        Parameters
+        ----------
+        record : Record
+
+        Returns
+        -------
+        Record
+        """
+        drive = self.drive(record)
+        _, _, _, delta, _ = self.coefficients(drive.current, self.vector)
+        side = drive.displacement / self.turning_stroke
+        rho = secant(self.vector[-1] * drive.velocity + delta * np.tanh(side))
+        note = f"secant of the hysteresis of '{self.name}'"
+        return record.with_channel(SECANTS[0], rho, note=note).with_channel(SECANTS[1], rho * secant(side), note=note)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.export.expression import Expr, call, select
+from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
+from quartercar.dampers.laws.expressions import Law, named_parameters
 from quartercar.dampers.parameter import Parameter
-
-if TYPE_CHECKING:
-    from lpvid.export.expression import Expr
-    from lpvid.export.step_builder import StepBuilder
 
 DIRECTIONS = ("extension", "compression")
 PER_METRE = {"SI": 1.0, "mm": 1000.0}
@@ -64,6 +63,23 @@ class PowerLawDamper(StaticDamper):
     def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         """Force per unit of each of `statics`."""
 
+    @abstractmethod
+    def with_statics(self, damping: Expr, x: Expr, v: Expr, weights: Sequence[Expr]) -> Expr:
+        """The damping force as an expression, with the forces of `static_columns` beside it.
+
+        Parameters
+        ----------
+        damping : Expr
+        x, v : Expr
+            Displacement from the centre, velocity.
+        weights : sequence of Expr
+            Of `statics`.
+
+        Returns
+        -------
+        Expr
+        """
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         typical = {"extension": (1000.0, 1000.0, 2.2), "compression": (600.0, 200.0, 1.8)}
@@ -78,10 +94,21 @@ class PowerLawDamper(StaticDamper):
     def linear(self) -> tuple[str, ...]:
         return tuple(n for n in self.names if not n.startswith("exponent"))
 
-    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
-        from quartercar.dampers.laws.expressions import power_law_expression
+    def expression(self, b: StepBuilder) -> Law:
+        named = named_parameters(b, self)
+        theta = [named[n] for n in self.names]
+        reference = b.parameter("reference_speed", self.reference_speed, "m/s",
+                                "speed at which the power force is given")
 
-        return power_law_expression(b, self)
+        def law(x: Expr, v: Expr, i: Expr) -> Expr:
+            rising, speed = v > 0.0, b.let("speed", call("fabs", v))
+            linear, power, exponent = (b.let("side", select(rising, a, c)) for a, c in
+                                       zip(theta[:3], theta[3:6], strict=True))
+            sign = select(rising, 1.0, select(v < 0.0, -1.0, 0.0))
+            damping = sign * (linear * speed + power * call("pow", speed / reference, exponent))
+            return self.with_statics(damping, x, v, theta[6:])
+
+        return law
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
@@ -209,6 +236,9 @@ class PowerLaw(PowerLawDamper):
     def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         return []
 
+    def with_statics(self, damping: Expr, x: Expr, v: Expr, weights: Sequence[Expr]) -> Expr:
+        return damping
+
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         return np.zeros(np.shape(displacement))
 
@@ -260,6 +290,10 @@ class PowerLawFrictionGas(PowerLawDamper):
     def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         spring = [displacement] if self.spring else []
         return [np.tanh(velocity / self.friction_speed), -np.ones(velocity.size), *spring]
+
+    def with_statics(self, damping: Expr, x: Expr, v: Expr, weights: Sequence[Expr]) -> Expr:
+        total = damping + weights[0] * call("tanh", v / self.friction_speed) - weights[1]
+        return total + weights[2] * x if self.spring else total
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         return self.values.get("gas_stiffness", 0.0) * np.asarray(displacement) - self.values["gas_preload"]

@@ -156,7 +156,7 @@ class LagDamper(DynamicDamper):
     def stepper(self, step: float) -> DamperStepper:
         from quartercar.dampers.laws._relief_valve_run import ReliefValveStepper
 
-        return ReliefValveStepper(self, step)
+        return ReliefValveStepper(self, step, TOLERANCE)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._relief_valve_run import run

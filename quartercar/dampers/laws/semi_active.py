@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.real_time import RealTime
 
+LONGEST_STEP = 1e-3
+"""longest sub-step [s]"""
 MOST_NODES = 6
 """a finer table than this is not proposed for data"""
 FEW_NODES = 4
@@ -178,3 +181,17 @@ def gas_spring(displacement: bool) -> tuple[Parameter, ...]:
     return (Parameter("gas_stiffness", "N/m", "gas spring k_1", 1000.0, 0.0), constant) if displacement else (constant,)
 
 
+def sub_steps(period: float) -> int:
+    """Sub-steps of a sampling interval, none longer than `LONGEST_STEP`.
+
+    Parameters
+    ----------
+    period : float
+        [s].
+
+    Returns
+    -------
+    int
+        At least 1.
+    """
+    return max(1, math.ceil(period / LONGEST_STEP - 1e-9))

@@ -9,9 +9,7 @@ import numpy as np
 from lpvid.export.expression import Array, ByPrecision, Expr, Index, Real, Rounded, Symbol, call, select
 from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers.laws._bouc_wen_kernels import GAMMA, ITERATIONS, RATIO
-from quartercar.dampers.laws.extended_bouc_wen import ExtendedBoucWen, sub_steps
-from quartercar.dampers.laws.force_map import ForceMap
-from quartercar.dampers.laws.semi_active import SemiActiveDamper
+from quartercar.dampers.laws.semi_active import SemiActiveDamper, sub_steps
 
 CLOSE = ByPrecision(1e-8, 3e-4)
 """relative Newton step after which one further step ends the stage: about the root of the arithmetic's round-off"""
@@ -111,11 +109,30 @@ def place(b: StepBuilder, nodes: Array, value: Expr) -> tuple[Index, Expr]:
 
 
 # -- force map -------------------------------------------------------------------------------------------------------
-def force_map(b: StepBuilder, damper: ForceMap, x: Expr, v: Expr, current: Expr) -> Expr:
-    """Bilinear look-up of (v, u_f) and the gas spring."""
-    vector, lag = damper.vector, damper.current_lag
-    table = b.table("forces", damper.table(vector), "N", "force: node of the current, knot of the velocity")
-    knots = b.table("knots", np.array(damper.knots), "m/s", "velocities of the table")
+def force_map(b: StepBuilder, damper: SemiActiveDamper, speeds: np.ndarray, forces: np.ndarray, x: Expr, v: Expr,
+              current: Expr) -> Expr:
+    """Bilinear look-up of (v, u_f) and the gas spring.
+
+    Parameters
+    ----------
+    b : StepBuilder
+    damper : SemiActiveDamper
+        Nodes of the current, its lag and the gas spring.
+    speeds : (N,) array
+        Knots [m/s].
+    forces : (M, N) array
+        Over nodes and knots [N].
+    x, v, current : Expr
+        Displacement from the centre, velocity, commanded current.
+
+    Returns
+    -------
+    Expr
+        [N].
+    """
+    lag = damper.current_lag
+    table = b.table("forces", forces, "N", "force: node of the current, knot of the velocity")
+    knots = b.table("knots", speeds, "m/s", "velocities of the table")
     felt: Expr = current
     nodes = None
     if damper.nodes:
@@ -152,9 +169,28 @@ def _gas(b: StepBuilder, damper: SemiActiveDamper, x: Expr) -> Expr:
 
 
 # -- extended Bouc-Wen -----------------------------------------------------------------------------------------------
-def extended_bouc_wen(b: StepBuilder, damper: ExtendedBoucWen, x: Expr, v: Expr, current: Expr) -> Expr:
-    """F = c_1 ẏ + gas by implicit sub-steps of at most 1 ms; Newton's iteration is a loop of `ITERATIONS` passes."""
-    model = _Pair(b, damper)
+def extended_bouc_wen(b: StepBuilder, damper: SemiActiveDamper, tables: np.ndarray, exponent: float, x: Expr, v: Expr,
+                      current: Expr) -> Expr:
+    """F = c_1 ẏ + gas by implicit sub-steps of at most 1 ms; Newton's iteration is a loop of `ITERATIONS` passes.
+
+    Parameters
+    ----------
+    b : StepBuilder
+    damper : SemiActiveDamper
+        Nodes of the current, its lag and the gas spring.
+    tables : (2, M, 7) array
+        c_0, k_0, c_1, α, β, γ, δ by direction and node.
+    exponent : float
+        n.
+    x, v, current : Expr
+        Displacement from the centre, velocity, commanded current.
+
+    Returns
+    -------
+    Expr
+        [N].
+    """
+    model = _Pair(b, damper, tables, exponent)
     lag = damper.current_lag
     felt = LaggedCurrent.of(b, damper, current) if damper.nodes else None
     before_x, before_v = (b.state(f"{n}_before", unit, f"{n} at the last sample") for n, unit in
@@ -189,9 +225,8 @@ def extended_bouc_wen(b: StepBuilder, damper: ExtendedBoucWen, x: Expr, v: Expr,
 class _Pair:
     """The internal node y and the hysteretic state z, with the parameters of the present direction and current."""
 
-    def __init__(self, b: StepBuilder, damper: ExtendedBoucWen) -> None:
-        self._b, self._n = b, float(damper.exponent)
-        tables = damper.tables(damper.vector)
+    def __init__(self, b: StepBuilder, damper: SemiActiveDamper, tables: np.ndarray, exponent: float) -> None:
+        self._b, self._n = b, exponent
         self._tables = b.table("rows", tables, "", "c_0, k_0, c_1, alpha, beta, gamma, delta: direction (compression, "
                                "rebound), node of the current, parameter")
         self._nodes = b.table("nodes", np.array(damper.nodes), damper.current_unit, "currents of the rows") \

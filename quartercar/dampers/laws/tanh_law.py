@@ -7,20 +7,27 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lpvid.errors import InputError
+from lpvid.export.expression import Expr, call
+from lpvid.export.step_builder import StepBuilder
+from lpvid.model.input_stage import TanhStage
+from lpvid.model.signals import Signal
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
+from lpvid.scheduling import Polynomial, Product, Scheduling
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Coefficient, Controlled, settled_span
+from quartercar.dampers.laws.expressions import Law, named_parameters
+from quartercar.dampers.laws.secant import secant
 from quartercar.dampers.parameter import Parameter
 
-if TYPE_CHECKING:
-    from lpvid.export.expression import Expr
-    from lpvid.export.step_builder import StepBuilder
-
+SATURATION = "saturation"
+"""Channel that schedules the LPV form of a law with displacement."""
 YIELD = Parameter("yield_force", "N", "dynamic yield force A_1", 0.0, 0.0)
 SHARPNESS = Parameter("sharpness", "s/m", "pre-yield sharpness A_3", 20.0, 1e-2, 1e4, log=True)
 POST_YIELD = Parameter("post_yield_damping", "N*s/m", "post-yield damping A_2", 0.0, 0.0)
@@ -117,10 +124,18 @@ class TanhLaw(StaticDamper):
 
         return coefficients
 
-    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
-        from quartercar.dampers.laws.expressions import tanh_expression
+    def expression(self, b: StepBuilder) -> Law:
+        named = named_parameters(b, self)
+        force, sharp, post, ratio, post_ratio = (None if c is None else c.expression(named) for c in self.terms)
+        assert force is not None and sharp is not None and post is not None
 
-        return tanh_expression(b, self)
+        def law(x: Expr, v: Expr, i: Expr) -> Expr:
+            lagged = v if ratio is None else b.let("lagged", v + ratio(i) * x)
+            post_lagged = lagged if post_ratio is None else v + post_ratio(i) * x
+            total = force(i) * call("tanh", sharp(i) * lagged) + post(i) * post_lagged
+            return total + named["offset"] if self.offset else total
+
+        return law
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
@@ -194,20 +209,89 @@ class TanhLaw(StaticDamper):
         return {n: float(c.value(at, theta)[0])
                 for n, c, theta in zip(names, self.terms, self.pieces(self.vector), strict=True) if c is not None}
 
-    def to_lpv(self, sample_time: float) -> Any:
-        """Hammerstein model without displacement, quasi-LPV model with it; see `quartercar.dampers.laws.tanh_lpv`.
+    def to_lpv(self, sample_time: float) -> LPVTransferFunction:
+        r"""A tanh law as a static LPV model, exact in both forms.
 
-        With displacement it is scheduled on a channel ``saturation``: run it along ``damper.with_saturation(record)``.
+        Without displacement a Hammerstein model with inputs v and tanh(A_3 v), scheduled on the current::
+
+            F = A_2(i) v + A_1(i) tanh(v/v_0) + F_0          v_0 = 1/A_3
+
+        With it a quasi-LPV model with inputs v and x, scheduled on the current and on the saturation ρ of the lagged
+        velocity s, which `with_saturation` adds to a record::
+
+            F = A_1(i) A_3 ρ (v + κ x) + A_2(i) (v + κ' x) + F_0       ρ = tanh(A_3 s)/(A_3 s) ∈ (0, 1],  s = v + κ x
+
+        Do, Sename, Dugard (2010) schedule the semi-active damper so. The coefficient of F on v is positive for every ρ.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        LPVTransferFunction
+            With displacement it runs along ``damper.with_saturation(record)``.
+
+        Raises
+        ------
+        InputError
+            A_3 or κ depend on the current: the coefficients are then no polynomials in the scheduling.
         """
-        from quartercar.dampers.laws.tanh_lpv import to_lpv
+        terms, vector = self.terms, self.vector
+        pieces = self.pieces(vector)
+        fixed = [c for c in (terms.sharpness, terms.ratio, terms.post_ratio) if c is not None]
+        if not all(isinstance(c, Controlled) and c.degree == 0 for c in fixed):
+            raise InputError(f"no LPV form of '{self.name}'", mend="guo, guo-6 or guo-7",
+                             why="its sharpness and critical ratio depend on the current, so that the coefficients are "
+                                 "no polynomials in it")
+        force, damping = terms.yield_force.powers(pieces[0]), terms.post_yield.powers(pieces[2])
+        degree = max(force.size, damping.size) - 1
+        force, damping = (np.pad(a, (0, degree + 1 - a.size)) for a in (force, damping))
+        sharpness = float(pieces[1][0])
+        offset = float(vector[-1]) if self.offset else 0.0
+        names = {"outputs": (Signal("force", "N"),), "metadata": {"damper": self.name, "polarity": self.polarity}}
+        if terms.ratio is None:
+            basis = Polynomial(("current",) if degree else (), degree=degree)
+            b, c = np.stack([damping, force])[None, None], offset * np.eye(1, basis.size)[:, None]
+            return LPVTransferFunction(np.zeros((0, 1, 1, basis.size)), self.polarity * b, basis, sample_time,
+                                       self._lpv_box(degree, False), self.polarity * c,
+                                       inputs=(Signal("velocity", "m/s"),), input_stage=TanhStage(v0=1 / sharpness),
+                                       **names)
+        ratio = float(pieces[3][0])
+        post_ratio = ratio if terms.post_ratio is None else float(pieces[4][0])
+        saturation = Polynomial((SATURATION,), degree=1)
+        basis = Product(Polynomial(("current",), degree=degree), saturation) if degree else saturation
+        speed = np.column_stack([damping, sharpness * force]).ravel()
+        stroke = np.column_stack([post_ratio * damping, ratio * sharpness * force]).ravel()
+        constant = offset * np.eye(1, basis.size)[0] - self.centre * stroke
+        b = self.polarity * np.stack([speed, stroke])[None, None]
+        return LPVTransferFunction(np.zeros((0, 1, 1, basis.size)), b, basis, sample_time, self._lpv_box(degree, True),
+                                   self.polarity * constant[None, None],
+                                   inputs=(Signal("velocity", "m/s"), Signal("displacement", "m")), **names)
 
-        return to_lpv(self, sample_time)
+    def _lpv_box(self, degree: int, saturated: bool) -> Scheduling:
+        low, high = self.current_range or self.currents
+        rows = [("current", low, high, self.current_unit)] if degree else []
+        rows += [(SATURATION, 0.0, 1.0, "")] if saturated else []
+        names, lower, upper, units = zip(*rows, strict=True) if rows else ((), (), (), ())
+        return Scheduling(names, lower, upper, units=units)
 
     def with_saturation(self, record: Record) -> Record:
-        """The record with the channel that schedules `to_lpv`; see `quartercar.dampers.laws.tanh_lpv`."""
-        from quartercar.dampers.laws.tanh_lpv import with_saturation
+        """The record with a channel ``saturation``, ρ = tanh(A_3 s)/(A_3 s), that schedules the model of `to_lpv`.
 
-        return with_saturation(self, record)
+        Parameters
+        ----------
+        record : Record
+
+        Returns
+        -------
+        Record
+        """
+        drive = self.drive(record)
+        factors = self.factors(drive.displacement, drive.velocity, drive.current, self.vector)
+        rho = secant(factors.sharpness * factors.lagged)
+        return record.with_channel(SATURATION, rho, note=f"saturation of the lagged velocity of '{self.name}'")
 
 
 class Factors(NamedTuple):

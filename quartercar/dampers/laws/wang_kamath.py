@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.export.expression import Expr, RealConstant, call
+from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
+from quartercar.dampers.laws.expressions import named_parameters
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.stepper import DamperStepper, StateStepper
-
-if TYPE_CHECKING:
-    from lpvid.export.expression import Expr
-    from lpvid.export.step_builder import StepBuilder
 
 MOST_STARTS = 8
 """starting vectors worth a search; more only cost time."""
@@ -144,9 +143,30 @@ class WangKamath(DynamicDamper):
         return StateStepper(self, wang_kamath_move(self, step))
 
     def flow(self, b: StepBuilder, x: Expr, v: Expr, i: Expr) -> Expr | None:
-        from quartercar.dampers.laws.flows import wang_kamath_flow
+        values = list(named_parameters(b, self).values())
+        d = self.degree
+        u = b.let("share", call("fmin", call("fmax", i / self.current_scale, 0.0), 1.0)) if d else RealConstant(0.0)
 
-        return wang_kamath_flow(b, self, v, i)
+        def coefficient(place: int) -> Expr:
+            if not d:
+                return values[place]
+            rest = 1.0 - u
+            total: Expr = RealConstant(0.0)
+            for m in range(d + 1):
+                term: Expr = values[place * (d + 1) + m] * float(math.comb(d, m))
+                for factor in (*[u] * m, *[rest] * (d - m)):
+                    term = term * factor
+                total = total + term
+            return total
+
+        w = [b.let("w", coefficient(k)) for k in range(5)]
+        f = b.state("scaled_force", "", "force by its scale")
+        g = b.state("scaled_rate", "1/s", "its derivative")
+        s = b.let("square", f * f)
+        b.rate(f, g)
+        b.rate(g, (v - w[1] * g - f * (w[2] + s * (w[3] + s * w[4]))) / w[0])
+        scale: Expr = b.parameter("force_scale", self.force_scale, "N", "force scale F_s")
+        return scale * (1.0 + values[5] * call("fmax", i, 0.0)) * f if self.growing else scale * f
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._wang_kamath_kernels import wang_kamath_run
