@@ -11,17 +11,25 @@ import numpy as np
 from lpvid import _checks
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.registry import named_effects, stored_baseline
 from lpvid.errors import InputError
 from lpvid.model.adaptable import Acting, Adaptable
-from lpvid.record import Record
+from lpvid.model.noise_model import NoiseModel
+from lpvid.model.quasi import SelfScheduled
+from lpvid.model.signals import Signal
+from lpvid.record import Channel, Record
+from lpvid.scheduling import Scheduling
 from lpvid.training_fingerprint import heads
 
 if TYPE_CHECKING:
-    from lpvid.diagnosis.extended_run import ExtendedRun
     from lpvid.diagnosis.refitting import Refit
 
 TRACED = 2000
 """samples of a record on which is seen which further channels a composition reads"""
+OPEN = 1e300
+"""box of a scheduling variable of which no range is known"""
+SLACK = 0.01
+"""share of its range by which a scheduling variable may leave it before that counts as extrapolation"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +117,6 @@ class ExtendedModel(Adaptable):
 
     def to_model(self, sample_time: float) -> ExtendedRun:
         """As a model of lpvid at this period; its predictions are its free run."""
-        from lpvid.diagnosis.extended_run import ExtendedRun
-
         return ExtendedRun(self, sample_time)
 
     def to_linear_model(self) -> Acting:
@@ -143,8 +149,6 @@ class ExtendedModel(Adaptable):
         InputError
             A baseline or an effect that no installed package has, parameters that are not those of the effect.
         """
-        from lpvid.diagnosis.registry import named_effects
-
         baseline = stored_baseline(data["baseline"])
         effects = named_effects([str(e["name"]) for e in data["effects"]])
         composition = Composition(baseline, tuple(effects))
@@ -180,25 +184,101 @@ class ExtendedModel(Adaptable):
         return "\n".join(lines)
 
 
-def stored_baseline(data: Mapping) -> Baseline:
-    """The baseline that an extended model's file holds, by its name: lpvid's own kinds, then installed ones."""
-    from lpvid.diagnosis import extended_baseline, registry
-
-    inner = data["data"]
-    if inner.get("kind") == "extended":
-        return extended_baseline.ExtendedBaseline(ExtendedModel.from_dict(inner["model"]))
-    if inner.get("kind") == "lpv":
-        from lpvid.diagnosis.lpv_baseline import LpvBaseline
-
-        return LpvBaseline.from_dict(inner)
-    if inner.get("kind") == "fleet":
-        from lpvid.diagnosis.fleet_law import FleetLaw
-
-        return FleetLaw.from_dict(inner)
-    return registry.named_baseline(str(data["name"]), (), inner)
-
-
 def _required(composition: Composition) -> tuple[str, ...]:
     """Roles of the baseline and needs of the effects, the output apart."""
     named = (*composition.baseline.channels, *(n for e in composition.effects for n in e.needs))
     return tuple(dict.fromkeys(n for n in named if n != composition.baseline.output))
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedRun(SelfScheduled):
+    """A composition along records as measured: its channels in, its output out, in the records' sense.
+
+    It was fitted to its free run and has no noise model of its own: the prediction from any past is the free run.
+
+    Attributes
+    ----------
+    model : ExtendedModel
+    sample_time : float
+        [s].
+    """
+
+    model: ExtendedModel
+    sample_time: float
+    scheduling_stage: None = None
+
+    @property
+    def scheduled(self) -> tuple[str, ...]:
+        """Roles that schedule it."""
+        return tuple(n for n in self.model.composition.baseline.schedule if n in self.model.reads)
+
+    @property
+    def box(self) -> Scheduling:  # type: ignore[override]
+        """Training range of what schedules it, a hundredth wider."""
+        ranges = [self.model.ranges.get(n, (-OPEN, OPEN)) for n in self.scheduled]
+        slack = [SLACK * max(b - a, abs(b), 1e-9) for a, b in ranges]
+        return Scheduling(self.scheduled, tuple(a - s for (a, _), s in zip(ranges, slack, strict=True)),
+                          tuple(b + s for (_, b), s in zip(ranges, slack, strict=True)),
+                          units=tuple(self.model.units.get(n, "") for n in self.scheduled))
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:  # type: ignore[override]
+        """What it reads besides."""
+        return tuple(Signal(n, self.model.units.get(n, "")) for n in self.model.reads if n not in self.scheduled)
+
+    @property
+    def outputs(self) -> tuple[Signal, ...]:  # type: ignore[override]
+        """Its output."""
+        baseline = self.model.composition.baseline
+        return (Signal(baseline.output, baseline.output_unit),)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:  # type: ignore[override]
+        """The model's; lpvid recognises training data by it."""
+        turned = {"polarity": "reversed"} if self.model.composition.baseline.polarity < 0 else {}
+        return {**self.model.metadata, **turned}
+
+    @property
+    def start(self) -> int:
+        return self.model.composition.baseline.start
+
+    @property
+    def memory(self) -> int:
+        return self.start
+
+    @property
+    def noise(self) -> NoiseModel:
+        return NoiseModel("output")
+
+    @property
+    def vector(self) -> np.ndarray:
+        return self.model.vector
+
+    def with_vector(self, vector: np.ndarray) -> ExtendedRun:
+        return self.replace(model=replace(self.model, vector=vector))
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return self.model.composition.names
+
+    def free_run(self, u: np.ndarray, p: np.ndarray, past: np.ndarray, limit: float) -> tuple[np.ndarray, int | None]:
+        columns = {s.name: (u[:, k], s.unit) for k, s in enumerate(self.inputs)}
+        columns |= {n: (p[:, k], self.model.units.get(n, "")) for k, n in enumerate(self.scheduled)}
+        measured = np.zeros(len(u))
+        if past.size:
+            measured[:] = past[-1]
+            measured[: past.size] = past
+        output = self.outputs[0]
+        channels = {n: Channel(v, unit) for n, (v, unit) in columns.items()}
+        record = Record({**channels, output.name: Channel(measured, output.unit)}, self.sample_time)
+        with np.errstate(over="ignore", invalid="ignore"):
+            y = np.array(self.model.predict(record))
+        y[: past.size] = past
+        sane = np.abs(y) < limit
+        return y, None if sane.all() else int(np.argmin(sane))
+
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        return self.free_run(u, p, y[: self.start], np.inf)[0]
+
+    def __repr__(self) -> str:
+        return f"{self.model!r} at {1 / self.sample_time:.6g} Hz"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -92,3 +92,17 @@ class ExtendedBaseline(Baseline):
 
     def to_dict(self) -> dict:
         return {"kind": "extended", "model": self.model.to_dict()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> ExtendedBaseline:
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+
+        Returns
+        -------
+        ExtendedBaseline
+        """
+        return cls(ExtendedModel.from_dict(data["model"]))

@@ -9,6 +9,7 @@ a mapping from names to such factories. It names its causes in the group ``lpvid
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
@@ -19,6 +20,9 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 
 BASELINES, EFFECTS = "lpvid.baselines", "lpvid.effects"
+KINDS = {"extended": ("lpvid.diagnosis.extended_baseline", "ExtendedBaseline"),
+         "fleet": ("lpvid.diagnosis.fleet_law", "FleetLaw"), "lpv": ("lpvid.diagnosis.lpv_baseline", "LpvBaseline")}
+"""Where lpvid's own kinds of baseline live, by the kind in their files."""
 Factory = Callable[[Sequence[Record], Any], Baseline]
 """From prepared records and, where they are given, parameters (a file, a loaded model, a baseline's `to_dict`)."""
 
@@ -90,6 +94,30 @@ def named_effects(names: Sequence[str]) -> list[Effect]:
         raise InputError(f"no installed catalogue has the effect '{missing[0]}'", got=", ".join(known)[:200] or "none",
                          mend="install the package that it comes from")
     return [known[n] for n in names]
+
+
+def stored_baseline(data: Mapping) -> Baseline:
+    """The baseline that an extended model's file holds: one of lpvid's own kinds, or an installed one by its name.
+
+    Parameters
+    ----------
+    data : mapping
+        ``name``, and what the baseline's `to_dict` wrote under ``data``.
+
+    Returns
+    -------
+    Baseline
+
+    Raises
+    ------
+    InputError
+        A name that no installed package has.
+    """
+    inner = data["data"]
+    if inner.get("kind") not in KINDS:
+        return named_baseline(str(data["name"]), (), inner)
+    module, name = KINDS[inner["kind"]]
+    return getattr(importlib.import_module(module), name).from_dict(inner)
 
 
 def loaded(group: str) -> list[tuple[str, Any]]:

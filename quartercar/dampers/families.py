@@ -28,6 +28,8 @@ class LawDamper(Damper):
     """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
 
     clock: ClassVar[float | None] = None
+    real_runs: ClassVar[bool] = False
+    """whether differences of runs take the place of complex steps in linear parameters: a real run costs less"""
 
     def to_model(self, sample_time: float) -> SelfScheduled:
         """As a model of lpvid at this period; its predictions are its free run."""
@@ -126,6 +128,7 @@ class DynamicDamper(LawDamper):
 
     exported_instead: ClassVar[str] = "extended-bouc-wen"
     """the model with a step of fixed length that is nearest to this one"""
+    real_runs: ClassVar[bool] = True
     start: ClassVar[int] = 1
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.least_squares import Trial, bounded_least_squares
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.families import DynamicDamper, LawDamper
+from quartercar.dampers.fitting.fitted_law import FittedLaw
 from quartercar.dampers.fitting.solver import SearchCoordinates
 
 
@@ -20,13 +20,13 @@ class DamperFitProblem:
 
     Attributes
     ----------
-    damper : LawDamper
+    damper : FittedLaw
         Structure; its values are not read.
     drives : tuple of Drive
         With the measured force.
     """
 
-    damper: LawDamper
+    damper: FittedLaw
     drives: tuple[Drive, ...]
 
     @cached_property
@@ -114,7 +114,7 @@ class ProjectedFit:
         names, parameters = problem.damper.names, problem.damper.parameters
         self.problem = problem
         self.linear = np.array([n in problem.damper.linear for n in names])
-        self.by_runs = isinstance(problem.damper, DynamicDamper)  # a real run costs less than a complex one
+        self.by_runs = problem.damper.real_runs
         self.coordinates = SearchCoordinates([p for p, lin in zip(parameters, self.linear, strict=True) if not lin])
         chosen = [p for p, lin in zip(parameters, self.linear, strict=True) if lin]
         self.lower, self.upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,14 +12,11 @@ from lpvid.identification.covariance import estimate_covariance
 from lpvid.toolkit import single_thread
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.estimate import Estimate, Starts
+from quartercar.dampers.fitting.fitted_law import FittedLaw
 from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.fitting.solver import DamperSearchEnd, SearchCoordinates, search_law
-
-if TYPE_CHECKING:
-    from quartercar.dampers.families import LawDamper
 
 AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
@@ -38,12 +34,12 @@ SAME_POINT = 1e-3
 """parameters closer than this in relative terms are one start."""
 
 
-def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettings) -> Estimate:
+def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettings) -> Estimate:
     """Least free-run force residual over all drives.
 
     Parameters
     ----------
-    damper : LawDamper
+    damper : FittedLaw
         Structure; its own values are one of the starts.
     drives : sequence of Drive
         With the measured force.
@@ -97,7 +93,7 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
     return best, Starts(len(starts), len(ends), agreed)
 
 
-def scattered(damper: LawDamper, starts: Sequence[np.ndarray], count: int,
+def scattered(damper: FittedLaw, starts: Sequence[np.ndarray], count: int,
               rng: np.random.Generator) -> list[np.ndarray]:
     """`count` further starts about the given ones: factors of about two where a parameter moves by its logarithm."""
     if len(damper.linear) == len(damper.names):
@@ -221,7 +217,7 @@ def shortened(drives: Sequence[Drive], samples: int) -> tuple[Drive, ...]:
     return tuple(out)
 
 
-def at_bounds(damper: LawDamper, theta: np.ndarray) -> np.ndarray:
+def at_bounds(damper: FittedLaw, theta: np.ndarray) -> np.ndarray:
     """(P,) whether a parameter rests on one of its bounds."""
     lower = np.array([p.lower for p in damper.parameters])
     upper = np.array([p.upper for p in damper.parameters])
@@ -254,7 +250,7 @@ class Identifiability:
     condition: float
 
 
-def identifiability(damper: LawDamper, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray,
+def identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray,
                     covariance: np.ndarray, free: np.ndarray) -> Identifiability:
     """Singular directions of the sensitivities to relative changes of the free parameters.
 
@@ -263,7 +259,7 @@ def identifiability(damper: LawDamper, theta: np.ndarray, jacobian: np.ndarray, 
 
     Parameters
     ----------
-    damper : LawDamper
+    damper : FittedLaw
     theta : (P,) array
     jacobian : (m, P) array
         At the optimum.
@@ -292,7 +288,7 @@ def identifiability(damper: LawDamper, theta: np.ndarray, jacobian: np.ndarray, 
     return Identifiability(tuple(out), float("inf") if lost.any() else condition)
 
 
-def natural_sizes(damper: LawDamper, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def natural_sizes(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """(P,) what a change of 100 % is: the value, or where that is near zero, what moves the force by a twentieth."""
     effect = np.linalg.norm(jacobian, axis=0)
     small = np.where(effect > 0, NEGLIGIBLE * np.linalg.norm(measured) / np.where(effect > 0, effect, 1.0), 0.0)
