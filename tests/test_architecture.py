@@ -8,10 +8,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.import_graph import circles, import_graph
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("cvxpy", "control", "matplotlib", "pint", "scipy.signal", "scipy.optimize", "numba", "typer", "rich",
          "jinja2", "pyarrow", "h5py")
+CIRCLES = Path(__file__).with_name("import_circles.txt")
+PACKAGES = (ROOT / "lpvid", ROOT / "quartercar")
+RUN, TYPING = 2, 13
+"""circles left, and those that only imports for types close: the next figures may only be smaller."""
 
 
 def test_import_contracts_hold() -> None:
@@ -20,6 +25,35 @@ def test_import_contracts_hold() -> None:
                "--config", str(ROOT / ".importlinter"), "--no-cache"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_circles_of_imports_are_those_listed() -> None:
+    """Imports inside functions and for types count: the list of circles, by their modules, may only grow shorter."""
+    listed: dict[str, set[tuple[str, ...]]] = {"run": set(), "typing": set()}
+    for line in CIRCLES.read_text(encoding="utf8").splitlines():
+        if line and not line.startswith("#"):
+            kind, *names = line.split()
+            listed[kind].add(tuple(names))
+    run = circles(import_graph(PACKAGES, typing=False))
+    assert run == listed["run"], "a circle of imports came, or went: take it from the list"
+    assert circles(import_graph(PACKAGES)) - run == listed["typing"], "as above, imports under TYPE_CHECKING included"
+    assert len(listed["run"]) <= RUN and len(listed["typing"]) <= TYPING
+
+
+def test_circles_of_imports_are_found(tmp_path: Path) -> None:
+    """Of four modules two import each other inside functions, two for types alone, and one only downwards."""
+    package = tmp_path / "house"
+    package.mkdir()
+    sources = {"__init__": "", "cellar": "",
+               "hall": "def f():\n    from house.stairs import g\n    from . import cellar\n",
+               "stairs": "import house.hall\n", "door": "from house.hall import f\nfrom .lock import Key\n",
+               "lock": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house.door import Door\n"}
+    for name, text in sources.items():
+        (package / f"{name}.py").write_text(text)
+    assert import_graph([package])["house.hall"] == {"house.stairs", "house.cellar"}
+    stairs, lock = ("house.hall", "house.stairs"), ("house.door", "house.lock")
+    assert circles(import_graph([package], typing=False)) == {stairs}
+    assert circles(import_graph([package])) == {stairs, lock}
 
 
 def test_import_is_lazy() -> None:
