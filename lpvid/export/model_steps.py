@@ -15,7 +15,6 @@ from lpvid.export.state_space_steps import state_space_program
 from lpvid.export.transfer_function_steps import transfer_function_program
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.designed import role_of
-from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.lft import LFTModel
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.model.state_space import LPVStateSpace
@@ -123,12 +122,10 @@ def _excitation(model: Any, channels: list[str], clamp: bool) -> Any:
     """Trajectories over the box (a fifth beyond it where it is clamped), and of a few knees of the input stage."""
     box, stage = model.box, model.input_stage
     reach = 1.0
-    if isinstance(stage, TanhStage):
-        reach = 4 * stage.v0
-    elif isinstance(stage, ThreeZoneStage):
-        reach = 4 * stage.limit
-    elif isinstance(model, (QuasiLPVModel, ComplianceModel)):
-        reach = float(np.abs(model.knots).max()) if isinstance(model, ComplianceModel) else 1.0
+    if stage is not None and stage.first_knee is not None:
+        reach = 4 * stage.first_knee
+    elif isinstance(model, ComplianceModel):
+        reach = float(np.abs(model.knots).max())
     inputs = [s.name for s in model.inputs]
     low, high = np.full(len(channels), -reach), np.full(len(channels), reach)
     for n, lower, upper in zip(box.names, box.lower, box.upper, strict=True):

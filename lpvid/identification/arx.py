@@ -110,6 +110,23 @@ class ARX(Structure):
 
     # -- sizes --------------------------------------------------------------------------------------------------
     @property
+    def summary(self) -> str:
+        nb, nk = (",".join(map(str, n)) for n in (self.width, self.delay))
+        parts = [f"ARX na={self.na} nb={nb} nk={nk}", self.basis.summary]
+        if self.affine:
+            parts.append(f"affine {self.affine}")
+        if self.lagged:
+            parts.append("at p(k-i)")
+        stage, lag = self.stage, self.schedule_filter
+        if stage is not None:
+            parts.append(stage.to_dict()["kind"] if isinstance(stage, InputStage) else stage)
+        if lag is not None:
+            parts.append(f"filter {lag.to_dict()['kind'] if isinstance(lag, SchedulingStage) else lag}")
+        if self.ridge:
+            parts.append("ridge")
+        return " ".join(parts)
+
+    @property
     def channels(self) -> tuple[str, ...]:
         named = (*self.input, *self.output, *self.basis.names, *((self.weight,) if self.weight else ()))
         return tuple(dict.fromkeys(named))

@@ -100,6 +100,10 @@ class PredictionError(Structure):
 
     # -- what a structure adds -----------------------------------------------------------------------------------
     @property
+    def summary(self) -> str:
+        return type(self).__name__ + self.arx.summary.removeprefix("ARX")
+
+    @property
     @abstractmethod
     def kind(self) -> str:
         """Its name in files."""

@@ -119,6 +119,13 @@ class QuasiLPV(Structure):
                 raise InputError(f"{name} must not be negative", got=getattr(self, name))
 
     @property
+    def summary(self) -> str:
+        nb, nk = (",".join(map(str, n)) if isinstance(n, tuple) else n for n in (self.nb, self.nk))
+        trial = f" over {self.trial} lags" if self.on == "trial" and self.trial > 1 else ""
+        return (f"QuasiLPV on {self.on}{trial} na={self.na} nb={nb} nk={nk} {self.basis.summary}"
+                + (" nearly odd" if self.oddness else ""))
+
+    @property
     def channels(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys((*self.input, *self.output, *self.external.names)))
 

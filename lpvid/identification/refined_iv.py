@@ -97,6 +97,12 @@ class RefinedIV(Structure):
             raise InputError("a Box-Jenkins model needs nc or nd above 0", mend='set noise="output" for white noise')
 
     @property
+    def summary(self) -> str:
+        shared = {n: getattr(self, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
+                                                "stage", "schedule_filter")}
+        return "RefinedIV" + ARX(**shared).summary.removeprefix("ARX")
+
+    @property
     def arx(self) -> ARX:
         """The equation-error structure of the same orders, whose least squares is the start."""
         return ARX(self.na, self.nb, self.nk, self.input, self.output, self.basis, self.affine, self.lagged, self.stage,

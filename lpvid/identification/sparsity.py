@@ -79,6 +79,10 @@ class SparseARX(Structure):
                                  mend='use a Polynomial, or group="parameter"')
 
     @property
+    def summary(self) -> str:
+        return type(self).__name__ + self.arx.summary.removeprefix("ARX")
+
+    @property
     def channels(self) -> tuple[str, ...]:
         return self.arx.channels
 

@@ -122,6 +122,12 @@ class StateSpaceError(Structure):
                 raise InputError("the start has another order than the structure", got=f"{given.order} states")
 
     @property
+    def summary(self) -> str:
+        order = "of its own order" if self.order is None else f"order {self.order}"
+        parts = (" direct" if self.direct else "") + (" affine" if self.affine else "")
+        return f"{type(self).__name__} {order} {self.basis.summary}{parts}"
+
+    @property
     def channels(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
 

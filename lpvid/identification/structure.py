@@ -40,6 +40,12 @@ class Structure(Encoded, ABC):
     def start(self) -> int:
         """Samples at the head of every record that only serve as a past."""
 
+    @property
+    def summary(self) -> str:
+        """The structure in a few words, for tables of many."""
+        text = repr(self)
+        return text if len(text) < 100 else text[:97] + "..."
+
     @abstractmethod
     def estimate(self, records: Sequence[Record]) -> Identification:
         """Fit to uniform, finite records of one rate (what `condition.segments` returns).

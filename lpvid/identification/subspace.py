@@ -111,6 +111,12 @@ class Subspace(Structure):
                              mend="raise future and past")
 
     @property
+    def summary(self) -> str:
+        order = "of its own order" if self.order is None else f"order {self.order}"
+        parts = (" direct" if self.direct else "") + (" affine" if self.affine else "")
+        return f"{type(self).__name__} {order} {self.basis.summary}{parts}"
+
+    @property
     def _most(self) -> int:
         return self._ahead * len(self.output) * self.basis.size
 

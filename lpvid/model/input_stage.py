@@ -71,9 +71,14 @@ class InputStage(Coded, ABC):
                          if isinstance(v, float))
 
     @property
+    def first_knee(self) -> float | None:
+        """The knee at scheduling 0, in the shaped input's unit; None for a stage without one."""
+        return getattr(self, self.KNEE[0]) if self.KNEE else None
+
+    @property
     def at_bound(self) -> bool:
         """Whether the search has taken the knee at scheduling 0 to its lower bound."""
-        return bool(self.KNEE) and getattr(self, self.KNEE[0]) <= NARROWEST
+        return self.first_knee is not None and self.first_knee <= NARROWEST
 
     @abstractmethod
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:

@@ -108,6 +108,11 @@ class LPVStateSpace(LPVModel):
         return self.A.shape[1]
 
     @property
+    def memory(self) -> int:
+        """Values that hold what ran before a record: the states."""
+        return self.order
+
+    @property
     def n_outputs(self) -> int:
         """Number of outputs."""
         return self.C.shape[1]

@@ -159,6 +159,11 @@ class LPVTransferFunction(LPVModel):
         return max(self.na, self.n_lags - 1, 0)
 
     @property
+    def memory(self) -> int:
+        """Past outputs that a free run depends on: na of each."""
+        return self.na * self.n_outputs
+
+    @property
     def start(self) -> int:
         """Measured samples a free run starts from: max(na, nb + nk − 1), affine lags included."""
         assert self.c is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lpvid.identification.selection import Selection, describe
+from lpvid.identification.selection import Selection
 from lpvid.report.page import Mark, Notes, PageTable, Paragraph, Section, number, percent
 
 ROWS = 40
@@ -25,7 +25,7 @@ def selection_section(found: Selection, ceiling: str) -> Section:
     rows, marks = [], []
     for i, r in enumerate(found.table[:ROWS]):
         error = "–" if r.esr is None else f"{number(r.esr)} ± {number(r.esr_error, 1)}"
-        rows.append((describe(r.structure), "–" if r.n_parameters is None else f"{r.n_parameters}", error,
+        rows.append((r.structure.summary, "–" if r.n_parameters is None else f"{r.n_parameters}", error,
                      number(r.fit_percent), number(r.bic, 6), percent(r.outside), r.reason))
         mark: Mark = "good" if i == 0 else "plain"
         marks.append(mark)

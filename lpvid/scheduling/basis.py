@@ -92,6 +92,12 @@ class Basis(Coded, ABC):
         """
 
     @property
+    def summary(self) -> str:
+        """The functions in a few words: their labels where they are few."""
+        stated = ", ".join(self.labels) if self.size <= 5 else f"{self.size} functions in {', '.join(self.names)}"
+        return f"{{{stated}}}"
+
+    @property
     def redundant(self) -> int | None:
         """Index of a function to drop where a second copy of the constant would make regressors dependent."""
         return 0

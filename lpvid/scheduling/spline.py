@@ -74,6 +74,10 @@ class Spline(Basis):
     def labels(self) -> tuple[str, ...]:
         return tuple(f"B{i}({self.name})" for i in range(self.size))
 
+    @property
+    def summary(self) -> str:
+        return f"{{spline of order {self.order} in {self.name}, {self.segments} segments}}"
+
     def _full_knots(self) -> np.ndarray:
         if not self.knots:
             raise InputError(f"the spline in '{self.name}' has no knots yet", mend="bind it to a box with .bound(box)")

@@ -77,7 +77,7 @@ def varying_signals(plant: GeneralizedPlant) -> str:
 def convex_axes(plant: GeneralizedPlant) -> tuple[np.ndarray, ...]:
     """Ends of the box and, for a gridded plant, its grid."""
     ends = design_axes(plant.box, 2, True)
-    inside = _knots(plant.system.basis)
+    inside = plant.system.basis.knots_of
     return tuple(np.unique(np.concatenate([a, [k for k in inside.get(n, ()) if a[0] < k < a[-1]]]))
                  for n, a in zip(plant.box.names, ends, strict=True))
 
@@ -88,9 +88,3 @@ def _convex(basis: Basis) -> bool:
         separate = len(basis.factors) == 2 and not set(first.names) & set(second.names)
         return separate and _convex(first) and _convex(second)
     return (isinstance(basis, Spline) and basis.order == 1) or (isinstance(basis, Polynomial) and is_affine(basis))
-
-
-def _knots(basis: Basis) -> dict[str, tuple[float, ...]]:
-    if isinstance(basis, Product):
-        return {name: knots for factor in basis.factors for name, knots in _knots(factor).items()}
-    return {basis.name: basis.knots} if isinstance(basis, Spline) else {}

@@ -446,6 +446,11 @@ class Damper(Parametrised, Adaptable, Shown):
         low, high = (checks.real(x, f"a {role} of the training") for x in given)
         return low, high
 
+    @property
+    def integrated_states(self) -> int | None:
+        """States that a run integrates: 0 for a formula, None for a model that is identified and not searched."""
+        return None
+
     # -- asking ------------------------------------------------------------------------------------------------------
     def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),
             settings: FitSettings | None = None) -> DamperFit:

@@ -31,6 +31,10 @@ class LawDamper(Damper):
     real_runs: ClassVar[bool] = False
     """whether differences of runs take the place of complex steps in linear parameters: a real run costs less"""
 
+    @property
+    def integrated_states(self) -> int:
+        return 0
+
     def to_model(self, sample_time: float) -> SelfScheduled:
         """As a model of lpvid at this period; its predictions are its free run."""
         from quartercar.dampers.as_model import DamperModel
@@ -135,6 +139,10 @@ class DynamicDamper(LawDamper):
     @abstractmethod
     def states(self) -> tuple[str, ...]:
         """Names of the states, with units, e.g. ``"z [m]"``."""
+
+    @property
+    def integrated_states(self) -> int:
+        return len(self.states)
 
     @abstractmethod
     def rest(self, displacement: float, velocity: float, current: float, force: float | None,

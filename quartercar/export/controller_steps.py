@@ -16,15 +16,6 @@ from lpvid.export.transfer_function_steps import vector
 from quartercar.controllers.contract import DEADBAND, DEMANDS, SIGNALS, Controller, Setting
 from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.controllers.designed.schedule_rules import (
-    SMALL,
-    Excess,
-    GivenShare,
-    Measured,
-    Rule,
-    SaturationRatio,
-    Yield,
-)
 from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.laws.clipped_optimal import STATES, ClippedOptimal, optimal_gain
 from quartercar.parameters import MEGANE
@@ -144,7 +135,7 @@ def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:
     assert model.state_offset is not None and model.output_offset is not None
     held: dict[str, Expr] = {}
     for name, rule, low, high in zip(model.box.names, c.schedule, model.box.lower, model.box.upper, strict=True):
-        held[name] = b.let(f"rho_{name}", clipped(rule_value(b, rule, seen), low, high))
+        held[name] = b.let(f"rho_{name}", clipped(rule.expression(b, seen), low, high))
     phi = vector(b, "basis", basis_values(b, model.basis, {n: (lambda i, at=at: at) for n, at in held.items()}))
     u = vector(b, "measured", [seen[s.name] for s in model.inputs])
     x = b.states("x", np.zeros(model.order), "", "states of the controller") if model.order else None
@@ -161,44 +152,6 @@ def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:
         + b.parameter("gain", c.values["gain"], "", "of the controller's output") * y[0]
     if c.nominal_damping:
         out = out + b.parameter("nominal_damping", c.nominal_damping, "N*s/m", "c_nom") * seen["suspension_velocity"]
-    return out
-
-
-def rule_value(b: StepBuilder, rule: Rule, seen: Seen) -> Expr:
-    """A scheduling variable by its rule."""
-    if isinstance(rule, Measured):
-        return seen[rule.signal]
-    if isinstance(rule, Yield):
-        xi = b.let("xi", rule.per_velocity * seen["suspension_velocity"]
-                   + rule.per_deflection * seen["suspension_deflection"])
-        if not rule.ratio:
-            return call("tanh", xi)
-        out = b.let("secant", 1.0 - xi * xi / 3.0)
-        with b.when(call("fabs", xi) >= 1e-4):
-            b.set(out, call("tanh", xi) / xi)
-        return out
-    if isinstance(rule, SaturationRatio):
-        return _share(b, seen["demanded"] - rule.offset, seen["attained"] - rule.offset, rule.lowest, rule.small)
-    if isinstance(rule, GivenShare):
-        base = b.state("nominal_before", "N", "nominal force of the last sample")
-        out = _share(b, seen["demanded"] - base, seen["attained"] - base, rule.lowest, SMALL)
-        b.set(base, rule.nominal_damping * seen["suspension_velocity"])
-        return out
-    if isinstance(rule, Excess):
-        share = 1.0 if rule.smoothing <= 0 else float(-np.expm1(-b.sample_time / rule.smoothing))
-        last = b.state("excess", "", "excess of the last demand, smoothed")
-        off = b.let("off", call("fabs", seen["demanded"] - seen["attained"]) / rule.scale)
-        power = b.let("power", rule.sharpness * (off * off * off * off))
-        b.set(last, last + share * (rule.highest * power / (power + 1.0 / rule.sharpness) - last))
-        return b.let("excess_now", last)
-    raise InputError("this rule of a schedule has no exported step", got=rule.kind, mend="schedule on 'measured'")
-
-
-def _share(b: StepBuilder, asked: Expr, given: Expr, lowest: float, small: float) -> Expr:
-    """given/demanded within [lowest, 1]; 1 where next to nothing is demanded."""
-    wanted, out = b.let("asked", asked), b.let("share", 1.0)
-    with b.when(call("fabs", wanted) > small):
-        b.set(out, clipped(given / wanted, lowest, 1.0))
     return out
 
 

@@ -27,7 +27,7 @@ from lpvid.cli.automatic import choose
 from lpvid.cli.structures import Request
 from lpvid.condition.preparing import decimation
 from lpvid.errors import LpvError
-from lpvid.identification.selection.result import CandidateRow, describe
+from lpvid.identification.selection.result import CandidateRow
 from lpvid.identification.selection.rounds import in_full
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -169,7 +169,7 @@ def by_all_hands(case: Case, data: Data, most: float) -> dict:
         assert found.held_out is not None
         fit = found.held_out.overall.free_run.fit_percent
         if fit is not None and fit > best.get(kind, -np.inf):
-            best[kind], which[kind] = float(fit), describe(structure)
+            best[kind], which[kind] = float(fit), structure.summary
     return {"hand": best, "which": which, "hand_seconds": time.process_time() - begun, "hand_left": left}
 
 

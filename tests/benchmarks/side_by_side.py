@@ -71,7 +71,6 @@ def ours(name: str) -> Callable:
     def fit(data: Data, orders: dict) -> tuple[Callable, str]:
         import lpvid as lpv
         from lpvid.identification.selection import auto
-        from lpvid.identification.selection.result import describe
 
         training, held = data.record(0, data.cut), data.record(data.cut, len(data.y))
         names = tuple(f"p{i + 1}" for i in range(data.p.shape[1]))
@@ -80,7 +79,7 @@ def ours(name: str) -> Callable:
         states = {**signals, "order": orders["na"], "affine": bool(orders["affine"])}
         if name == "auto":
             chosen = auto(training, "u", "y", names)
-            found, described = chosen.identification, describe(chosen.best)
+            found, described = chosen.identification, chosen.best.summary
         else:
             kind = getattr(lpv, name)
             found = lpv.identify(training, kind(**(states if name in ("Subspace", "StateSpaceError") else lags)))

@@ -19,7 +19,6 @@ from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.result import Identification
 from lpvid.identification.selection.excursions import furthest
 from lpvid.identification.structure import Structure
-from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.scheduling import Spline
@@ -301,17 +300,10 @@ def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
         if run.diverged_at is not None:
             return True, 0.0, 0.0
         y = record.matrix([s.name for s in model.outputs])[model.start:]
-        errors += np.sum((y - run.output[model.start:]) ** 2, axis=0) / max(1 - _memory(model) / y.size, 0.1)
+        errors += np.sum((y - run.output[model.start:]) ** 2, axis=0) / max(1 - model.memory / y.size, 0.1)
         powers += np.sum((y - y.mean(axis=0)) ** 2, axis=0)
     scale = np.maximum(powers, 1e-300)
     return False, float(np.sum(errors / scale * powers.sum()) / len(powers)), float(powers.sum())
-
-
-def _memory(model: Model) -> int:
-    """Values that hold what ran before a record."""
-    if isinstance(model, LPVTransferFunction):
-        return model.na * model.n_outputs
-    return model.order if isinstance(model, LPVStateSpace) else model.memory
 
 
 def unstable_share(model: Model, records: Sequence[Record]) -> float:

@@ -7,64 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid._shown import Shown
-from lpvid.identification.arx import ARX
-from lpvid.identification.prediction_error import PredictionError
-from lpvid.identification.quasi_lpv import QuasiLPV
-from lpvid.identification.refined_iv import RefinedIV
 from lpvid.identification.result import Identification
-from lpvid.identification.sparsity import SparseARX
-from lpvid.identification.state_space_error import StateSpaceError
 from lpvid.identification.structure import Structure
-from lpvid.identification.subspace import Subspace
-from lpvid.model.input_stage import InputStage
-from lpvid.model.scheduling_stage import SchedulingStage
-from lpvid.scheduling import Basis, Spline
 
 
 def describe(structure: Structure) -> str:
-    """A structure in a few words."""
-    if isinstance(structure, RefinedIV):
-        shared = {n: getattr(structure, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
-                                                     "stage", "schedule_filter")}
-        return "RefinedIV" + describe(ARX(**shared)).removeprefix("ARX")
-    if isinstance(structure, Subspace | StateSpaceError):
-        order = "of its own order" if structure.order is None else f"order {structure.order}"
-        parts = (" direct" if structure.direct else "") + (" affine" if structure.affine else "")
-        return f"{type(structure).__name__} {order} {_words(structure.basis)}{parts}"
-    if isinstance(structure, SparseARX | PredictionError):
-        return type(structure).__name__ + describe(structure.arx).removeprefix("ARX")
-    if isinstance(structure, QuasiLPV):
-        nb, nk = (",".join(map(str, n)) if isinstance(n, tuple) else n for n in (structure.nb, structure.nk))
-        trial = f" over {structure.trial} lags" if structure.on == "trial" and structure.trial > 1 else ""
-        return (f"QuasiLPV on {structure.on}{trial} na={structure.na} nb={nb} nk={nk} {_words(structure.basis)}"
-                + (" nearly odd" if structure.oddness else ""))
-    if not isinstance(structure, ARX):
-        text = repr(structure)
-        return text if len(text) < 100 else text[:97] + "..."
-    nb = ",".join(map(str, structure.width))
-    nk = ",".join(map(str, structure.delay))
-    parts = [f"ARX na={structure.na} nb={nb} nk={nk}", _words(structure.basis)]
-    if structure.affine:
-        parts.append(f"affine {structure.affine}")
-    if structure.lagged:
-        parts.append("at p(k-i)")
-    stage, lag = structure.stage, structure.schedule_filter
-    if stage is not None:
-        parts.append(stage.to_dict()["kind"] if isinstance(stage, InputStage) else stage)
-    if lag is not None:
-        parts.append(f"filter {lag.to_dict()['kind'] if isinstance(lag, SchedulingStage) else lag}")
-    if structure.ridge:
-        parts.append("ridge")
-    return " ".join(parts)
+    """A structure in a few words: its `summary`.
 
+    Parameters
+    ----------
+    structure : Structure
 
-def _words(basis: Basis) -> str:
-    """A basis in a few words."""
-    if basis.size <= 5 and not isinstance(basis, Spline):
-        return f"{{{', '.join(basis.labels)}}}"
-    kind = f"spline of order {basis.order}" if isinstance(basis, Spline) else f"{basis.size} functions"
-    size = f", {basis.segments} segments" if isinstance(basis, Spline) else ""
-    return f"{{{kind} in {', '.join(basis.names)}{size}}}"
+    Returns
+    -------
+    str
+    """
+    return structure.summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +76,7 @@ class CandidateRow:
         dict
             Plain values by name.
         """
-        return {"structure": describe(self.structure), "n_parameters": self.n_parameters,
+        return {"structure": self.structure.summary, "n_parameters": self.n_parameters,
                 "bic_one_step_training": self.bic, "aicc_one_step_training": self.aicc,
                 "one_step_fit_percent_training": self.one_step, "frozen_outside_share_training": self.outside,
                 "free_run_esr_cross_validated": self.esr, "free_run_esr_standard_error": self.esr_error,
@@ -132,7 +90,7 @@ class CandidateRow:
             figure = f": free-run CV ESR {self.esr:.4g} ± {self.esr_error:.1g} (fit {self.fit_percent:.1f} %)"
         elif self.one_step is not None:
             figure = f": one-step training fit {self.one_step:.1f} %"
-        return f"{describe(self.structure)}{size}{figure}; {self.reason}"
+        return f"{self.structure.summary}{size}{figure}; {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,13 +138,13 @@ class Selection(Shown):
         dict
             Plain values by name.
         """
-        return {"schema": "lpvid/selection/1", "best": describe(self.best), "complete": self.complete,
+        return {"schema": "lpvid/selection/1", "best": self.best.summary, "complete": self.complete,
                 "folds": self.folds, "candidates": len(self.table), "table": [r.to_dict() for r in self.table],
                 "identification": None if self.identification is None else self.identification.to_dict(),
                 "notes": list(self.notes), "left_out": list(self.left_out)}
 
     def __repr__(self) -> str:
-        head = f"Selection: {describe(self.best)}"
+        head = f"Selection: {self.best.summary}"
         lines = [head if self.complete else head + " (INTERRUPTED: the ranking is not complete)",
                  f"  {self.comparison}"]
         if self.identification is not None:

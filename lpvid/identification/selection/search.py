@@ -24,7 +24,7 @@ from lpvid.identification.selection.free_run import (
     squares,
     unstable_share,
 )
-from lpvid.identification.selection.result import CandidateRow, describe
+from lpvid.identification.selection.result import CandidateRow
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.identification.structure import Structure
@@ -114,7 +114,7 @@ class StructureSearch:
 
     def _tried(self, structure: Structure) -> Trial:
         """Cross-validation against the best so far, and whether the structure could be taken."""
-        self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
+        self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {structure.summary}")
         best, begin = self.best, self.begin_of(structure)
         trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late, begin)
         return trial if trial.failure else self._admitted(structure, trial, begin)
@@ -231,7 +231,7 @@ class StructureSearch:
         if self.late():
             self.unreached.add(index)
         else:
-            self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
+            self._tell(len(self.trials), f"cross-validating in free run {self.screened[index].asked.summary}")
             trial = cross_validate(self.screened[index].structure, self.parts, self.records)
             if not trial.failure:
                 trial = replace(trial, measured=self._measured(self._of_screened(index), trial))
@@ -244,7 +244,7 @@ class StructureSearch:
     def _tell(self, done: int, text: str) -> None:
         if self.progress is not None:
             best = self.best
-            so_far = "" if best is None else f"; best so far {describe(best[0])}, {fit_percent(best[1]):.1f} %"
+            so_far = "" if best is None else f"; best so far {best[0].summary}, {fit_percent(best[1]):.1f} %"
             self.progress(done, self.places + len(self.direct), text + so_far)
 
     # -- who is tried -------------------------------------------------------------------------------------------

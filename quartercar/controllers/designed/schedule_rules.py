@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from lpvid.codec import Coded
+from lpvid.errors import InputError
+from lpvid.export.expression import Expr, call, clipped
+from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks
 from quartercar.controllers.contract import SIGNALS, Setting, Signals
 
@@ -45,6 +48,27 @@ class Rule(Coded, ABC):
             Takes the signals of a sample, returns (cars,) values.
         """
 
+    def expression(self, b: StepBuilder, seen: Mapping[str, Expr]) -> Expr:
+        """The variable as an expression, for C, FMU and MATLAB.
+
+        Parameters
+        ----------
+        b : StepBuilder
+            Takes the states of a rule with memory.
+        seen : mapping of str to Expr
+            The signals in `reads`.
+
+        Returns
+        -------
+        Expr
+
+        Raises
+        ------
+        InputError
+            A rule that has no exported step.
+        """
+        raise InputError("this rule of a schedule has no exported step", got=self.kind, mend="schedule on 'measured'")
+
 
 @dataclass(frozen=True)
 class Measured(Rule):
@@ -68,6 +92,9 @@ class Measured(Rule):
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         return lambda seen: seen[self.signal]
+
+    def expression(self, b: StepBuilder, seen: Mapping[str, Expr]) -> Expr:
+        return seen[self.signal]
 
 
 @dataclass(frozen=True)
@@ -96,6 +123,16 @@ class Yield(Rule):
             return np.where(small, 1 - xi**2 / 3, np.tanh(xi) / np.where(small, 1.0, xi))
 
         return value
+
+    def expression(self, b: StepBuilder, seen: Mapping[str, Expr]) -> Expr:
+        xi = b.let("xi", self.per_velocity * seen["suspension_velocity"]
+                   + self.per_deflection * seen["suspension_deflection"])
+        if not self.ratio:
+            return call("tanh", xi)
+        out = b.let("secant", 1.0 - xi * xi / 3.0)
+        with b.when(call("fabs", xi) >= 1e-4):
+            b.set(out, call("tanh", xi) / xi)
+        return out
 
 
 @dataclass(frozen=True)
@@ -126,6 +163,10 @@ class SaturationRatio(Rule):
             return np.where(idle, 1.0, np.clip(had / np.where(idle, 1.0, asked), self.lowest, 1.0))
 
         return value
+
+    def expression(self, b: StepBuilder, seen: Mapping[str, Expr]) -> Expr:
+        return _share_expression(b, seen["demanded"] - self.offset, seen["attained"] - self.offset, self.lowest,
+                                 self.small)
 
 
 @dataclass(frozen=True)
@@ -161,6 +202,14 @@ class Excess(Rule):
 
         return value
 
+    def expression(self, b: StepBuilder, seen: Mapping[str, Expr]) -> Expr:
+        share = 1.0 if self.smoothing <= 0 else float(-np.expm1(-b.sample_time / self.smoothing))
+        last = b.state("excess", "", "excess of the last demand, smoothed")
+        off = b.let("off", call("fabs", seen["demanded"] - seen["attained"]) / self.scale)
+        power = b.let("power", self.sharpness * (off * off * off * off))
+        b.set(last, last + share * (self.highest * power / (power + 1.0 / self.sharpness) - last))
+        return b.let("excess_now", last)
+
 
 @dataclass(frozen=True)
 class GivenShare(Rule):
@@ -189,6 +238,12 @@ class GivenShare(Rule):
 
         return value
 
+    def expression(self, b: StepBuilder, seen: Mapping[str, Expr]) -> Expr:
+        base = b.state("nominal_before", "N", "nominal force of the last sample")
+        out = _share_expression(b, seen["demanded"] - base, seen["attained"] - base, self.lowest, SMALL)
+        b.set(base, self.nominal_damping * seen["suspension_velocity"])
+        return out
+
 
 def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
     """(cars,) given/demanded within [lowest, 1]; 1 where next to nothing is demanded.
@@ -212,3 +267,11 @@ def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> n
     """
     idle = np.abs(asked) <= SMALL
     return np.where(idle, 1.0, np.clip(given / np.where(idle, 1.0, asked), lowest, 1.0))
+
+
+def _share_expression(b: StepBuilder, asked: Expr, given: Expr, lowest: float, small: float) -> Expr:
+    """given/demanded within [lowest, 1]; 1 where next to nothing is demanded."""
+    wanted, out = b.let("asked", asked), b.let("share", 1.0)
+    with b.when(call("fabs", wanted) > small):
+        b.set(out, clipped(given / wanted, lowest, 1.0))
+    return out

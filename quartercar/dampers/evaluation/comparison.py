@@ -16,7 +16,7 @@ from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.compared import Compared, Comparison
 from quartercar.dampers.evaluation.scoring import score, stretches, time_per_simulated_second
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.families import DynamicDamper, LawDamper
+from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.fitting import DamperFit, FitSettings, fit
 from quartercar.dampers.preparing import Prepared, prepare
 
@@ -187,7 +187,8 @@ def _suited(names: Sequence[str], facts: Facts) -> tuple[list[Damper], list[tupl
 
 
 def _effort(damper: Damper) -> tuple[int, int]:
-    kind = 2 if isinstance(damper, DynamicDamper) else 0 if isinstance(damper, LawDamper) else 1
+    states = damper.integrated_states
+    kind = 1 if states is None else 2 if states else 0
     return kind, len(damper.parameters)
 
 
@@ -263,19 +264,20 @@ def _cost(damper: Damper, records: Sequence[Record], effort: FitSettings) -> flo
     count, samples = max(len(damper.parameters), 1), sum(r.n_samples for r in records)
     simulated = (effort.starts * effort.tasting_evaluations * min(effort.tasting_samples, samples)
                  + effort.polished * effort.evaluations * samples) * (count + 1)
-    if not isinstance(damper, LawDamper):
+    if damper.integrated_states is None:
         return float(samples * count**2)
-    return float(simulated * (1 if not isinstance(damper, DynamicDamper) else 10 * len(damper.states)))
+    return float(simulated * max(10 * damper.integrated_states, 1))
 
 
 def _affordable(damper: Damper, settings: CompareSettings) -> int:
     """Training samples that a fit may see: by the model's size, not by a clock, so that fits repeat."""
-    if not isinstance(damper, LawDamper):
+    states = damper.integrated_states
+    if states is None:
         return settings.sampled_samples
     count = max(len(damper.parameters), 1)
-    if not isinstance(damper, DynamicDamper):
+    if not states:
         return settings.quick_work // count
-    step = max(1.0, len(damper.states) ** 3 / SMALL**3)  # an implicit step solves a system of that many equations
+    step = max(1.0, states**3 / SMALL**3)  # an implicit step solves a system of that many equations
     return round(settings.slow_work / (count * step))
 
 
