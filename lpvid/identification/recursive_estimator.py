@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
+from lpvid.identification.arx import ARX
 from lpvid.identification.forgetting import CovarianceReset, VariableForgetting
 from lpvid.identification.regression import Factor
 from lpvid.identification.row_stream import RowStream
@@ -18,13 +19,49 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
 
-if TYPE_CHECKING:
-    from lpvid.identification.recursive import Recursive
-
 CLEAR = 1e-7
 """smallest over largest singular value, with unit columns, at which the start hands over to the recursion."""
 NOISE_FLOOR = 1e-6
 """of an output's rms: the least noise that variable forgetting assumes."""
+
+
+class RecursiveSettings(Protocol):
+    """What a recursion is set to; `Recursive` is one."""
+
+    @property
+    def structure(self) -> ARX:
+        """Whose parameters are followed."""
+        ...
+
+    @property
+    def forgetting(self) -> float | VariableForgetting:
+        """Factor by which the past counts less with every sample."""
+        ...
+
+    @property
+    def reset(self) -> CovarianceReset | None:
+        """When the covariance is opened again."""
+        ...
+
+    @property
+    def initial_covariance(self) -> float | None:
+        """Of the parameters in unit-column scaling; None to begin with least squares."""
+        ...
+
+    @property
+    def history(self) -> int:
+        """Samples between stored parameters; 0 for none."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            By which a saved state knows its settings.
+        """
+        ...
 
 
 class RecursiveEstimator:
@@ -32,7 +69,8 @@ class RecursiveEstimator:
 
     Parameters
     ----------
-    structure : Recursive
+    structure : RecursiveSettings
+        E.g. a `Recursive`.
     box : Scheduling
         Range of the scheduling variables, to which the basis is normalised.
     sample_time : float
@@ -52,7 +90,7 @@ class RecursiveEstimator:
     array([-0.5,  1. ])
     """
 
-    def __init__(self, structure: Recursive, box: Scheduling, sample_time: float) -> None:
+    def __init__(self, structure: RecursiveSettings, box: Scheduling, sample_time: float) -> None:
         self.structure, self.box = structure, box
         self.sample_time = _checks.positive(sample_time, "sample_time", "s")
         arx = structure.structure
@@ -269,7 +307,7 @@ class RecursiveEstimator:
                 "trail": [t.tolist() for t in self._trail], "stream": self.stream.state()}
 
     @classmethod
-    def restore(cls, structure: Recursive, state: Mapping) -> RecursiveEstimator:
+    def restore(cls, structure: RecursiveSettings, state: Mapping) -> RecursiveEstimator:
         """An estimator of the same structure in a saved state.
 
         Raises
@@ -293,7 +331,7 @@ class RecursiveEstimator:
 _ARRAYS = ("theta", "loss", "upper", "diagonal", "square", "tally", "inverse_noise", "r")
 
 
-def _settings(structure: Recursive) -> np.ndarray:
+def _settings(structure: RecursiveSettings) -> np.ndarray:
     f, reset = structure.forgetting, structure.reset
     bounds = (np.inf, 0.0, 1.0) if reset is None else (reset.above, reset.below, reset.to)
     if isinstance(f, VariableForgetting):

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from lpvid.condition import folds
 from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.simulation import simulate
-
-if TYPE_CHECKING:
-    from lpvid.identification.subspace import Subspace
 
 FOLDS = 4
 """blocks of the data on which orders are compared."""
@@ -21,7 +19,37 @@ GAP = 2
 """gap between training and held-out samples, in times the past that a state is read from."""
 
 
-def free_run_errors(structure: Subspace, records: Sequence[Record], orders: Sequence[int]) -> dict[int, float]:
+class OrderedStructure(Protocol):
+    """A structure that estimates models of several orders at once; `Subspace` is one."""
+
+    @property
+    def start(self) -> int:
+        """Samples at the head of every record that only serve as a past."""
+        ...
+
+    @property
+    def output(self) -> str | tuple[str, ...]:
+        """Names of the outputs."""
+        ...
+
+    def by_order(self, records: Sequence[Record], orders: Sequence[int]) -> Iterator[tuple[int, LPVStateSpace | None]]:
+        """Order and estimate for several orders.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        orders : sequence of int
+
+        Returns
+        -------
+        iterator of (int, LPVStateSpace or None)
+            None where there is none.
+        """
+        ...
+
+
+def free_run_errors(structure: OrderedStructure, records: Sequence[Record], orders: Sequence[int]) -> dict[int, float]:
     """Free-run ESR out of fold by order.
 
     One regression per fold serves all orders, which take more or fewer of the same singular directions. The state at
@@ -29,7 +57,7 @@ def free_run_errors(structure: Subspace, records: Sequence[Record], orders: Sequ
 
     Parameters
     ----------
-    structure : Subspace
+    structure : OrderedStructure
         With its basis bound.
     records : sequence of Record
         Uniform and finite.
@@ -59,7 +87,7 @@ def free_run_errors(structure: Subspace, records: Sequence[Record], orders: Sequ
     return {n: e / power for n, e in errors.items()} if power > 0 else {}
 
 
-def _fold(structure: Subspace, training: Sequence[Record], held: Sequence[Record], unit: np.ndarray,
+def _fold(structure: OrderedStructure, training: Sequence[Record], held: Sequence[Record], unit: np.ndarray,
           errors: dict[int, float]) -> float:
     """Add one fold's squared errors to each order's, drop orders that diverge, and return the fold's power."""
     measured = [r.matrix(structure.output) / unit for r in held]

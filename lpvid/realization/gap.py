@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,9 @@ from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.realization.judgement import Judgement, judge
+from lpvid.realization.judgement import Judgement, StateSpaceForm, judge
 from lpvid.record import Channel, Record
 from lpvid.simulation import _signals, simulate
-
-if TYPE_CHECKING:
-    from lpvid.realization.realization import Realization
 
 SLOW, FAST = 0.02, 0.05
 """steps of p per sample, relative to its range, below and above which a static form serves or does not."""
@@ -122,14 +118,15 @@ class Gap(Encoded):
     __repr__ = __str__
 
 
-def measure_gap(realization: Realization, records: Sequence[Record], label: str = "") -> Gap:
+def measure_gap(realization: StateSpaceForm, records: Sequence[Record], label: str = "") -> Gap:
     """Simulate both models along each record's inputs and scheduling, from rest, and compare their outputs.
 
     Rest is the equilibrium at the first scheduling value with zero input, so that neither start counts as gap.
 
     Parameters
     ----------
-    realization : Realization
+    realization : StateSpaceForm
+        E.g. a `Realization`.
     records : sequence of Record
     label : str
         What the records are to the model: "training", "held-out", or "" (not stated).
@@ -165,7 +162,7 @@ def measure_gap(realization: Realization, records: Sequence[Record], label: str 
                _advice(realization, max(steps, default=0.0), np.inf if ran_away else max(esr), judged), judged)
 
 
-def _both_runs(realization: Realization, record: Record) -> tuple[np.ndarray, np.ndarray, int | None, str]:
+def _both_runs(realization: StateSpaceForm, record: Record) -> tuple[np.ndarray, np.ndarray, int | None, str]:
     """Outputs of both models up to the first divergence, and which of them diverged where."""
     source, model, lead = realization.source, realization.model, realization.source.start
     names = list(source.box.names)
@@ -199,7 +196,7 @@ def _rest(model: LPVStateSpace, at_rest: Mapping[str, float]) -> tuple[np.ndarra
     return x, c @ x + level
 
 
-def _range(realization: Realization, trajectories: Sequence[np.ndarray]) -> np.ndarray:
+def _range(realization: StateSpaceForm, trajectories: Sequence[np.ndarray]) -> np.ndarray:
     """Range of each scheduling variable: its box, or what the records reach if that is more."""
     width = np.maximum(2 * realization.source.box.half_width, np.ptp(np.vstack(trajectories), axis=0))
     return np.where(width > 0, width, 1.0)
@@ -210,7 +207,7 @@ def _ratio(error: np.ndarray, signal: np.ndarray) -> tuple[float, ...]:
     return tuple(np.where(signal > 0, error / safe, np.where(error > 0, np.inf, 0.0)).tolist())
 
 
-def _advice(realization: Realization, step: float, esr: float, judged: Judgement | None) -> str:
+def _advice(realization: StateSpaceForm, step: float, esr: float, judged: Judgement | None) -> str:
     if realization.exact and realization.causal:
         return "exact, nothing is lost"
     if realization.exact:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from lpvid.codec import Encoded
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import _outputs, simulate
-
-if TYPE_CHECKING:
-    from lpvid.realization.realization import Realization
 
 VERDICTS = ("safe", "costs", "not safe")
 
@@ -81,7 +80,36 @@ class Judgement(Encoded):
         return f"not safe when the scheduling moves: {share}, and adds more than the model's own error ({errors})"
 
 
-def judge(realization: Realization, records: Sequence[Record], label: str = "") -> Judgement | None:
+class StateSpaceForm(Protocol):
+    """A state-space form of a transfer function; `Realization` is one."""
+
+    @property
+    def model(self) -> LPVStateSpace:
+        """The form."""
+        ...
+
+    @property
+    def source(self) -> LPVTransferFunction:
+        """What it was made from."""
+        ...
+
+    @property
+    def form(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def exact(self) -> bool:
+        """Whether it equals the source for any scheduling trajectory."""
+        ...
+
+    @property
+    def causal(self) -> bool:
+        """Whether it reads p(k) and earlier only."""
+        ...
+
+
+def judge(realization: StateSpaceForm, records: Sequence[Record], label: str = "") -> Judgement | None:
     """Both models in free run on measured records; None where none of them holds the outputs, or all are too short."""
     source, model = realization.source, realization.model
     first, names = max(source.start, model.start), [s.name for s in source.outputs]

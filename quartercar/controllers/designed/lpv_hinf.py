@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.designed.suspension_design import CRITERIA, Task, nominal_damping, running
 from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.weighted import MEASUREMENTS, SuspensionWeights
-
-if TYPE_CHECKING:
-    from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
 
 WEIGHTS = (
     Parameter("tyre_force", "N", "dynamic tyre force that counts as 1 m/s^2 of the body", 8000.0, 500.0, 50000.0,
@@ -84,7 +81,26 @@ class LpvHinf(Controller):
         return scheduled(self.task(self.values, setting), setting.sample_time, self.title)
 
 
-def task_of(values: Mapping[str, float], setting: Setting, law: LpvHinf | LpvHinfClipped,
+class DesignedLaw(Protocol):
+    """What a design reads of its law beside the parameters."""
+
+    @property
+    def measured(self) -> str:
+        """A name of `quartercar.lpv_models.weighted.MEASUREMENTS`."""
+        ...
+
+    @property
+    def criterion(self) -> str:
+        """As in `suspension_design.Task`."""
+        ...
+
+    @property
+    def lag(self) -> float:
+        """From demand to force [s]."""
+        ...
+
+
+def task_of(values: Mapping[str, float], setting: Setting, law: DesignedLaw,
             least_share: float | None) -> Task:
     """A task from a law's parameters; c_nom follows from the damper of the setting."""
     if setting.damper is None:

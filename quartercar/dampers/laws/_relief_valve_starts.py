@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quartercar.dampers.drive import Drive
-
-if TYPE_CHECKING:
-    from quartercar.dampers.laws.relief_valve import LagDamper
+from quartercar.dampers.families import LawDamper
 
 BINS = 40
 """speeds at which the settled curve is read"""
@@ -26,7 +23,7 @@ POPPETS = ((80.0, 1.0), (250.0, 0.7))
 """frequencies [Hz] and damping ratios tried"""
 
 
-def starting_vectors(damper: LagDamper, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
+def starting_vectors(damper: LawDamper, shape: tuple, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
     """At most `count` vectors, the least free-run error first.
 
     The settled law is explicit in the force: given opening force and a_S/a_V, the lift follows from F, and
@@ -39,7 +36,7 @@ def starting_vectors(damper: LagDamper, drives: Sequence[Drive], count: int) -> 
     total = np.concatenate([d.force for d in drives if d.force is not None])
     base = float(total.std()) / max(stroke, 1e-9)
     ranked = []
-    for curve in curves(damper, speeds, forces)[:CURVES]:
+    for curve in curves("series_loss" in damper.names, shape, speeds, forces)[:CURVES]:
         for stiffness in STIFFNESSES:
             for frequency, damping in POPPETS:
                 named = {**curve, "hydraulic_stiffness": base * stiffness, "valve_frequency": frequency,
@@ -71,16 +68,15 @@ def settled_points(drives: Sequence[Drive]) -> tuple[np.ndarray, np.ndarray, flo
     return np.array(speeds), np.maximum(np.array(forces), 1e-6), float(np.median(middles))
 
 
-def curves(damper: LagDamper, speeds: np.ndarray, forces: np.ndarray) -> list[dict[str, float]]:
+def curves(series: bool, shape: tuple, speeds: np.ndarray, forces: np.ndarray) -> list[dict[str, float]]:
     """Settled laws on a grid of opening forces and loss ratios, the best first."""
     from quartercar.dampers.laws._relief_valve_kernels import settled_branches
 
-    series = "series_loss" in damper.names
     found = []
     for opening in OPENINGS:
         for ratio in RATIOS if series else (0.0,):
             limit = opening * float(forces.max())
-            branches = settled_branches(forces, (1.0, 1.0, limit, 1.0, 1.0, 1.0, ratio), damper.shape)
+            branches = settled_branches(forces, (1.0, 1.0, limit, 1.0, 1.0, 1.0, ratio), shape)
             weight = 1.0 / np.maximum(speeds, 0.05 * speeds.max())
             gains, error = _nonnegative(branches * weight[:, None], speeds * weight)
             curve = {"opening_force": limit, "orifice_loss": 1.0 / max(gains[0], 1e-6) ** 2}

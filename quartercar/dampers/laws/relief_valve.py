@@ -208,7 +208,7 @@ class LagDamper(DynamicDamper):
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         from quartercar.dampers.laws._relief_valve_starts import starting_vectors
 
-        return starting_vectors(self, drives, count)
+        return starting_vectors(self, self.shape, drives, count)
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         return np.full(np.shape(displacement), self.values["preload"])
