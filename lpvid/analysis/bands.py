@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.lpv_model import LPVModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -139,7 +140,7 @@ def frequency_response(model: Model, at: Sequence[float] | np.ndarray, frequenci
 
 def _noise_root(model: Model) -> np.ndarray:
     """Square root of the noise covariance that a model carries; zero where it carries none."""
-    if not isinstance(model, (LPVTransferFunction, LPVStateSpace)) or model.noise_covariance is None:
+    if not isinstance(model, LPVModel) or model.noise_covariance is None:
         return np.zeros((model.n_outputs, model.n_outputs))
     values, vectors = np.linalg.eigh(model.noise_covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))

@@ -17,6 +17,7 @@ from lpvid.files.streaming import Chunks
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share
 from lpvid.model.lft import LFTModel
+from lpvid.model.lpv_model import LPVModel
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -193,7 +194,7 @@ def _further(model: Model, tested: Sequence[tuple[Record, int]]) -> dict[str, Ca
     found: dict[str, Callable[[], list[Instrument]]] = {}
     for other in model.inputs[1:]:
         found[f"independence of {other.name}"] = lambda n=other.name: [(None, r[n][start:]) for r, start in tested]
-    degree = model.basis.degree if isinstance(model, (LPVTransferFunction, LPVStateSpace)) else None
+    degree = model.basis.degree if isinstance(model, LPVModel) else None
     power = (2 if degree is None else degree) + 1
     lagged = isinstance(model, LPVTransferFunction) and model.lagged
     for column, name in enumerate(model.box.names if model.inputs else ()):

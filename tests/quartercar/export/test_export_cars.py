@@ -13,13 +13,14 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import find_compiler, run_self_test
 from lpvid.export.c_source import c_files
 from lpvid.export.exportable import Options
+from lpvid.export.expression import call
 from lpvid.export.matlab import find_octave
 from lpvid.export.python_printer import run
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Product, Scheduling, Spline
 from quartercar.controllers import LAWS, law_class
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.designed.schedule_rules import Excess, GivenShare, Measured, SaturationRatio, Yield
+from quartercar.controllers.designed.schedule_rules import Excess, GivenShare, Measured, Rule, SaturationRatio, Yield
 from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.loop.chain import ChainSettings
 from quartercar.controllers.loop.inverse import InverseSettings
@@ -157,6 +158,34 @@ def test_a_controller_without_a_schedule_or_states(rng):
                            Polynomial("v", 1), 0.002, Scheduling(("v",), (-0.2,), (0.2,)), inputs=("body_velocity",),
                            outputs=("u",))
     assert error(export(ScheduledController(model=follow, schedule=(Measured("suspension_velocity"),)))) < 1e-14
+
+
+class Blind(Rule):
+    """ρ = |v_d|, by a package that wrote no expression for it."""
+
+    kind = "blind"
+    reads = ("suspension_velocity",)
+
+    def start(self, setting):
+        return lambda seen: np.abs(seen["suspension_velocity"])
+
+
+class Written(Blind):
+    """The same with its expression."""
+
+    kind = "written"
+
+    def expression(self, b, seen):
+        return call("fabs", seen["suspension_velocity"])
+
+
+def test_a_rule_of_another_package_is_exported_by_its_own_expression():
+    gain = LPVStateSpace(np.zeros((2, 0, 0)), np.zeros((2, 0, 1)), np.zeros((2, 1, 0)), [[[300.0]], [[40.0]]],
+                         Polynomial("v", 1), 0.002, Scheduling(("v",), (0.0,), (0.5,)), inputs=("body_velocity",),
+                         outputs=("u",))
+    assert error(export(ScheduledController(model=gain, schedule=(Written(),)))) < 1e-14
+    with pytest.raises(InputError, match="no exported step"):
+        export(ScheduledController(model=gain, schedule=(Blind(),)))
 
 
 @pytest.mark.parametrize("name", [n for n, _, _ in LAWS if n not in
