@@ -297,9 +297,10 @@ class BoucWen(DynamicDamper):
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """From the shape of the loop: plateau and slope at high speed, and a grid over what makes the hysteresis."""
-        from quartercar.dampers.laws.bouc_wen_starts import loop_starts
+        from quartercar.dampers.fitting.starting import ranked_starts
+        from quartercar.dampers.laws.bouc_wen_starts import loop_candidates
 
-        return loop_starts(self, drives, min(count, MOST_STARTS))
+        return ranked_starts(self, drives, loop_candidates(self, drives), min(count, MOST_STARTS))
 
     # -- the printed form --------------------------------------------------------------------------------------------
     @classmethod

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.fitting.starting import path, ranked_starts
-
-if TYPE_CHECKING:
-    from quartercar.dampers.laws.bouc_wen import BoucWen
+from quartercar.dampers.fitting.starting import path
+from quartercar.dampers.parameter import Parameter
 
 KNEES = (0.1, 0.3, 1.0)
 """speed at which c_1 v reaches the yield force, as a share of the rms speed"""
@@ -22,17 +20,44 @@ RATES = (60.0, 300.0)
 """rates of the current's lag [1/s]"""
 
 
-def loop_starts(damper: BoucWen, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
-    """Vectors whose plateau is that of the measured loop, ranked by their free-run residual.
+class LoopLaw(Protocol):
+    """What these starts read of a law; `BoucWen` is one."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """With bounds."""
+        ...
+
+    @property
+    def scheduled(self) -> bool:
+        """Whether the current enters."""
+        ...
+
+    @property
+    def springs(self) -> bool:
+        """Whether springs are part of it."""
+        ...
+
+    @property
+    def exponent(self) -> float:
+        """n, where it is no parameter."""
+        ...
+
+
+def loop_candidates(damper: LoopLaw, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
+    """Vectors whose plateau is that of the measured loop.
 
     Parameters
     ----------
-    damper : BoucWen
+    damper : LoopLaw
         Structure.
     drives : sequence of Drive
         With forces.
-    count : int
-        How many to return.
+
+    Returns
+    -------
+    iterator of (P,) arrays
+        By knee, slip and rate of the current.
     """
     v, x, i, f = (np.concatenate([getattr(d, n) for d in drives]) for n in ("velocity", "displacement", "current",
                                                                             "force"))
@@ -40,11 +65,11 @@ def loop_starts(damper: BoucWen, drives: Sequence[Drive], count: int) -> list[np
     travel = np.concatenate([d.displacement if d.displacement.any() else path(d) for d in drives]).std()
     grid = product(KNEES, SLIPS, RATES if damper.scheduled else RATES[:1])
     speed = float(np.sqrt(np.mean(v**2)))
-    vectors = (_assembled(damper, plateau, knee * speed, slip * float(travel), rate) for knee, slip, rate in grid)
-    return ranked_starts(damper, drives, vectors, count)
+    for knee, slip, rate in grid:
+        yield _assembled(damper, plateau, knee * speed, slip * float(travel), rate)
 
 
-def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, damper: BoucWen) -> dict[str, float]:
+def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, damper: LoopLaw) -> dict[str, float]:
     """Least squares of F = (c + c_i i) v + (h + h_i i) sign v + k x + F_g over the faster half of the samples."""
     from scipy.optimize import lsq_linear
 
@@ -64,7 +89,7 @@ def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, damper:
     return out | {"top": float(np.abs(i).max()), "spread": float(f.std())}
 
 
-def _assembled(damper: BoucWen, p: dict[str, float], knee: float, slip: float, rate: float) -> np.ndarray:
+def _assembled(damper: LoopLaw, p: dict[str, float], knee: float, slip: float, rate: float) -> np.ndarray:
     """Series dashpot from the knee, then the parallel elements so that the plateau stays."""
     height = max(p["h"] + p["h_i"] * p["top"], 0.05 * p["spread"])
     slope = max(p["c"] + p["c_i"] * p["top"], 0.01 * p["spread"] / max(knee, 1e-9))

@@ -201,9 +201,10 @@ class WangKamath(DynamicDamper):
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """From the regression of v on F̈, Ḟ, F, F³, F⁵ of the measured force, linear in the coefficients."""
-        from quartercar.dampers.laws.wang_kamath_starts import regression_starts
+        from quartercar.dampers.fitting.starting import ranked_starts
+        from quartercar.dampers.laws.wang_kamath_starts import regression_candidates
 
-        return regression_starts(self, drives, min(count, MOST_STARTS))
+        return ranked_starts(self, drives, regression_candidates(self, drives), min(count, MOST_STARTS))
 
 
 def _flow(f, w: np.ndarray) -> tuple:

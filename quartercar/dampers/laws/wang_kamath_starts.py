@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.fitting.starting import path, ranked_starts
-
-if TYPE_CHECKING:
-    from quartercar.dampers.laws.wang_kamath import WangKamath
+from quartercar.dampers.fitting.starting import path
+from quartercar.dampers.parameter import Parameter
 
 WINDOWS = (7, 21)
 """samples of the smoothing that differentiates the force"""
@@ -24,22 +22,58 @@ GROWTHS = (0.5, 2.0, 8.0)
 """share by which the largest current raises the force, where the model has one law that grows with it"""
 
 
-def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
-    """Vectors from the regression of v on (f̈, ḟ, f, f³, f⁵), ranked by their free-run residual.
+class FlowLaw(Protocol):
+    """What these starts read of a law; `WangKamath` is one."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """With bounds."""
+        ...
+
+    @property
+    def growing(self) -> bool:
+        """Whether the force scale grows with the current."""
+        ...
+
+    @property
+    def degree(self) -> int:
+        """Of the coefficients in the current."""
+        ...
+
+    @property
+    def force_scale(self) -> float:
+        """F_s [N]."""
+        ...
+
+    def basis(self, current: np.ndarray) -> np.ndarray:
+        """Functions of the current in the coefficients.
+
+        Parameters
+        ----------
+        current : (n,) array
+
+        Returns
+        -------
+        (n, degree + 1) array
+        """
+        ...
+
+
+def regression_candidates(damper: FlowLaw, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
+    """Vectors from the regression of v on (f̈, ḟ, f, f³, f⁵).
 
     Parameters
     ----------
-    damper : WangKamath
+    damper : FlowLaw
         Structure.
     drives : sequence of Drive
         With forces.
-    count : int
-        How many to return.
+
+    Returns
+    -------
+    iterator of (P,) arrays
+        By growth with the current, smoothing window, lag and inertia.
     """
-    return ranked_starts(damper, drives, _candidates(damper, drives), count)
-
-
-def _candidates(damper: WangKamath, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
     v = np.concatenate([d.velocity for d in drives])
     travel = float(np.concatenate([path(d) for d in drives]).std())
     top = max(float(np.abs(np.concatenate([d.current for d in drives])).max()), 1e-9)
@@ -51,7 +85,7 @@ def _candidates(damper: WangKamath, drives: Sequence[Drive]) -> Iterator[np.ndar
             yield _bounded(damper, np.append(vector, growth) if damper.growing else vector)
 
 
-def _columns(damper: WangKamath, drive: Drive, window: int, growth: float) -> np.ndarray:
+def _columns(damper: FlowLaw, drive: Drive, window: int, growth: float) -> np.ndarray:
     """(n, 5(degree + 1)) regressors of one drive."""
     from scipy.signal import savgol_filter
 
@@ -66,7 +100,7 @@ def _columns(damper: WangKamath, drive: Drive, window: int, growth: float) -> np
     return np.hstack([signal[:, None] * basis for signal in (bend, rate, f, f**3, f**5)])
 
 
-def _regressed(damper: WangKamath, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
+def _regressed(damper: FlowLaw, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
     """Least squares with w_1, w_2, w_5 not below zero; w_2 held at `lag` unless that is 0."""
     from scipy.optimize import lsq_linear
 
@@ -81,7 +115,7 @@ def _regressed(damper: WangKamath, columns: np.ndarray, v: np.ndarray, lag: floa
     return out
 
 
-def _bounded(damper: WangKamath, vector: np.ndarray) -> np.ndarray:
+def _bounded(damper: FlowLaw, vector: np.ndarray) -> np.ndarray:
     """Inside the bounds, with coefficients that came out as zero at a hundredth of their defaults."""
     floor = [max(0.01 * p.default, p.lower) if p.log else p.lower for p in damper.parameters]
     return np.clip(vector, floor, [p.upper for p in damper.parameters])
