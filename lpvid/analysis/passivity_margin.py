@@ -11,7 +11,6 @@ import numpy as np
 from lpvid import _checks
 from lpvid.codec import encode
 from lpvid.errors import InputError
-from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.transfer_function import LPVTransferFunction
 
 BAND = 25.0
@@ -199,18 +198,10 @@ def _damping(model: LPVTransferFunction, point: np.ndarray, f: np.ndarray) -> tu
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(len(f), -np.inf), np.zeros(len(f), dtype=bool)
     response, stage = np.real(frozen_response(model, point, f)), model.input_stage
-    if isinstance(stage, TanhStage):
-        u = np.zeros((1, 1))
-        u[0, 0] = 1e-9 * stage.v0
-        slope = stage.apply(u, point[None])[0, 1] / u[0, 0]
-        small, large = response[0] + slope * response[1], response[0]
-    elif isinstance(stage, ThreeZoneStage):
-        reach = 1e6 * stage.limit  # far out, where the zones' slopes are the gain
-        gains = [1.0, *(float(stage.apply(np.full((1, 1), s * reach), point[None])[0, 0] / (s * reach))
-                        for s in (1, -1))]
-        small, large = response[0] * max(gains), response[0] * 0.5 * (gains[1] + gains[2])
-    else:
+    gains = None if stage is None else stage.amplitude_gains(point)
+    if gains is None:
         return response[0], np.zeros(len(f), dtype=bool)
+    small, large = (np.tensordot(g, response[: len(g)], 1) for g in gains)
     return np.minimum(small, large), large < small
 
 

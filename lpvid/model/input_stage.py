@@ -144,6 +144,21 @@ class InputStage(Coded, ABC):
             Derivatives.
         """
 
+    def amplitude_gains(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Gains from the one measured input to the filter's inputs for small and for large motions.
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            Scheduling, in the units of its variables.
+
+        Returns
+        -------
+        ((m,) array, (m,) array) or None
+            None for a stage of which they are not known.
+        """
+        return None
+
     @abstractmethod
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         """A few starting points for a fit, from the data's own spread.
@@ -238,6 +253,11 @@ class TanhStage(InputStage):
         out[:, -1, 0] = by_scale * np.where(bent, 1.0, 0.05)
         out[:, -1, 1] = by_scale * np.where(bent, moving, 0.0)
         return out
+
+    def amplitude_gains(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u = np.full((1, 1), 1e-9 * self.v0)
+        slope = self.apply(u, np.asarray(p)[None])[0, 1] / u[0, 0]
+        return np.array([1.0, slope]), np.array([1.0, 0.0])
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
@@ -337,6 +357,13 @@ class ThreeZoneStage(InputStage):
             by_high * np.where(bent, 1.0, 0.02), by_high * np.where(bent, moving, 0.0),
             above, moving * above, below, moving * below])
         return out
+
+    def amplitude_gains(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The steepest zone for small motions, as one may rest anywhere; the mean of the outer zones for large ones."""
+        reach = 1e6 * self.limit  # far out, where the zones' slopes are the gain
+        outer = [float(self.apply(np.full((1, 1), s * reach), np.asarray(p)[None])[0, 0] / (s * reach))
+                 for s in (1, -1)]
+        return np.array([max(1.0, *outer)]), np.array([0.5 * (outer[0] + outer[1])])
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0

@@ -114,3 +114,18 @@ def test_no_stage_and_no_such_stage() -> None:
             ThreeZoneStage(limit=bad)
     with pytest.raises(InputError, match="upper of a three-zone stage must be finite"):
         ThreeZoneStage(upper=np.inf)
+
+
+def test_gains_by_amplitude_are_those_of_the_published_forms() -> None:
+    small, large = TanhStage(v0=0.1, slope=0.01).amplitude_gains(np.array([2.0]))  # tanh(v/(v_0 + s p)) ≈ v/(v_0 + s p)
+    np.testing.assert_allclose(small, [1.0, 1 / (0.1 + 0.01 * 2.0)], rtol=1e-9)
+    np.testing.assert_array_equal(large, [1.0, 0.0])
+    stage = ThreeZoneStage(limit=0.2, upper=0.4, upper_slope=0.1, lower=0.3)
+    for p, upper in ((0.0, 0.4), (8.0, 1.2)):
+        small, large = stage.amplitude_gains(np.array([p]))
+        assert small == pytest.approx([max(1.0, upper)], rel=1e-5)  # σ v + (1 − σ) v_high at a million knees
+        assert large == pytest.approx([(upper + 0.3) / 2], rel=1e-5)
+
+
+def test_a_stage_states_its_first_knee() -> None:
+    assert (TanhStage(v0=0.1).first_knee, ThreeZoneStage(limit=0.2).first_knee) == (0.1, 0.2)
