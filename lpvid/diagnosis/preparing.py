@@ -98,7 +98,7 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
 def _quieter(record: Record) -> Record:
     """The record, a velocity that was derived here without the noise of the displacement beyond the band that moves."""
     period, moved = record.sample_time or record.time_base.period, record["displacement"]
-    s = Signals(period, {"displacement": moved}, moved)
+    s = Signals(period, {"displacement": moved}, record["force"] if record.has("force") else moved)
     if not _derived(record) or not np.ptp(moved) or not has_band(s, "displacement"):
         return record
     return record.with_channel("velocity", derivative(s, "displacement"), record.channel("velocity").unit, QUIETER)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.condition.resampling import true_runs
 from lpvid.diagnosis.continuation import Continued
 from lpvid.diagnosis.signals import Signals, jumps
 
@@ -47,6 +48,7 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
     frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
     which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
+    Bands of interference, in which the output does not follow, are left out.
     Where that would take away what was meant to excite, all of the band does. One that jumps, or of so few stretches
     that chance makes noise stand out, by central differences.
     """
@@ -60,7 +62,10 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
     if is_meant(values - _weighed(s, channel, inside), values):
         return _weighed(s, channel, lambda omega, share: 1j * omega)
-    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share))
+    at, power, noise = _power(values, s, STRETCH)
+    alien = _interference(at, power, noise, values, s).astype(float)
+    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share)
+                    * (np.interp(omega, 2 * np.pi * at, alien) < 0.5))
 
 
 def has_band(s: Signals, channel: str) -> bool:
@@ -147,11 +152,51 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
 
 
 def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
-    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
+    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded.
+
+    What stands above the noise is motion in the band that begins at rest, and in further bands where the output follows
+    it: mains hum in a slow record, differentiated, is as large as the motion.
+    """
     at, power, noise = _power(x, s, STRETCH)
+    power = np.where(_interference(at, power, noise, x, s), noise, power)
     share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
     share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
     return np.where(omega <= omega[-1] / s.finer, share, 0.0)
+
+
+def _interference(at: np.ndarray, power: np.ndarray, noise: float, x: np.ndarray, s: Signals) -> np.ndarray:
+    """Whether frequencies that stand out of the noise, apart from the band that begins at rest, are none of the motion.
+
+    With what part of a band's power does the output move? By the coherence γ², Σ γ² P/Σ P. Below one half the band is
+    better left out: what is taken for motion in error is then more than the motion that is lost.
+
+    Parameters
+    ----------
+    at : (m,) array
+        Frequencies [Hz].
+    power : (m,) array
+        Of the channel.
+    noise : float
+        Of its sensor.
+    x : (n,) array
+        The channel.
+    s : Signals
+
+    Returns
+    -------
+    (m,) bool array
+    """
+    from scipy.signal import coherence
+
+    none = np.zeros(at.size, dtype=bool)
+    bands = true_runs(1 - ABOVE * noise / np.maximum(power, 1e-300) > 0.5)
+    size = max(round(STRETCH / s.sample_time), 2)
+    if len(bands) < 2 or x.size < MANY * size or not np.ptp(s.output):
+        return none
+    common = coherence(x, s.output, 1 / s.sample_time, nperseg=size, noverlap=0)[1]
+    for a, b in bands[1:]:
+        none[a:b] = common[a:b] @ power[a:b] < 0.5 * power[a:b].sum()
+    return none
 
 
 def _power(x: np.ndarray, s: Signals, stretch: float) -> tuple[np.ndarray, np.ndarray, float]:
