@@ -169,6 +169,8 @@ class Effect(ABC):
     form_of: ClassVar[str] = ""
     """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
     of its own. A special case that is another component (a stop, a linear spring) is none"""
+    contains: ClassVar[tuple[str, ...]] = ()
+    """names of other components that its equation has inside, so that it can do their work besides its own"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""
