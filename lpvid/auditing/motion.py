@@ -68,8 +68,8 @@ def hum(view: View) -> Iterator[Finding]:
         size = float(np.sqrt(power[alien].sum() * frequency[1]))
         at = f"{frequency[np.argmax(np.where(alien, fast, 0.0))]:.0f}"
         yield Finding("interference", view.name, view.displacement, "note",
-                      f"{size:.2g} m rms, most of it about {at} Hz, in which the force does not follow, as hum of the mains: "
-                      f"differentiated, {share:.0%} of the motion's velocity",
+                      f"{size:.2g} m rms, most of it about {at} Hz, in which the force does not follow, as hum of the "
+                      f"mains: differentiated, {share:.0%} of the motion's velocity",
                       "shield the sensor; fit and diagnose leave it out of the velocity that they derive", share)
 
 
