@@ -7,7 +7,10 @@ import numpy as np
 from lpvid.condition.resampling import true_runs
 
 STRETCH, FEWEST = 1.0, 4
-"""length of the stretches whose spectra are averaged [s], and how many there must be"""
+"""length of the stretches whose spectra are averaged at most [s], and how many there are at least: of so many noise
+stands `ABOVE` its level by twice as much at one frequency in 60,000"""
+SHORT = 100
+"""samples below which nothing is known of a band"""
 QUIET = 0.3
 """share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
 ABOVE = 2.0
@@ -71,7 +74,7 @@ def interference(frequency: np.ndarray, power: np.ndarray, noise: float, values:
 
     none = np.zeros(frequency.size, dtype=bool)
     bands = true_runs(of_motion(power, noise) > 0.5)
-    size = max(round(STRETCH / period), 2)
+    size = max(int(stretch_of(values.size, period) / period), 2)
     if len(bands) < 2 or values.size < FEWEST * size or not np.ptp(output):
         return none
     common = coherence(values, output, 1 / period, nperseg=size, noverlap=0)[1]
@@ -80,8 +83,24 @@ def interference(frequency: np.ndarray, power: np.ndarray, noise: float, values:
     return none
 
 
-def power_of(values: np.ndarray, period: float, stretch: float = STRETCH,
-             finer: int = 1) -> tuple[np.ndarray, np.ndarray, float]:
+def stretch_of(samples: int, period: float) -> float:
+    """Length of the stretches whose spectra are averaged [s]: shorter ones where there were too few.
+
+    Parameters
+    ----------
+    samples : int
+        Of the record.
+    period : float
+        Sampling period [s].
+
+    Returns
+    -------
+    float
+    """
+    return min(STRETCH, samples * period / FEWEST)
+
+
+def power_of(values: np.ndarray, period: float, finer: int = 1) -> tuple[np.ndarray, np.ndarray, float]:
     """Frequencies, power by Welch's method, and the level of the sensor's noise.
 
     Parameters
@@ -89,8 +108,6 @@ def power_of(values: np.ndarray, period: float, stretch: float = STRETCH,
     values : (n,) array
     period : float
         Sampling period [s].
-    stretch : float
-        Length of the stretches whose spectra are averaged [s].
     finer : int
         How many times as fast the clock is as that by which the channel was recorded.
 
@@ -104,7 +121,8 @@ def power_of(values: np.ndarray, period: float, stretch: float = STRETCH,
     """
     from scipy.signal import welch
 
-    frequency, power = welch(values, 1 / period, nperseg=min(values.size, max(round(stretch / period), 2)))
+    size = max(int(stretch_of(values.size, period) / period), 2)
+    frequency, power = welch(values, 1 / period, nperseg=min(values.size, size))
     return frequency, power, float(np.median(top_of(frequency, power, finer)))
 
 

@@ -6,12 +6,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lpvid.condition.interference import ABOVE, FEWEST, STRETCH, interference, of_motion, power_of, top_of
+from lpvid.condition.interference import (
+    ABOVE,
+    SHORT,
+    interference,
+    of_motion,
+    power_of,
+    stretch_of,
+    top_of,
+)
 from lpvid.diagnosis.continuation import Continued
 from lpvid.diagnosis.signals import Signals, jumps
 
-SHORT = 100
-"""samples below which nothing is undone"""
 BAND = 1.5
 """times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
 MEANT = 0.05
@@ -44,8 +50,8 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
     which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
     Bands of interference, in which the output does not follow, are left out.
-    Where that would take away what was meant to excite, all of the band does. One that jumps, or of so few stretches
-    that chance makes noise stand out, by central differences.
+    Where that would take away what was meant to excite, all of the band does. One that jumps, or of few samples, by
+    central differences.
     """
     values = s[channel]
     if not has_band(s, channel):
@@ -57,15 +63,15 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
     if is_meant(values - _weighed(s, channel, inside), values):
         return _weighed(s, channel, lambda omega, share: 1j * omega)
-    at, power, noise = power_of(values, s.sample_time, finer=s.finer)
+    at, power, noise = power_of(values, s.sample_time, s.finer)
     alien = interference(at, power, noise, values, s.output, s.sample_time).astype(float)
     return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share)
                     * (np.interp(omega, 2 * np.pi * at, alien) < 0.5))
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be found: one that does not jump, over stretches enough."""
-    return s[channel].size * s.sample_time >= FEWEST * STRETCH and not jumps(s[channel])
+    """Whether the band in which a channel moves can be found: one that does not jump, of samples enough."""
+    return s[channel].size >= SHORT and not jumps(s[channel])
 
 
 def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
@@ -140,7 +146,7 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
     for channel in dict.fromkeys([r for sources in RATES.values() for r in sources] + list(RATES)):
         if s.has(channel) and s[channel].size >= SHORT:
             source = next((r for r in RATES.get(channel, ()) if r in added and _derived(s, channel, r)), None)
-            level = power_of(s[channel], s.sample_time, finer=s.finer)[2]
+            level = power_of(s[channel], s.sample_time, s.finer)[2]
             added[channel] = np.gradient(added[source], s.sample_time) if source else \
                 np.sqrt(level / (2 * s.sample_time * s.finer)) * rng.standard_normal(s.n_samples)
     return weighed_alike(s.replace(**{c: s[c] + n for c, n in added.items()}), s)
@@ -152,7 +158,7 @@ def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
     What stands above the noise is motion in the band that begins at rest, and in further bands where the output follows
     it: mains hum in a slow record, differentiated, is as large as the motion.
     """
-    at, power, noise = power_of(x, s.sample_time, finer=s.finer)
+    at, power, noise = power_of(x, s.sample_time, s.finer)
     power = np.where(interference(at, power, noise, x, s.output, s.sample_time), noise, power)
     share = of_motion(np.interp(omega, 2 * np.pi * at, power), noise)
     share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
@@ -170,12 +176,11 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
 
     if s[source].size < SHORT:
         return False
-    stretch = min(STRETCH, s[source].size * s.sample_time / FEWEST)
-    at, power, noise = power_of(s[source], s.sample_time, stretch, s.finer)
+    at, power, noise = power_of(s[source], s.sample_time, s.finer)
     lower, upper = (float(np.median(half)) for half in np.array_split(top_of(at, power, s.finer), 2))
     if not 0 < max(lower, upper) < FLAT * min(lower, upper):
         return False
-    size = max(round(stretch / s.sample_time), 2)
+    size = max(int(stretch_of(s[source].size, s.sample_time) / s.sample_time), 2)
     common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]
     weight = welch(s[channel], 1 / s.sample_time, nperseg=size)[1] * (power < ABOVE * noise) * (at <= at[-1] / s.finer)
     return float(common @ weight) > COHERENT * float(weight.sum()) > 0
