@@ -300,7 +300,7 @@ class AdjointCar:
             Of as many steps and stages as `shape` has.
         currents : tuple of arrays
             What `run` keeps of the currents, for `gradient` and `car_run`; empty where `gradient_by_coefficients` alone
-            is asked.
+            is used.
 
         Returns
         -------

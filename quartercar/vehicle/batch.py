@@ -119,7 +119,7 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     return _SteppedFleet(car, sample_time, road, current)
 
 
-def follow(coil: Coil, current: np.ndarray, command: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _follow(coil: Coil, current: np.ndarray, command: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(cars, t) currents at (t,) times after (cars,) commands began to be held, as `Coil.follow`.
 
     Parameters
@@ -161,7 +161,7 @@ class _LawFleet(Fleet):
 
         cars, stages = road.size, self._stages
         shares = (np.arange(self._parts)[:, None] + stages.ends[None]).ravel()
-        currents = follow(self.car.coil, self.current, self.car.coil.limited(command), shares * self._step)
+        currents = _follow(self.car.coil, self.current, self.car.coil.limited(command), shares * self._step)
         coefficients = np.zeros((currents.size, 8)) if self._form is None else self._form(currents.ravel())
         if self._form is not None:
             coefficients[:, 0] -= self.car.preload
@@ -200,8 +200,8 @@ class _FilterFleet(Fleet):
         command = self.car.coil.limited(command)
         rise = (road - self.road) / self._parts
         for part in range(self._parts):
-            self.current = follow(self.car.coil, self.current, command, step)[:, 0]
-            self._filtered = follow(self._lag, self._filtered, self.current, step)[:, 0]
+            self.current = _follow(self.car.coil, self.current, command, step)[:, 0]
+            self._filtered = _follow(self._lag, self._filtered, self.current, step)[:, 0]
             law = self._bank.approach(self._filtered)
             law[:, 0] -= self._rest
             here = self.road + part * rise

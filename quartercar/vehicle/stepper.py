@@ -209,13 +209,13 @@ class CarStepper:
             bump = stiffness * (max(z - rebound, 0.0) - max(-z - compression, 0.0))
             return inner.trial(z, v) - self._rest + bump
 
-        f = found(wanted, f, self._held)
+        f = _found(wanted, f, self._held)
         z, v, g = motion(f)
         inner.commit(z, v)
         return np.array([f, g]), base + weight @ np.array([f, g])
 
 
-def found(wanted, f: float, held: np.ndarray) -> float:
+def _found(wanted, f: float, held: np.ndarray) -> float:
     """The f at which wanted(f) = f, from a guess; held[2] keeps the slope from call to call.
 
     Parameters

@@ -81,7 +81,7 @@ class DamperTask:
         Returns
         -------
         GeneralizedPlant
-            Continuous, scheduled on ρ_v where the velocity is shaped; inputs and outputs scaled by the weights.
+            Continuous, scheduled on ρ_v where the velocity is shaped; its road and performance outputs are weighted.
         """
         return self.weighted.state_plant()
 

@@ -197,7 +197,7 @@ def nodes_of(task: Task) -> Nodes:
         A design that failed, with why and mend.
     """
     found = synthesized(task).required()
-    return with_memory(task, found) if task.measured == "observed" else frozen(task.weighted.physical(found))
+    return with_memory(task, found) if task.measured == "observed" else _frozen(task.weighted.physical(found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +220,7 @@ class Nodes:
     matrices: tuple[np.ndarray, ...]
 
 
-def frozen(controller: LPVStateSpace, nodes: int = NODES) -> Nodes:
+def _frozen(controller: LPVStateSpace, nodes: int = NODES) -> Nodes:
     """A controller at an even grid of its scheduling.
 
     Parameters

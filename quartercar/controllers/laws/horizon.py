@@ -157,7 +157,7 @@ class Horizon:
             Of a_w², of the tyre force squared, of the deflection squared and of the power given: 1, ρ_t/m_s², ρ_z
             (k_s/m_s)², ρ_e.
         left : (cars, 4 + nf, 4 + nf) array
-            P of the module, over the states of the car, those on the road first, and of the comfort filter.
+            P of the module, over (z_d, ż_s, z_t, ż_us) and the states of the comfort filter.
         """
         p = self.parameters
         rows = np.column_stack([np.ones(given.tyre.size), given.tyre / p.sprung_mass**2,

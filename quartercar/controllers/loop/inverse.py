@@ -130,7 +130,7 @@ class Inverse:
         Returns
         -------
         (cars,) array
-            Command within the limits [A]. While |v| lies in the deadband it stays that of the last wanted current.
+            Command within the limits [A]; while |v| lies in the deadband, that of the current wanted before.
         """
         wanted = np.where(self._still, self._wanted, nearest(self._rows, self._grid, demand, self._felt))
         self._wanted = wanted
