@@ -44,7 +44,20 @@ class DamperModel(SelfScheduled):
 
     @classmethod
     def of(cls, damper: Damper, sample_time: float) -> DamperModel:
-        """The adaptor of a damper at a period."""
+        """The adaptor of a damper at a period.
+
+        Parameters
+        ----------
+        damper : Damper
+            A law of physical parameters.
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        DamperModel
+            Its box is the fitted range of the current, wider by the damper's `slack` at either end.
+        """
         if "current" not in damper.reads:
             return cls(damper, sample_time, Scheduling((), (), ()))
         low, high = damper.current_range or (-OPEN, OPEN)
@@ -65,7 +78,7 @@ class DamperModel(SelfScheduled):
     @property
     def metadata(self) -> Mapping[str, Any]:  # type: ignore[override]
         """The damper's; lpvid recognises training data by it."""
-        return with_polarity(self.damper)
+        return _with_polarity(self.damper)
 
     @property
     def start(self) -> int:
@@ -195,14 +208,28 @@ class Turned(SelfScheduled):
 
 
 def turned(model: Movable, damper: Damper) -> Movable:
-    """A model of the damper itself as one of the records: their polarity, and their zero of the displacement."""
-    metadata = with_polarity(damper)
+    """A model of the damper itself as one of the records: their polarity, and their zero of the displacement.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+        In the damper's own sense.
+    damper : Damper
+        Gives polarity, centre and metadata.
+
+    Returns
+    -------
+    LPVTransferFunction, LPVStateSpace or SelfScheduled
+        Of the same kind where that has an exact form (`quartercar.dampers.moved`); a `Turned` for a compliance model of
+        reversed polarity.
+    """
+    metadata = _with_polarity(damper)
     if damper.polarity < 0 and isinstance(model, ComplianceModel):
         return Turned(model, damper.polarity, damper.centre, metadata)
     return moved(model, damper.polarity, -damper.centre).replace(metadata=metadata)
 
 
-def with_polarity(damper: Damper) -> dict[str, Any]:
+def _with_polarity(damper: Damper) -> dict[str, Any]:
     """A damper's metadata, with lpvid's word for a record whose force is measured against the motion."""
     return {**damper.metadata, **({"polarity": "reversed"} if damper.polarity < 0 else {})}
 

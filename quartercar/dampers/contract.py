@@ -263,6 +263,11 @@ class Damper(Parametrised, Adaptable, Shown):
         step : float
             [s]; a model with a clock of its own wants that.
 
+        Returns
+        -------
+        DamperStepper
+            Before its `begin`: settled at no motion yet.
+
         Raises
         ------
         InputError
