@@ -61,7 +61,7 @@ class PowerLawDamper(StaticDamper):
         """Parameters of the forces that do not depend on how fast it moves; all enter linearly."""
 
     @abstractmethod
-    def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         """Force per unit of each of `statics`."""
 
     @property
@@ -88,7 +88,7 @@ class PowerLawDamper(StaticDamper):
         rising, speed = velocity > 0, np.abs(velocity)
         linear, power, exponent = (np.where(rising, a, b) for a, b in zip(vector[:3], vector[3:6], strict=True))
         force = np.sign(velocity) * (linear * speed + power * (speed / self.reference_speed) ** exponent)
-        for weight, column in zip(vector[6:], self.static_columns(displacement, velocity), strict=True):
+        for weight, column in zip(vector[6:], self._static_columns(displacement, velocity), strict=True):
             force += weight * column
         return force
 
@@ -106,7 +106,7 @@ class PowerLawDamper(StaticDamper):
         for sign, exponent in ((1.0, vector[2]), (-1.0, vector[5])):
             moving = np.maximum(sign * velocity, 0.0)
             columns += [sign * moving, sign * (moving / self.reference_speed) ** exponent, np.zeros(velocity.size)]
-        return np.column_stack([*columns, *self.static_columns(displacement, velocity)])
+        return np.column_stack([*columns, *self._static_columns(displacement, velocity)])
 
     @staticmethod
     def _coefficients(vector: np.ndarray) -> np.ndarray:
@@ -206,7 +206,7 @@ class PowerLaw(PowerLawDamper):
     def suited(cls, facts: Facts) -> PowerLaw:
         return cls(reference_speed=round(0.7 * facts.speed, 4) or 0.5, **facts.common)
 
-    def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         return []
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
@@ -257,7 +257,7 @@ class PowerLawFrictionGas(PowerLawDamper):
     def suited(cls, facts: Facts) -> PowerLawFrictionGas:
         return cls(reference_speed=round(0.7 * facts.speed, 4) or 0.5, spring=facts.has_displacement, **facts.common)
 
-    def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         spring = [displacement] if self.spring else []
         return [np.tanh(velocity / self.friction_speed), -np.ones(velocity.size), *spring]
 
