@@ -266,7 +266,7 @@ class Damper(Parametrised, Adaptable, Shown):
         Returns
         -------
         DamperStepper
-            Before its `begin`: settled at no motion yet.
+            Its `begin` is yet to be called.
 
         Raises
         ------

@@ -39,6 +39,22 @@ def network_force(speed: np.ndarray, laminar: float, quadratic: float, leak: flo
     """Force of a mixed network at speeds ≥ 0, `hydraulics.mixed_pressure` in the force domain [N].
 
     F = c_L q + c_Q q², q + F/c_leak = v; series for leak = 0, parallel for laminar = 0.
+
+    Parameters
+    ----------
+    speed : (n,) array
+        |v|, not below zero [m/s].
+    laminar : float
+        c_L [N·s/m].
+    quadratic : float
+        c_Q [N·s²/m²].
+    leak : float
+        1/c_leak [m/(N·s)].
+
+    Returns
+    -------
+    (n,) array
+        [N].
     """
     q, _ = _path_speed(speed, laminar, quadratic, leak)
     return (laminar + quadratic * q) * q
@@ -48,6 +64,22 @@ def network_gradient(speed: np.ndarray, laminar: float, quadratic: float, leak: 
     """(n, 4) derivative of `network_force` in c_L, c_Q, 1/c_leak and speed.
 
     With D = 1 + (c_L + 2c_Q q)/c_leak: ∂F/∂c_L = q/D, ∂F/∂c_Q = q²/D, ∂F/∂(1/c_leak) = −F F_q/D, ∂F/∂v = F_q/D.
+
+    Parameters
+    ----------
+    speed : (n,) array
+        |v|, not below zero [m/s].
+    laminar : float
+        c_L [N·s/m].
+    quadratic : float
+        c_Q [N·s²/m²].
+    leak : float
+        1/c_leak [m/(N·s)].
+
+    Returns
+    -------
+    (n, 4) array
+        [N per unit of the argument].
     """
     q, d = _path_speed(speed, laminar, quadratic, leak)
     slope = laminar + 2 * quadratic * q
@@ -115,7 +147,22 @@ class NetworkDamper(StaticDamper):
 
     @abstractmethod
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
-        """(k,) parameters of the network with these c_L, c_Q, 1/c_leak, those dropped that it has not."""
+        """(k,) parameters of the network with these c_L, c_Q, 1/c_leak, those dropped that it has not.
+
+        Parameters
+        ----------
+        laminar : float
+            c_L [N·s/m].
+        quadratic : float
+            c_Q [N·s²/m²].
+        leak : float
+            1/c_leak [m/(N·s)].
+
+        Returns
+        -------
+        (k,) array
+            In the order of `network`, SI.
+        """
 
     def check_settings(self) -> None:
         checks.positive(self.smoothing, "smoothing", "m/s")

@@ -29,7 +29,17 @@ TINY = 1e-300
 
 
 class PrintedTerm(NamedTuple):
-    """One direction of C_1 v + C_n |v|^n sign v as a paper prints it."""
+    """One direction of C_1 v + C_n |v|^n sign v as a paper prints it.
+
+    Attributes
+    ----------
+    linear : float
+        C_1 [N·s/m] or [N/(mm/s)].
+    power : float
+        C_n [N/(m/s)^n] or [N/(mm/s)^n].
+    exponent : float
+        n.
+    """
 
     linear: float
     power: float
@@ -130,6 +140,11 @@ class PowerLawDamper(StaticDamper):
         unit : {"SI", "mm"}
             N and m/s, or N and mm/s.
 
+        Returns
+        -------
+        dict of str to PrintedTerm
+            By ``"extension"`` and ``"compression"``.
+
         Examples
         --------
         >>> from quartercar.dampers.bench.sine_work import SWIFT_2012
@@ -161,6 +176,11 @@ class PowerLawDamper(StaticDamper):
             v_ref [m/s].
         **values : float
             The other parameters, SI.
+
+        Returns
+        -------
+        PowerLawDamper
+            Of the kind that the method is called on.
         """
         scale = PER_METRE[checks.one_of(unit, tuple(PER_METRE), "unit")]
         terms: dict[str, float] = dict(values)
@@ -170,7 +190,18 @@ class PowerLawDamper(StaticDamper):
         return cls(values=terms, reference_speed=reference_speed)
 
     def damping_force(self, velocity: np.ndarray | float) -> np.ndarray:
-        """F_d alone, without friction and gas [N]."""
+        """F_d alone, without friction and gas [N].
+
+        Parameters
+        ----------
+        velocity : array or float
+            [m/s].
+
+        Returns
+        -------
+        (n,) array
+            One entry for a number [N].
+        """
         v = np.atleast_1d(np.asarray(velocity, dtype=float))
         return self._columns(np.zeros(v.size), v, self.vector)[:, :6] @ self._coefficients(self.vector)[:6]
 
