@@ -93,6 +93,18 @@ class DamperModel(SelfScheduled):
         return self.damper.vector
 
     def with_vector(self, vector: np.ndarray) -> DamperModel:
+        """The same model with other parameters of the damper.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            In the order of `parameter_names`, SI.
+
+        Returns
+        -------
+        DamperModel
+            A copy.
+        """
         return self.replace(damper=self.damper.with_vector(vector))
 
     @property
@@ -116,6 +128,24 @@ class DamperModel(SelfScheduled):
         return y, _first_outside(y, limit)
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        """The free run from the first `start` samples: no later output is read.
+
+        Parameters
+        ----------
+        u : (n, m) array
+            Velocity [m/s] and displacement [m], as `inputs` names them.
+        p : (n, 1) or (n, 0) array
+            Current, where the law reads it.
+        y : (n,) array
+            Force as measured; its first `start` samples are read [N].
+        horizon : int
+            Not read: the same from any past.
+
+        Returns
+        -------
+        (n,) array
+            In the polarity of the records [N].
+        """
         return self.free_run(u, p, y[: self.start], np.inf)[0]
 
     def __repr__(self) -> str:
@@ -183,6 +213,18 @@ class Turned(SelfScheduled):
         return self.inner.vector
 
     def with_vector(self, vector: np.ndarray) -> Turned:
+        """The same model with other parameters of the inner one.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            In the order of `parameter_names`.
+
+        Returns
+        -------
+        Turned
+            A copy.
+        """
         return self.replace(inner=self.inner.with_vector(vector))
 
     @property
@@ -194,6 +236,24 @@ class Turned(SelfScheduled):
         return self.polarity * y, diverged
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        """The prediction of the inner model, with the force's sign and the displacement's zero of the records.
+
+        Parameters
+        ----------
+        u : (n, m) array
+            Velocity [m/s] and displacement [m], as `inputs` names them.
+        p : (n, 1) or (n, 0) array
+            Current, where the model is scheduled by it.
+        y : (n,) array
+            Force as measured [N].
+        horizon : int
+            Samples from the last output that is read to the predicted one.
+
+        Returns
+        -------
+        (n,) array
+            In the polarity of the records; the first `start` are `y` [N].
+        """
         return self.polarity * self.inner.predict(self._moved(u), p, self.polarity * y, horizon)
 
     def _moved(self, u: np.ndarray) -> np.ndarray:
