@@ -68,7 +68,7 @@ Key = tuple[str, float | None]
 """Specimen and held current (None where it was not recorded)."""
 
 
-def keys_of(runs: Sequence[RecordPiece]) -> list[Key]:
+def _keys_of(runs: Sequence[RecordPiece]) -> list[Key]:
     """Specimens and currents of the runs with a force at one current, in order."""
     found = dict.fromkeys((r.specimen, r.level) for r in runs if r.has_force and r.current != "varies")
     return sorted(found, key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
@@ -93,7 +93,7 @@ def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds
         Simulated force along a run, by the run's `id`; may be empty.
     """
     rows = []
-    for specimen, level in keys_of(runs):
+    for specimen, level in _keys_of(runs):
         own = [b for b in blocks if (b.run.specimen, b.run.level) == (specimen, level) and b.run.current != "varies"]
         loose = [r for r in runs if (r.specimen, r.level) == (specimen, level) and r.current != "varies"
                  and r.has_force and not any(b.run is r for b in own)]

@@ -46,7 +46,7 @@ class CurrentStep:
     sharp: bool
 
 
-def steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
+def _steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
     """Usable steps of a run, and where there are none, why."""
     raw = run.raw
     current = raw["current"]
@@ -204,7 +204,7 @@ def switching_of(run: RecordPiece) -> tuple[list[SwitchingSteps], str]:
     """
     if not run.has_force:
         return [], "no force"
-    steps, why = steps_of(run)
+    steps, why = _steps_of(run)
     if not steps:
         return [], why
     force, period = run.polarity * run.raw["force"], float(run.raw.sample_time or 0.0)

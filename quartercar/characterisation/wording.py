@@ -45,7 +45,7 @@ def speed_said(speed: float) -> str:
     return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
 
 
-def currents_said(data: RecordPieces) -> str:
+def _currents_said(data: RecordPieces) -> str:
     """Which currents were held."""
     if not data.levels:
         return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
@@ -64,11 +64,11 @@ def verdict(found: Characterisation) -> str:
     if specimens > 1:
         count += f" of {specimens} specimens"
     if not given:
-        text = f"{count}, {currents_said(found.data)}: none of the standard speeds is reached at constant current."
+        text = f"{count}, {_currents_said(found.data)}: none of the standard speeds is reached at constant current."
     else:
         low, high = min(f.speed for f in given), max(f.speed for f in given)
         range_ = f"{high:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
-        text = (f"{count}, {currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
+        text = (f"{count}, {_currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
                 f"{len(found.settings.speeds)} standard speeds, {range_}." + _key_figures(found))
     if found.checks:
         out = sum(c.inside is False for c in found.checks)

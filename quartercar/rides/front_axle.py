@@ -41,7 +41,7 @@ class Ahead(ABC):
         """(cars, P) elevations at the samples k + 1 … k + P less that at k [m]; called once for each k, in order."""
 
 
-class Blind(Ahead):
+class _Blind(Ahead):
     """No preview."""
 
     def __init__(self, cars: int) -> None:
@@ -121,7 +121,7 @@ class FrontAxle(Ahead):
         return levels[:, 1:] - levels[:, :1]
 
 
-class Shared(Ahead):
+class _Shared(Ahead):
     """Cars of the same seed see the same front axle."""
 
     def __init__(self, fronts: Ahead, places: np.ndarray) -> None:
@@ -136,16 +136,16 @@ def look_ahead(car: QuarterCar, road: RideRoad, preview: Preview | None, setting
                seeds: Sequence[int], elevation: np.ndarray) -> Ahead:
     """What (cars,) rear axles with a seed each have of a road of (n, cars) elevations."""
     if preview is None:
-        return Blind(len(seeds))
+        return _Blind(len(seeds))
     delay = preview.delay(road)
     unique = list(dict.fromkeys(seeds))
     profiles = elevation[:, [list(seeds).index(s) for s in unique]]
     places = np.array([unique.index(s) for s in seeds])
     sensors = preview.sensors or settings.sensors
     if preview.front == "known" or sensors.ideal:
-        return Shared(Known(profiles, int(np.floor(delay / setting.sample_time + 1e-9))), places)
+        return _Shared(Known(profiles, int(np.floor(delay / setting.sample_time + 1e-9))), places)
     speed = road.to_dict().get("speed")
-    return Shared(FrontAxle(car, profiles, delay, preview, setting, settings, unique, speed), places)
+    return _Shared(FrontAxle(car, profiles, delay, preview, setting, settings, unique, speed), places)
 
 
 class EstimateError:
