@@ -30,8 +30,8 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     Returns
     -------
     Baseline
-        At the parameters that are given; without any, a law at its defaults, still to be fitted, or another model fitted
-        to the records.
+        At the parameters that are given; without any, a law at its defaults, still to be fitted, or another model
+        fitted to the records.
 
     Raises
     ------

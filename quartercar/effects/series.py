@@ -99,7 +99,7 @@ class InSeries(Linearised):
     core : Core
     elements : Elements
     static : bool
-        Whether the core may be without memory; if so, it is found out on its samples.
+        Whether the core may be without memory, which is then tested at some of its samples.
     """
 
     core: Core
@@ -214,7 +214,7 @@ def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
     ----------
     core : Core
     baseline : Baseline
-        Tells whether the core may be without memory.
+        Its `static` is that of the series.
     **more : float
         Fields of `Elements`.
 

@@ -73,17 +73,41 @@ class RideConfig:
     bound_seeds: int = 2
 
     def with_changes(self, **changes: Any) -> RideConfig:
-        """A copy with what is not None replaced."""
+        """A copy with what is not None replaced.
+
+        Parameters
+        ----------
+        **changes
+            Attributes by name.
+
+        Returns
+        -------
+        RideConfig
+        """
         return replace(self, **{n: v for n, v in changes.items() if v is not None})
 
 
 def ride_template() -> str:
-    """A commented CONFIG with the defaults."""
+    """A commented CONFIG with the defaults.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
     return TEMPLATE
 
 
 def load_config(path: str | Path) -> RideConfig:
     """Read a CONFIG file; damper, controller and road files are found beside it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    RideConfig
 
     Raises
     ------
@@ -143,6 +167,24 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
     """A nonlinear car from a set's name or a table, with a damper from a file or the embedded identified one.
 
     Without a table `coil` its limits are the range of the damper's current, or of what else schedules it.
+
+    Parameters
+    ----------
+    car : str or mapping
+        Name of a set of `quartercar.parameters.SETS`, or a table of parameters, with the set that it changes as
+        ``set``.
+    damper : str, optional
+        File; the embedded damper by default.
+    folder : Path
+        To which the file's path is relative.
+    stops : mapping
+        Fields of `BumpStops`, numbers in SI or text with a unit.
+    coil : mapping
+        ``rise_time``, ``fall_time`` [s]; ``lowest``, ``highest`` in the unit of the damper's current.
+
+    Returns
+    -------
+    QuarterCar
     """
     model, parameters = _read_damper(damper, folder), _parameters(car)
     check_rate(model, parameters, "the embedded damper" if damper is None else f"'{damper}'")
@@ -158,12 +200,32 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
 
 
 def measuring(name: Any) -> RideSettings:
-    """Settings with a measurement set by name."""
+    """Settings with a measurement set by name.
+
+    Parameters
+    ----------
+    name : str
+        Of `quartercar.controllers.loop.sensing.SETS`.
+
+    Returns
+    -------
+    RideSettings
+    """
     return RideSettings(ChainSettings(sensors=SENSORS[checks.known_name(str(name), list(SENSORS), "measurement set")]))
 
 
 def laws_with_preview(car: QuarterCar) -> tuple[str, ...]:
-    """Default laws of a ride with preview, as far as the damper admits them."""
+    """Default laws of a ride with preview, as far as the damper admits them.
+
+    Parameters
+    ----------
+    car : QuarterCar
+        Whose damper needs a gradient for ``mpc``.
+
+    Returns
+    -------
+    tuple of str
+    """
     return (*DEFAULT_LAWS, *(n for n in PREVIEW_LAWS if n != "mpc" or has_gradient(car.damper)))
 
 
@@ -177,7 +239,20 @@ def _read_damper(name: str | None, folder: Path = Path()) -> Damper:
 
 
 def given_laws(names: Sequence[str], folder: Path = Path()) -> dict[str, Controller]:
-    """Laws by name, with their defaults, or from controller files."""
+    """Laws by name, with their defaults, or from controller files.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of laws, or of files that end in ``.json``.
+    folder : Path
+        To which files are relative.
+
+    Returns
+    -------
+    dict of str to Controller
+        A file's law by the name of the file without its ending.
+    """
     return _named([_law({"file": n} if Path(n).suffix == ".json" else {"law": n}, "--controller", folder)
                    for n in names])
 
@@ -186,6 +261,15 @@ def road_from_text(text: str) -> RideRoad:
     """A road from ``iso-c@20``, ``bump@8``, ``sweep``, ``FILE@10`` or ``FILE#TRACK@10``: kind or file, speed in m/s.
 
     TRACK is a height column by its name or its place from 1; a file with several of them needs one.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    RideRoad
+        At its default speed where the text has none; a file's at 10 m/s.
 
     Examples
     --------
