@@ -27,7 +27,15 @@ MOST_CURVES = 8
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A figure with its file name and caption."""
+    """A figure with its file name and caption.
+
+    Attributes
+    ----------
+    name : str
+        Without the ending.
+    figure : matplotlib.figure.Figure
+    caption : str
+    """
 
     name: str
     figure: Figure
@@ -35,7 +43,16 @@ class Drawn:
 
 
 def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
-    """Every figure for which the records hold something, in the order of the page."""
+    """Every figure for which the records hold something, in the order of the page.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    tuple of Drawn
+    """
     import matplotlib as mpl
 
     with look(), mpl.rc_context({"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT,

@@ -91,6 +91,12 @@ def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds
         [m/s].
     models : mapping
         Simulated force along a run, by the run's `id`; may be empty.
+
+    Returns
+    -------
+    tuple of StandardForce
+        One for every specimen, current, direction and speed, in this order; without a force where the records hold
+        none.
     """
     rows = []
     for specimen, level in _keys_of(runs):
@@ -181,6 +187,16 @@ def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, spe
 
 def propose_sine(speed: float) -> str:
     """The test that gives a speed.
+
+    Parameters
+    ----------
+    speed : float
+        [m/s], above zero.
+
+    Returns
+    -------
+    str
+        Of at most 50 mm amplitude.
 
     Examples
     --------

@@ -69,5 +69,16 @@ def _histogram_of(run: RecordPiece) -> VelocityHistogram:
 
 
 def histograms_of(runs: Sequence[RecordPiece], periodic: set[int]) -> tuple[VelocityHistogram, ...]:
-    """One for every run, but for those (by `id`) that are periodic."""
+    """One for every run, but for those (by `id`) that are periodic.
+
+    Parameters
+    ----------
+    runs : sequence of RecordPiece
+    periodic : set of int
+
+    Returns
+    -------
+    tuple of VelocityHistogram
+        In the order of the runs.
+    """
     return tuple(_histogram_of(r) for r in runs if id(r) not in periodic)

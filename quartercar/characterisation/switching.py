@@ -201,6 +201,17 @@ def switching_of(run: RecordPiece) -> tuple[list[SwitchingSteps], str]:
     instant of y = 0.9 is that of a parabola through each step's samples between 75 and 97 % of the mean response. Where
     the current jumps from one sample to the next, I10 lies halfway between them. The samples are those of the
     measurement, whatever rate the rest of the page works at.
+
+    Parameters
+    ----------
+    run : RecordPiece
+
+    Returns
+    -------
+    found : list of SwitchingSteps
+        Like steps together.
+    why : str
+        Empty where there are some.
     """
     if not run.has_force:
         return [], "no force"

@@ -14,6 +14,18 @@ if TYPE_CHECKING:
 def amps(current: float | None, unit: str) -> str:
     """A current for a reader.
 
+    Parameters
+    ----------
+    current : float or None
+        None where it was not recorded.
+    unit : str
+        "1" for a number without one.
+
+    Returns
+    -------
+    str
+        To a thousandth and three digits.
+
     Examples
     --------
     >>> amps(1.20002, "A"), amps(None, "A")
@@ -25,6 +37,17 @@ def amps(current: float | None, unit: str) -> str:
 def shortened(name: str, most: int = 20) -> str:
     """A long name with its middle left out.
 
+    Parameters
+    ----------
+    name : str
+    most : int
+        Characters that are left.
+
+    Returns
+    -------
+    str
+        The name itself where it is no longer.
+
     Examples
     --------
     >>> shortened("t1_3_3_24_24_s5_n100_100psi_with_heat_gun"), shortened("S1")
@@ -35,6 +58,15 @@ def shortened(name: str, most: int = 20) -> str:
 
 def speed_said(speed: float) -> str:
     """A speed in mm/s, whole from 100 on.
+
+    Parameters
+    ----------
+    speed : float
+        [m/s], at least zero.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -56,7 +88,16 @@ def _currents_said(data: RecordPieces) -> str:
 
 
 def verdict(found: Characterisation) -> str:
-    """What was measured, over which range, and whether it is inside its tolerance."""
+    """What was measured, over which range, and whether it is inside its tolerance.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+    """
     names = dict.fromkeys(r.name for r in found.data.runs)
     given = found.given
     count = f"{len(names)} record{'s' if len(names) > 1 else ''}"
@@ -103,7 +144,17 @@ def _key_figures(found: Characterisation) -> str:
 
 
 def summary(found: Characterisation) -> str:
-    """Verdict, key numbers, what is missing."""
+    """Verdict, key numbers, what is missing.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+        Lines.
+    """
     sign, unit = found.settings.sign, found.data.current_unit
     lines = [found.verdict]
     lines += [f"  caveat: {c}" for c in found.data.caveats]
