@@ -63,13 +63,36 @@ class ExtendedModel(Adaptable):
 
     @classmethod
     def of(cls, fit: Refit, covariance: np.ndarray, baseline: Baseline) -> ExtendedModel:
-        """From where a refit ended."""
+        """From where a refit ended.
+
+        Parameters
+        ----------
+        fit : Refit
+        covariance : (P, P) array
+            Of its parameters; NaN for those at a bound.
+        baseline : Baseline
+            That the fit's effects are around.
+
+        Returns
+        -------
+        ExtendedModel
+            Without channels, units and ranges of training records (`remembering`).
+        """
         return cls(Composition(baseline, fit.composition.effects), fit.vector, covariance)
 
     def remembering(self, records: Sequence[Record]) -> ExtendedModel:
         """The same model with what is needed of its training records: channels, units, ranges, first samples.
 
         A channel beyond those of baseline and effects counts as read where the run changes without it.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Prepared training records.
+
+        Returns
+        -------
+        ExtendedModel
         """
         base = self.composition.baseline
         first = records[0].slice(0, min(records[0].n_samples, TRACED))
@@ -103,24 +126,62 @@ class ExtendedModel(Adaptable):
         return None if given is None else _checks.positive(given, "sample_time of the training", "s")
 
     def predict(self, record: Record) -> np.ndarray:
-        """(n,) free run along a record, in the output's unit and the record's sense."""
+        """(n,) free run along a record, in the output's unit and the record's sense.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform, with the channels of `reads` and of the output, whose first samples begin the run of a law with
+            memory.
+
+        Returns
+        -------
+        (n,) array
+        """
         baseline = self.composition.baseline
         return baseline.polarity * self.composition.predict(baseline.signals(record), self.vector)
 
     def to_model(self, sample_time: float) -> ExtendedRun:
-        """As a model of lpvid at this period; its predictions are its free run."""
+        """As a model of lpvid at this period; its predictions are its free run.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        ExtendedRun
+        """
         from lpvid.diagnosis.extended_run import ExtendedRun
 
         return ExtendedRun(self, sample_time)
 
     def to_linear_model(self) -> Acting:
-        """None: causes are put around the baseline's own simulation."""
+        """Refused: causes are put around the baseline's own simulation.
+
+        Returns
+        -------
+        Acting
+            Never.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
         raise InputError("an extended model has no LPV form", why="its causes act around the baseline's simulation",
                          mend="extended_lpv.json beside it, where the causes have an LPV form")
 
     # -- storing -----------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict:
-        """Plain data for JSON: the baseline at its parameters, effects by name with theirs."""
+        """Plain data for JSON: the baseline at its parameters, effects by name with theirs.
+
+        Returns
+        -------
+        dict
+            A NaN of the covariance is None.
+        """
         c = self.composition
         size = c.baseline.vector.size
         fitted = c.baseline.with_vector(self.vector[:size])
@@ -137,6 +198,15 @@ class ExtendedModel(Adaptable):
         """Inverse of `to_dict`; baseline and effects are looked up among those of the installed packages.
 
         A parameter that an effect had not yet when the file was written (`Effect.added_later`) is neutral.
+
+        Parameters
+        ----------
+        data : mapping
+            As from `to_dict`.
+
+        Returns
+        -------
+        ExtendedModel
 
         Raises
         ------
@@ -181,7 +251,18 @@ class ExtendedModel(Adaptable):
 
 
 def stored_baseline(data: Mapping) -> Baseline:
-    """The baseline that an extended model's file holds, by its name: lpvid's own kinds, then installed ones."""
+    """The baseline that an extended model's file holds, by its name: lpvid's own kinds, then installed ones.
+
+    Parameters
+    ----------
+    data : mapping
+        ``name``, and ``data`` as from the baseline's own `to_dict`.
+
+    Returns
+    -------
+    Baseline
+        At the parameters that were stored.
+    """
     from lpvid.diagnosis import extended_baseline, registry
 
     inner = data["data"]

@@ -86,6 +86,17 @@ class ExtendedRun(SelfScheduled):
         return self.model.vector
 
     def with_vector(self, vector: np.ndarray) -> ExtendedRun:
+        """The same run with other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            The baseline's, then each effect's.
+
+        Returns
+        -------
+        ExtendedRun
+        """
         from dataclasses import replace
 
         return self.replace(model=replace(self.model, vector=vector))
@@ -111,6 +122,24 @@ class ExtendedRun(SelfScheduled):
         return y, None if sane.all() else int(np.argmin(sane))
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        """The free run, whatever the horizon: it has no noise model that would make use of later outputs.
+
+        Parameters
+        ----------
+        u : (n, inputs) array
+            By `inputs`.
+        p : (n, scheduled) array
+            By `scheduled`.
+        y : (n,) array
+            Measured outputs, of which the first `start` begin the run.
+        horizon : int
+            Without effect.
+
+        Returns
+        -------
+        (n,) array
+            In the output's unit; the first `start` are y.
+        """
         return self.free_run(u, p, y[: self.start], np.inf)[0]
 
     def __repr__(self) -> str:

@@ -19,7 +19,17 @@ UNMOVED = 1e-140
 
 
 def hopped(composition: Composition) -> list[tuple[int, bool]]:
-    """Places of the strengths that act in whole samples or are rugged, and whether they are the latter."""
+    """Places of the strengths that act in whole samples or are rugged, and whether they are the latter.
+
+    Parameters
+    ----------
+    composition : Composition
+
+    Returns
+    -------
+    list of (int, bool)
+        Place in the parameter vector; True for one that is rugged.
+    """
     return [(place.start, e.rugged) for e, place in zip(composition.effects, composition.places, strict=True)
             if e.stepwise or e.rugged]
 

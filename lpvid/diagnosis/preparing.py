@@ -27,7 +27,15 @@ SHORTEST = 50
 
 @dataclass(frozen=True, eq=False)
 class PreparedRecords:
-    """Training and held-out records, uniform, of one rate, finite in all roles that are used, and what was done."""
+    """Training and held-out records, uniform, of one rate, finite in all roles that are used, and what was done.
+
+    Attributes
+    ----------
+    training, held_out : tuple of Record
+        Channels named by their roles, no others.
+    notes : tuple of str
+        What was done to the data.
+    """
 
     training: tuple[Record, ...]
     held_out: tuple[Record, ...]
@@ -50,6 +58,15 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
         Roles that the baseline reads; a bad channel among them is refused, one that is missing the baseline refuses.
     sample_rate : float, optional
         Resample to this rate [Hz].
+
+    Returns
+    -------
+    PreparedRecords
+
+    Raises
+    ------
+    InputError
+        No training record, no channel that a baseline could read, or one that is needed and cannot be used.
     """
     records = [*training, *held_out]
     if not training:

@@ -38,6 +38,20 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     N the sensor's noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is
     the level at the top of the spectrum. Beyond its ends it goes on as it can be predicted (`ahead`). On a clock
     `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
+
+    Parameters
+    ----------
+    s : Signals
+    channel : str
+        Role.
+    factors : tuple of float
+        c_k [s^k].
+    finer : int
+
+    Returns
+    -------
+    (n finer,) array
+        In the unit of the channel; of fewer than `SHORT` samples each is repeated.
     """
     return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
                                                                      for k, c in enumerate(factors)), finer)
@@ -52,6 +66,17 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     Bands of interference, in which the output does not follow, are left out.
     Where that would take away what was meant to excite, all of the band does. One that jumps, or of few samples, by
     central differences.
+
+    Parameters
+    ----------
+    s : Signals
+    channel : str
+        Role.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the channel over a second.
     """
     values = s[channel]
     if not has_band(s, channel):
@@ -70,17 +95,56 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be found: one that does not jump, of samples enough."""
+    """Whether the band in which a channel moves can be found: one that does not jump, of samples enough.
+
+    Parameters
+    ----------
+    s : Signals
+    channel : str
+        Role.
+
+    Returns
+    -------
+    bool
+    """
     return s[channel].size >= SHORT and not jumps(s[channel])
 
 
 def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
-    """Whether what would be taken away as noise, (n,), is so much that it was rather meant to excite: a white input."""
+    """Whether what would be taken away as noise, (n,), is so much that it was rather meant to excite: a white input.
+
+    Parameters
+    ----------
+    taken : (n,) array
+    values : (n,) array
+        The channel before, in the same unit.
+
+    Returns
+    -------
+    bool
+        Whether its mean square is `MEANT` of the channel's variance or more; True for a constant.
+    """
     return not np.mean(taken**2) < MEANT * np.var(values)
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
-    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection."""
+    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection.
+
+    Parameters
+    ----------
+    x : (n,) array
+    sample_time : float
+        [s].
+    t : float
+        T [s].
+    zeta : float
+        Damping ratio ζ.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of x.
+    """
     signal = Continued.reflected(x, sample_time, LASTING * t)
     s = 1j * signal.omega
     return signal.back(signal.spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2))
@@ -120,6 +184,18 @@ def weighed_alike(s: Signals, like: Signals) -> Signals:
     For those that were made of others, maybe on a faster clock: a channel that was read later, or before a filter, has
     its noise where it had it, and one whose noise was taken away seems to move at every frequency, so that a filter
     would be undone where there is nothing.
+
+    Parameters
+    ----------
+    s : Signals
+        Changed in place: each channel notes where it comes from.
+    like : Signals
+        Those that they were made of; a channel that is the very same array is left out.
+
+    Returns
+    -------
+    Signals
+        `s` itself.
     """
     for channel, values in s.channels.items():
         if values is not like.channels.get(channel):

@@ -75,6 +75,11 @@ class Exportable:
         -------
         (n, inputs) array
         (n, outputs) array
+
+        Raises
+        ------
+        InputError
+            A simulation that is not finite.
         """
         u = self.excite(samples, np.random.default_rng(seed))
         u = u.astype(np.float32).astype(float) if single else u
@@ -90,6 +95,16 @@ class Exportable:
         """How far rounding of the inputs to single precision moves the simulation, relative to the largest output.
 
         No arithmetic in single precision can be expected to do better: it is the condition of the task times 6e-8.
+
+        Parameters
+        ----------
+        samples : int
+            Length of the random trajectory; its sample time is that of the program.
+
+        Returns
+        -------
+        float
+            Largest over the outputs; 0 where there are none.
         """
         u, y = self.trial(samples, single=True)
         signs = np.random.default_rng(1).choice([-1.0, 1.0], u.shape)
@@ -119,6 +134,11 @@ class Exporter:
 
 def exporters() -> Sequence[Exporter]:
     """lpvid's own exporter, then those that installed packages name in the entry-point group ``lpvid.exports``.
+
+    Returns
+    -------
+    sequence of Exporter
+        The first that accepts a noun exports it; those of packages are sorted by name.
 
     Raises
     ------
@@ -152,6 +172,11 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
         What `lpvid.load` returns, or an `Exportable` as it is.
     options : Options, optional
 
+    Returns
+    -------
+    Exportable
+        With the inputs of `Options.at` held.
+
     Raises
     ------
     InputError
@@ -171,6 +196,16 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
 def has_step(noun: Any) -> bool:
     """Whether a model, damper or controller can be exported as it is.
 
+    Parameters
+    ----------
+    noun : object
+        What may be exported.
+
+    Returns
+    -------
+    bool
+        False for what needs an option, as a continuous model needs a sample time.
+
     Examples
     --------
     >>> has_step("a text")
@@ -184,7 +219,20 @@ def has_step(noun: Any) -> bool:
 
 
 def flow_of(noun: Any, options: Options | None = None) -> Any:
-    """A continuous model as a `lpvid.export.flow.Flow`; None for what is sampled."""
+    """A continuous model as a `lpvid.export.flow.Flow`; None for what is sampled.
+
+    Parameters
+    ----------
+    noun : object
+        What `lpvid.load` returns; of an `Exportable` there is no flow.
+    options : Options, optional
+        A sample time in it requests a sampled model, and thus no flow.
+
+    Returns
+    -------
+    Flow or None
+        By the first exporter that accepts the noun.
+    """
     for exporter in () if isinstance(noun, Exportable) else exporters():
         if exporter.accepts(noun):
             return exporter.flow(noun, options or Options())
@@ -192,7 +240,22 @@ def flow_of(noun: Any, options: Options | None = None) -> Any:
 
 
 def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: float = 0.7) -> np.ndarray:
-    """(n, columns) low-passed noise within ±1: a random trajectory that visits the whole range."""
+    """(n, columns) low-passed noise within ±1: a random trajectory that visits the whole range.
+
+    Parameters
+    ----------
+    samples, columns : int
+        Length and number of the trajectories.
+    rng : numpy.random.Generator
+        Source of the white noise.
+    memory : float
+        Pole of the first-order low pass in z, in [0, 1).
+
+    Returns
+    -------
+    (samples, columns) array
+        Every column scaled so that its largest magnitude is 1.
+    """
     raw = rng.standard_normal((samples + 50, columns))
     out = np.zeros_like(raw)
     for k in range(1, len(raw)):
@@ -202,7 +265,22 @@ def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: f
 
 
 def within(samples: int, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(n, k) random trajectories that fill [low, high]."""
+    """(n, k) random trajectories that fill [low, high].
+
+    Parameters
+    ----------
+    samples : int
+        Length of the trajectories.
+    low, high : (k,) arrays
+        Ends of each range, in the unit of the channel.
+    rng : numpy.random.Generator
+        Source of the noise.
+
+    Returns
+    -------
+    (samples, k) array
+        Each trajectory touches one end of its range at least.
+    """
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     return 0.5 * (low + high) + 0.5 * (high - low) * smooth_noise(samples, low.size, rng)
 
@@ -263,7 +341,20 @@ def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
 
 
 def rewritten(node: Any, change: Callable[[Symbol], Symbol]) -> Any:
-    """Statements and expressions with every scalar replaced by what `change` makes of it."""
+    """Statements and expressions with every scalar replaced by what `change` makes of it.
+
+    Parameters
+    ----------
+    node : object
+        A statement, an expression, or a tuple or list of these; anything else comes back as it is.
+    change : callable
+        Symbol to symbol.
+
+    Returns
+    -------
+    object
+        A copy of the same classes; arrays keep their homes.
+    """
     if isinstance(node, Symbol):
         return change(node)
     if isinstance(node, (tuple, list)):

@@ -120,6 +120,17 @@ class RecordPieces:
 def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> RecordPieces:
     """Cut, resample and sort records.
 
+    Parameters
+    ----------
+    records : sequence of Record
+        As read, each at its own rate.
+    settings : CharacteriseSettings
+
+    Returns
+    -------
+    RecordPieces
+        Those that move, in the order of the records.
+
     Raises
     ------
     InputError

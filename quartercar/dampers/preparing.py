@@ -127,7 +127,20 @@ def _need_signals(training: Sequence[Record]) -> None:
 
 
 def sense_of(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:
-    """The sense in which the force is measured, the same in all records, and notes on it."""
+    """The sense in which the force is measured, the same in all records, and notes on it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With force, and displacement or velocity.
+
+    Returns
+    -------
+    polarity : {1, −1}
+        −1 where the force is measured against the velocity; 1 where no record decides.
+    notes : tuple of str
+        On a reversed or an undecided polarity; empty for a passive one.
+    """
     sense = common_polarity(records)
     if sense < 0:
         return -1, ("reversed polarity: the force opposes the velocity in these records (mean F·v < 0). Parameters are "

@@ -22,7 +22,17 @@ class SeriesElement(GridEffect):
 
     @abstractmethod
     def elements(self, values: np.ndarray) -> dict[str, float]:
-        """Fields of `Elements`."""
+        """Fields of `Elements`.
+
+        Parameters
+        ----------
+        values : (k,) array
+            Parameters of the effect.
+
+        Returns
+        -------
+        dict of str to float
+        """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"

@@ -36,7 +36,23 @@ class HydraulicEffect(Effect):
 
     @abstractmethod
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
-        """(n,) force that it adds."""
+        """(n,) force that it adds.
+
+        Parameters
+        ----------
+        s : Signals
+        core : Core
+            The simulation without it [N].
+        values : (k,) array
+            Parameters of the effect.
+        baseline : Baseline
+            Innermost law of the core.
+
+        Returns
+        -------
+        (n,) array
+            [N].
+        """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
@@ -239,7 +255,7 @@ class NetworkTopology(HydraulicEffect):
         v = s["velocity"]
         viscous = viscous_slope(s, core, baseline) * v
         if baseline.name == "network-parallel":
-            return share * (viscous * (1 + np.abs(v) / transition) - wet(s, core))
+            return share * (viscous * (1 + np.abs(v) / transition) - _wet(s, core))
         half = 0.25 * transition / np.maximum(np.abs(v), 1e-12)
         q = 1.0 / (1.0 + half + np.sqrt(half * (half + 2.0)))
         return share * viscous * (q - 1.0)
@@ -248,7 +264,7 @@ class NetworkTopology(HydraulicEffect):
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
 
 
-def wet(s: Signals, core: Core) -> np.ndarray:
+def _wet(s: Signals, core: Core) -> np.ndarray:
     """(n,) what an odd law gains beyond the speeds at which it is dry friction."""
     v = s["velocity"]
     slow = np.clip(v, *(DRY * float(np.abs(v).max()) * np.array([-1.0, 1.0])))

@@ -49,7 +49,22 @@ class BoucWenHysteresis(ParallelForce):
 
 
 def loop(s: Signals, deflection: float, share: float) -> np.ndarray:
-    """(n,) z of a Bouc-Wen element of order one, from rest."""
+    """(n,) z of a Bouc-Wen element of order one, from rest.
+
+    Parameters
+    ----------
+    s : Signals
+        With velocity.
+    deflection : float
+        d [m], above zero.
+    share : float
+        s, from 0 to below 1.
+
+    Returns
+    -------
+    (n,) array
+        In [−1, 1].
+    """
     def follow() -> np.ndarray:
         from quartercar.effects._friction_kernels import hysteresis
 

@@ -86,6 +86,10 @@ class Member:
         of_law : float
             That part of it which the inputs predict: what the law still gets wrong. A cause that changes less than that
             may be no more than another piece of it.
+
+        Returns
+        -------
+        str or None
         """
         least = max(min(NOTABLE, BESIDE * left), LEAST, of_law)
         if self.change < least:
@@ -192,7 +196,21 @@ def _check(search: SetSearch, fits: dict[frozenset[str], Refit], near: Refit, wa
 
 
 def on_all_samples(search: SetSearch, judged: JudgedSet, problem: DiagnosisProblem) -> JudgedSet:
-    """The same with errors and parameters by refits on all samples, where the search was on some."""
+    """The same with errors and parameters by refits on all samples, where the search was on some.
+
+    Parameters
+    ----------
+    search : SetSearch
+    judged : JudgedSet
+        On the samples of the search.
+    problem : DiagnosisProblem
+        Of all samples.
+
+    Returns
+    -------
+    JudgedSet
+        Its probabilities, gains and shares stay those of the search.
+    """
     def refitted(f: Refit) -> Refit:
         found = refit(problem, f.composition, f.vector, rough=True)
         _ = found.jacobian  # from which both folds begin
@@ -207,7 +225,18 @@ def on_all_samples(search: SetSearch, judged: JudgedSet, problem: DiagnosisProbl
 
 
 def folds_of(problem: DiagnosisProblem, fit: Refit) -> Folds:
-    """Errors out of fold, found once for a fit."""
+    """Errors out of fold, found once for a fit.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+        To both folds; it keeps them.
+
+    Returns
+    -------
+    Folds
+    """
     return fit.cached(OUT_OF_FOLD, lambda: out_of_fold(problem, fit))
 
 
@@ -229,6 +258,15 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     the weight of a set must not let the baseline alone come before each of them. Of the sets of the most probable
     components the most probable one is taken whose special forms are sure themselves; a form that is not gives way to
     its component.
+
+    Parameters
+    ----------
+    sets : sequence of (Weighed, float)
+        With their probabilities, the most probable first.
+
+    Returns
+    -------
+    Weighed
     """
     mass: dict[frozenset[str], float] = {}
     for w, p in sets:

@@ -116,11 +116,27 @@ class SetSearch:
         return max(self.visited.values(), key=self.score)
 
     def score(self, w: Weighed) -> float:
-        """Evidence of a set at the present κ."""
+        """Evidence of a set at the present κ.
+
+        Parameters
+        ----------
+        w : Weighed
+
+        Returns
+        -------
+        float
+            In nats, up to what all sets share; minus infinity for one with a strength at its bound.
+        """
         return w.evidence(self.kept)
 
     def run(self, root: Refit) -> None:
-        """Visit sets from the baseline alone on."""
+        """Visit sets from the baseline alone on.
+
+        Parameters
+        ----------
+        root : Refit
+            The baseline alone, on the samples of the data.
+        """
         self.visited[frozenset()] = Weighed(self.data, root)
         self._reweigh()
         self.enlarge([self.visited[frozenset()]])  # else a pair that imitates a single cause comes before it
@@ -438,6 +454,16 @@ def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
 
     Of lags, delays and filters on the way of motion and force a set holds one: two imitate whatever there is. What
     turns a channel needs something that reads it, the law (`channels`) or a member that brings it.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    channels : sequence of str
+        Roles that the law reads.
+
+    Returns
+    -------
+    bool
     """
     read = {"", *channels, *(c for e in effects for c in e.brings)}
     if any(e.turns not in read for e in effects):
@@ -466,7 +492,17 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
-    """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first."""
+    """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first.
+
+    Parameters
+    ----------
+    search : SetSearch
+
+    Returns
+    -------
+    list of (Weighed, float)
+        The weights add up to one.
+    """
     every = list(search.visited.values())
     weights = np.zeros(len(every))
     shares = search.shares or (search.kept,)

@@ -116,7 +116,24 @@ def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
 
 def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,
              sample_rate: float | None) -> list[Record]:
-    """Uniform, finite, gap-free pieces at one rate that hold `channels`."""
+    """Uniform, finite, gap-free pieces at one rate that hold `channels`.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        As read; a velocity that is missing is derived from the displacement.
+    channels : sequence of str
+        Roles that every piece must have.
+    start : int
+        Samples from which a run of the model starts; shorter pieces than these and two more are left out.
+    sample_rate : float or None
+        Resample to this rate [Hz]; None keeps the records' own.
+
+    Returns
+    -------
+    list of Record
+        Empty where no records are given.
+    """
     listed = as_records(records)
     if not listed:
         return []
@@ -166,6 +183,11 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
     damper : Damper
     records : sequence of Record
         Uniform, as fitted: cut and resampled, forces as measured.
+
+    Returns
+    -------
+    Damper
+        A copy.
     """
     training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
                 "sample_time": records[0].sample_time, "heads": heads(records, "force")}

@@ -33,6 +33,11 @@ def loop_starts(damper: BoucWen, drives: Sequence[Drive], count: int) -> list[np
         With forces.
     count : int
         How many to return.
+
+    Returns
+    -------
+    list of (P,) array
+        Parameters, SI, inside their bounds, the best first.
     """
     v, x, i, f = (np.concatenate([getattr(d, n) for d in drives]) for n in ("velocity", "displacement", "current",
                                                                             "force"))

@@ -18,12 +18,38 @@ Law = Callable[[Expr, Expr, Expr], Expr]
 
 
 def parameters(b: StepBuilder, damper: StaticDamper) -> dict[str, Expr]:
-    """Every parameter of a damper as one of the program, under its own name."""
+    """Every parameter of a damper as one of the program, under its own name.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        The program that takes them.
+    damper : StaticDamper
+        Gives values, units and descriptions.
+
+    Returns
+    -------
+    dict of str to Expr
+        By parameter name.
+    """
     return {p.name: b.parameter(p.name, damper.values[p.name], p.unit, p.description) for p in damper.parameters}
 
 
 def coefficient(c: Coefficient, named: dict[str, Expr]) -> Callable[[Expr], Expr]:
-    """A coefficient as a function of the current, by the rule of `Coefficient.value`."""
+    """A coefficient as a function of the current, by the rule of `Coefficient.value`.
+
+    Parameters
+    ----------
+    c : Coefficient
+        Of one of the three kinds of `quartercar.dampers.laws.coefficients`.
+    named : dict of str to Expr
+        Parameters by name, as `parameters` returns them.
+
+    Returns
+    -------
+    callable
+        Current -> coefficient.
+    """
     if isinstance(c, Controlled):
         return _controlled(c, [named[p.name] for p in c.parameters])
     if isinstance(c, Proportional):
@@ -51,7 +77,20 @@ def _controlled(c: Controlled, theta: list) -> Callable[[Expr], Expr]:
 
 
 def tanh_expression(b: StepBuilder, damper: TanhLaw) -> Law:
-    """F = A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ' x) + F_0."""
+    """F = A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ' x) + F_0.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Takes the parameters.
+    damper : TanhLaw
+        At its own parameters.
+
+    Returns
+    -------
+    callable
+        (displacement from the centre, velocity, current) -> force in the damper's own sense.
+    """
     named, terms = parameters(b, damper), damper.terms
     parts = [None if c is None else coefficient(c, named) for c in terms]
     force, sharp, post, ratio, post_ratio = parts
@@ -67,7 +106,20 @@ def tanh_expression(b: StepBuilder, damper: TanhLaw) -> Law:
 
 
 def kwok_expression(b: StepBuilder, damper: Kwok) -> Law:
-    """F = c v + k x + α tanh(β v + δ tanh(x/ε)) + f_0."""
+    """F = c v + k x + α tanh(β v + δ tanh(x/ε)) + f_0.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Takes the parameters.
+    damper : Kwok
+        At its own parameters.
+
+    Returns
+    -------
+    callable
+        (displacement from the centre, velocity, current) -> force in the damper's own sense.
+    """
     named = parameters(b, damper)
     width = b.parameter("turning_stroke", damper.turning_stroke, "m", "stroke over which the offset turns its sign")
     c, k, alpha, delta, offset = (coefficient(f, named) for f in damper.functions.values())
@@ -80,7 +132,20 @@ def kwok_expression(b: StepBuilder, damper: Kwok) -> Law:
 
 
 def power_law_expression(b: StepBuilder, damper: PowerLawDamper) -> Law:
-    """F = C_1 v + C_n |v/v_ref|^n sign v, by direction; friction and gas beside it."""
+    """F = C_1 v + C_n |v/v_ref|^n sign v, by direction; friction and gas beside it.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Takes the parameters.
+    damper : PowerLawDamper
+        At its own parameters.
+
+    Returns
+    -------
+    callable
+        (displacement from the centre, velocity, current) -> force in the damper's own sense.
+    """
     named = parameters(b, damper)
     theta = [named[n] for n in damper.names]
     reference = b.parameter("reference_speed", damper.reference_speed, "m/s", "speed at which the power force is given")

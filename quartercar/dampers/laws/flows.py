@@ -11,7 +11,22 @@ from quartercar.dampers.laws.wang_kamath import WangKamath
 
 
 def bouc_wen_flow(b: StepBuilder, damper: BoucWen, x: Expr, v: Expr, i: Expr) -> Expr:
-    """F = c_1 ẏ + k_1 x + F_g; see `BoucWen`."""
+    """F = c_1 ẏ + k_1 x + F_g; see `BoucWen`.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Takes the parameters, and the states y, z and the lagged current with their rates.
+    damper : BoucWen
+        At its own parameters.
+    x, v, i : Expr
+        Displacement from the centre [m], velocity [m/s], current.
+
+    Returns
+    -------
+    Expr
+        Force in the damper's own sense [N].
+    """
     values = {p.name: b.parameter(p.name, damper.values[p.name], p.unit, p.description) for p in damper.parameters}
     zero = RealConstant(0.0)
     y, z = b.state("node", "m", "internal node y"), b.state("hysteresis", "", "hysteretic state z, saturated at 1")
@@ -40,7 +55,22 @@ def bouc_wen_flow(b: StepBuilder, damper: BoucWen, x: Expr, v: Expr, i: Expr) ->
 
 
 def wang_kamath_flow(b: StepBuilder, damper: WangKamath, v: Expr, i: Expr) -> Expr:
-    """ẋ_1 = x_2, ẋ_2 = (v − w_2 x_2 − P(x_1))/w_1, F = F_s(1 + g i) x_1."""
+    """ẋ_1 = x_2, ẋ_2 = (v − w_2 x_2 − P(x_1))/w_1, F = F_s(1 + g i) x_1.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Takes the parameters, and the scaled force and its rate as states.
+    damper : WangKamath
+        At its own parameters.
+    v, i : Expr
+        Velocity [m/s], current.
+
+    Returns
+    -------
+    Expr
+        Force in the damper's own sense [N].
+    """
     values = [b.parameter(p.name, damper.values[p.name], p.unit, p.description) for p in damper.parameters]
     d = damper.degree
     u = b.let("share", call("fmin", call("fmax", i / damper.current_scale, 0.0), 1.0)) if d else RealConstant(0.0)

@@ -136,7 +136,20 @@ class Kwok(StaticDamper):
         return np.tanh(displacement / self.turning_stroke)
 
     def coefficients(self, current: np.ndarray, vector: np.ndarray) -> list[np.ndarray]:
-        """c, k, α, δ, f_0, (n,) each."""
+        """c, k, α, δ, f_0, (n,) each.
+
+        Parameters
+        ----------
+        current : (n,) array
+            In the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        list of (n,) array
+            [N·s/m], [N/m], [N], [1], [N].
+        """
         size = self.degree + 1
         return [f.value(current, vector[j * size: (j + 1) * size]) for j, f in enumerate(self.functions.values())]
 
@@ -165,7 +178,18 @@ class Kwok(StaticDamper):
         return to_lpv(self, sample_time)
 
     def with_secants(self, record: Record) -> Record:
-        """The record with the channels that schedule `to_lpv`; see `quartercar.dampers.laws.kwok_lpv`."""
+        """The record with the channels that schedule `to_lpv`; see `quartercar.dampers.laws.kwok_lpv`.
+
+        Parameters
+        ----------
+        record : Record
+            With displacement, velocity and, where the law depends on it, current.
+
+        Returns
+        -------
+        Record
+            With two channels more, ``saturation`` and ``turning`` [1].
+        """
         from quartercar.dampers.laws.kwok_lpv import with_secants
 
         return with_secants(self, record)

@@ -23,6 +23,18 @@ def to_lpv(damper: Kwok, sample_time: float) -> LPVTransferFunction:
         F = [c(i) + α(i) β ρ] v + [k(i) + α(i) δ(i) χ/ε] x + f_0(i)
 
     scheduled on the current, ρ (``saturation``) and χ (``turning``), which `with_secants` adds to a record.
+
+    Parameters
+    ----------
+    damper : Kwok
+        At its own parameters.
+    sample_time : float
+        Period of the model [s].
+
+    Returns
+    -------
+    LPVTransferFunction
+        Without memory; along records as measured: their polarity and zero of the displacement.
     """
     degree = damper.degree
     blocks = dict(zip(damper.functions, np.split(damper.vector[:-1], len(damper.functions)), strict=True))
@@ -51,7 +63,20 @@ def to_lpv(damper: Kwok, sample_time: float) -> LPVTransferFunction:
 
 
 def with_secants(damper: Kwok, record: Record) -> Record:
-    """The record with the channels ``saturation`` and ``turning`` that schedule the model of `to_lpv`."""
+    """The record with the channels ``saturation`` and ``turning`` that schedule the model of `to_lpv`.
+
+    Parameters
+    ----------
+    damper : Kwok
+        At its own parameters.
+    record : Record
+        With displacement, velocity and, where the law depends on it, current.
+
+    Returns
+    -------
+    Record
+        A copy with both channels [1].
+    """
     drive = damper.drive(record)
     _, _, _, delta, _ = damper.coefficients(drive.current, damper.vector)
     side = drive.displacement / damper.turning_stroke

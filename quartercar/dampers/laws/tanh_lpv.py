@@ -30,6 +30,18 @@ def to_lpv(damper: TanhLaw, sample_time: float) -> LPVTransferFunction:
 
     Do, Sename, Dugard (2010) schedule the semi-active damper so. The coefficient of F on v is positive for every ρ.
 
+    Parameters
+    ----------
+    damper : TanhLaw
+        At its own parameters.
+    sample_time : float
+        Period of the model [s].
+
+    Returns
+    -------
+    LPVTransferFunction
+        Without memory; along records as measured: their polarity and zero of the displacement.
+
     Raises
     ------
     InputError
@@ -69,7 +81,20 @@ def to_lpv(damper: TanhLaw, sample_time: float) -> LPVTransferFunction:
 
 
 def with_saturation(damper: TanhLaw, record: Record) -> Record:
-    """The record with a channel ``saturation``, ρ = tanh(A_3 s)/(A_3 s), that schedules the model of `to_lpv`."""
+    """The record with a channel ``saturation``, ρ = tanh(A_3 s)/(A_3 s), that schedules the model of `to_lpv`.
+
+    Parameters
+    ----------
+    damper : TanhLaw
+        At its own parameters.
+    record : Record
+        With the channels that the law reads.
+
+    Returns
+    -------
+    Record
+        A copy with the channel [1].
+    """
     drive = damper.drive(record)
     factors = damper.factors(drive.displacement, drive.velocity, drive.current, damper.vector)
     rho = saturation(factors.sharpness * factors.lagged)
@@ -77,7 +102,18 @@ def with_saturation(damper: TanhLaw, record: Record) -> Record:
 
 
 def saturation(s: np.ndarray) -> np.ndarray:
-    """(n,) tanh(s)/s, 1 at 0."""
+    """(n,) tanh(s)/s, 1 at 0.
+
+    Parameters
+    ----------
+    s : (n,) array
+        Argument of the tanh.
+
+    Returns
+    -------
+    (n,) array
+        In (0, 1].
+    """
     near = np.abs(s) < 1e-6
     return np.where(near, 1 - s**2 / 3, np.tanh(s) / np.where(near, 1.0, s))
 

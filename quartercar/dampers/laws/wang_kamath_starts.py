@@ -35,6 +35,11 @@ def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -
         With forces.
     count : int
         How many to return.
+
+    Returns
+    -------
+    list of (P,) array
+        Parameters, SI, inside their bounds, the best first.
     """
     return ranked_starts(damper, drives, _candidates(damper, drives), count)
 
