@@ -10,7 +10,8 @@ STRETCH, FEWEST = 1.0, 4
 """length of the stretches whose spectra are averaged at most [s], and how many there are at least: of so many noise
 stands `ABOVE` its level by twice as much at one frequency in 60,000"""
 SHORT = 100
-"""samples below which nothing is known of a band"""
+"""samples of a stretch at least, from so many on a derivative in the band of the motion has less error than one by
+polynomials of eleven samples"""
 QUIET = 0.3
 """share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
 ABOVE = 2.0

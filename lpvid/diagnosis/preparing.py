@@ -148,8 +148,8 @@ def with_quiet_velocity(record: Record) -> Record:
     Returns
     -------
     Record
-        As it is where its velocity was measured, it has no displacement, or is too short to find the band in which it
-        moves (4 s).
+        As it is where its velocity was measured, it has no displacement, or is too short (400 samples) to find the
+        band in which it moves.
     """
     if not (_derived(record) and record.has("displacement") and np.ptp(record["displacement"])):
         return record

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.condition.interference import (
     ABOVE,
+    FEWEST,
     SHORT,
     interference,
     of_motion,
@@ -107,7 +108,7 @@ def has_band(s: Signals, channel: str) -> bool:
     -------
     bool
     """
-    return s[channel].size >= SHORT and not jumps(s[channel])
+    return s[channel].size >= FEWEST * SHORT and not jumps(s[channel])
 
 
 def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:

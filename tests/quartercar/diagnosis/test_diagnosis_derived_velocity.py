@@ -92,18 +92,26 @@ def test_a_damper_fitted_to_a_slow_record_with_hum_has_its_damping(rng: np.rando
 
 
 def test_a_short_record_is_differentiated_as_elsewhere(rng: np.random.Generator) -> None:
-    record, _ = recorded(rng, 400)
+    record, _ = recorded(rng, 300)
     prepared = prepare([record], [], (), ("displacement", "velocity", "force"))
     np.testing.assert_allclose(prepared.training[0]["velocity"], differentiate(record["displacement"], PERIOD))
     assert prepared.notes == ("velocity derived from displacement (savitzky-golay)",)
 
 
+@pytest.mark.parametrize("samples", [400, 1000, 1900])
+def test_from_400_samples_on_the_band_of_the_motion_is_known_well_enough(samples: int, rng: np.random.Generator
+                                                                        ) -> None:
+    record, v = recorded(rng, samples)
+    got = prepare([record], [], (), ("displacement", "velocity", "force")).training[0]["velocity"]
+    assert np.std(got - v) < 0.9 * np.std(differentiate(record["displacement"], PERIOD) - v)
+
+
 def test_of_a_record_that_is_cut_the_short_pieces_are_told(rng: np.random.Generator) -> None:
     record, _ = recorded(rng)
     force = np.array(record["force"])
-    force[1000:1010] = np.nan
+    force[300:310] = np.nan
     prepared = prepare([record.with_channel("force", force, "N")], [], (), ("displacement", "velocity", "force"))
-    assert [r.n_samples for r in prepared.training] == [1000, 4990]
+    assert [r.n_samples for r in prepared.training] == [300, 5690]
     assert prepared.notes[0].endswith("in 1 of 2 pieces; the others are too short for that")
 
 
