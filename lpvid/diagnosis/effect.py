@@ -178,8 +178,9 @@ class Effect(ABC):
     """names of effects with which it works together physically, tried as a pair where neither helps alone"""
     added_later: ClassVar[tuple[str, ...]] = ()
     """parameters that it had not from the first: a file without them is read with them at neutral"""
-    rugged: ClassVar[bool] = False
-    """whether the error has many small valleys along the strength"""
+    rugged: ClassVar[str] = ""
+    """name of the number along which the error has many minima, as where a kink passes samples one by one: it is moved
+    by trial as well; "" where there is none"""
     path: ClassVar[str] = ""
     """what a lag, a delay or a filter holds up: "current", "motion", "force" or "all"; "" for everything else. Those of
     motion and force imitate each other and every dynamic cause: a set holds one of them"""
