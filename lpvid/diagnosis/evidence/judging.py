@@ -168,6 +168,10 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
         dropped |= {e.name: "held-out error is no lower with it" for e, _ in useless}
     members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
+    for k, m in enumerate(members):  # a component is named once, by the form that changes most
+        if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
+            form = Support.of(sets, _in_this_form(m.effect), search.structured)
+            members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
     kept = {m.effect.name for m in members}
     return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                   tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
