@@ -90,7 +90,7 @@ def moving_average(view: View) -> Iterator[Finding]:
         found = view.run(name)
         if found is None or view.period is None or found[0].size < 2048:
             continue
-        comb = comb_length(found[0], view.period)
+        comb = _comb_length(found[0], view.period)
         if comb:
             length, depth = comb
             yield Finding("moving-average", view.name, name, "note",
@@ -99,7 +99,7 @@ def moving_average(view: View) -> Iterator[Finding]:
                           f"{0.44 / (length * view.period):.3g} Hz", float(length))
 
 
-def comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
+def _comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
     """(samples averaged, depth of the nulls in dB), or None; nulls against the lobes beside each."""
     from scipy.signal import welch
 

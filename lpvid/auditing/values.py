@@ -133,7 +133,7 @@ def quantised(view: View) -> Iterator[Finding]:
         values = view.finite(name)
         if values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
             continue
-        step = lattice(values)
+        step = _lattice(values)
         rms = float(values.std())
         if step is not None and step > rms / 200:
             bits = np.log2(np.ptp(values) / step + 1)
@@ -143,7 +143,7 @@ def quantised(view: View) -> Iterator[Finding]:
                           "a finer range or converter; noise below a step cannot be judged", step)
 
 
-def lattice(values: np.ndarray) -> float | None:
+def _lattice(values: np.ndarray) -> float | None:
     """Step of the lattice on which the values lie within a tenth, or None."""
     levels = np.unique(values[:20_000])
     if levels.size < 4:

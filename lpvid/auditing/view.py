@@ -87,7 +87,7 @@ class View:
         values = self.finite(name)
         if values.size < 2:
             return False
-        return distinct(values, _LEVELS) <= _LEVELS and bool(np.mean(np.diff(values) == 0) > 0.5)
+        return _distinct(values, _LEVELS) <= _LEVELS and bool(np.mean(np.diff(values) == 0) > 0.5)
 
     def rests(self, name: str) -> bool:
         """True for a constant, and for a command that rests on few levels, noise or not."""
@@ -151,7 +151,7 @@ def view(record: Record, scheduling: Sequence[str] | None) -> View:
     return View(record, found)
 
 
-def distinct(values: np.ndarray, stop: int) -> int:
+def _distinct(values: np.ndarray, stop: int) -> int:
     """Number of distinct values, counted no further than it takes to exceed `stop`."""
     if np.unique(values[: 40 * stop]).size > stop:
         return stop + 1

@@ -213,7 +213,7 @@ class PassiveSearch:
         table = self.layout.table[self.moving]
         direct = [np.flatnonzero((table[:, 0] == 1) & (table[:, 1] == 0) & (table[:, 3] == q))
                   for q in range(model.n_filter_inputs)]
-        parts = positive_parts(model)
+        parts = _positive_parts(model)
         rows, target = [], []
         for y, (u, phi) in zip(self.problem._y, self.problem.drive(model), strict=True):
             rows.append(np.vstack([parts.T @ phi * u[q] for q in range(len(direct))]).T)
@@ -260,7 +260,7 @@ class PassiveSearch:
             if moved is None or not share:
                 break
             xi, steps = xi + share * moved[0], steps + 1
-            iterate = self.recentred(xi, _between(iterate, moved[1], share))
+            iterate = self._recentred(xi, _between(iterate, moved[1], share))
             report_progress(f"passive step {steps}: free-run rms {np.sqrt(ahead / self.problem.counted):.4g}, "
                 f"room {-iterate.shortage:.3g}, share {share:.3g}")
             calm = calm + 1 if cost - ahead < SMALL * cost else 0
@@ -277,7 +277,7 @@ class PassiveSearch:
                 return moved
         return None
 
-    def recentred(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
+    def _recentred(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
         """P and λ with the most room at ξ: on the boundary of the set that one P allows, steps would shrink to none."""
         iterate, program = self.judged(xi, iterate), self.program(xi)
         try:
@@ -335,7 +335,7 @@ class PassiveSearch:
         return (chain @ (spread * inverse_gram(jacobian)) @ chain.T, float(np.linalg.cond(alive)), rows)
 
 
-def positive_parts(model: LPVTransferFunction) -> np.ndarray:
+def _positive_parts(model: LPVTransferFunction) -> np.ndarray:
     """(M, r) combinations of the basis that are nowhere negative in the box, and positive together.
 
     Of a polynomial in one variable 1 − t and t over its range; the functions of a spline; else the constant.

@@ -31,11 +31,11 @@ def output_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -
     roots = [("least squares", first)]
     for rho in PREFILTERS:
         roots.append((f"least squares under a low-pass at {rho:g}",
-                      filtered_regression(problem, first, np.poly([rho, rho]))))
+                      _filtered_regression(problem, first, np.poly([rho, rho]))))
     found += roots[1:]
     for label, model in (roots[0], roots[2]):
         for round_ in range(ITERATIONS):
-            model = filtered_regression(problem, model, mean_denominator(problem, model))
+            model = _filtered_regression(problem, model, _mean_denominator(problem, model))
             found.append((f"{label}, then Steiglitz-McBride {round_ + 1}", model))
     drawn = [(label, stabilised(problem, model)) for label, model in found]
     return [*drawn, *(pair for pair, other in zip(found, drawn, strict=True) if pair[1] is not other[1])]
@@ -91,7 +91,7 @@ def stabilised(problem: PredictionErrorProblem, model: LPVTransferFunction) -> L
     return model.replace(a=0.0 * model.a)
 
 
-def mean_denominator(problem: PredictionErrorProblem, model: LPVTransferFunction) -> np.ndarray:
+def _mean_denominator(problem: PredictionErrorProblem, model: LPVTransferFunction) -> np.ndarray:
     """Stable polynomial 1 + f_1 q⁻¹ + … of A at the mean of the basis along the data; roots outside are reflected."""
     mean = np.mean([phi.mean(axis=1) for _, phi in problem.drive(model)], axis=0)
     a = model.a @ mean
@@ -112,7 +112,7 @@ def stable_polynomial(roots: np.ndarray, limit: float = 0.99) -> np.ndarray:
     return np.real(np.poly(np.minimum(size, limit) * np.exp(1j * angle)))
 
 
-def filtered_regression(
+def _filtered_regression(
     problem: PredictionErrorProblem, model: LPVTransferFunction, denominator: np.ndarray
 ) -> LPVTransferFunction:
     """Least squares of the equation A y = B u + e with both sides filtered by one over `denominator`."""

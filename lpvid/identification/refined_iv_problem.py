@@ -147,7 +147,7 @@ class IVProblem:
         return float(np.abs(np.linalg.eigvals(companion)).max())
 
     # -- instruments ---------------------------------------------------------------------------------------------
-    def constant_part(self, model: LPVTransferFunction) -> np.ndarray:
+    def _constant_part(self, model: LPVTransferFunction) -> np.ndarray:
         """F − 1 of the prefilter: the coefficients a_i0 of the constant, or the data's mean a_i(p); kept stable."""
         if self.lti.size:
             tail = self.layout.read(model)[self.lti]
@@ -196,7 +196,7 @@ class _Filler:
     def __init__(self, problem: IVProblem, model: LPVTransferFunction, noise: ARMA, kind: str, more: int) -> None:
         self.problem, self.model, self.kind, self.more = problem, model, kind, more
         c, d = monic(noise.c, noise.c.size), monic(noise.d, noise.d.size)
-        frozen, k = monic(problem.constant_part(model), model.na), problem.size
+        frozen, k = monic(problem._constant_part(model), model.na), problem.size
         double = kind in ("exact", "coloured")  # the second half has its own filter
         self.prefilter = _padded(np.ones(1), frozen) if kind == "coloured" else _padded(d, np.convolve(c, frozen))
         self.colour = _padded(c, d) if kind == "coloured" else _padded(d, c)

@@ -297,7 +297,7 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     energy = float(sum(e @ e for e in found.innovations))
     variance = energy / max(problem.rows - k - extra, 1)
     root = pseudo_inverse(factor[:k, k: 2 * k])
-    colour = WHITE if white else autoregression([e[problem.start:] for e in found.innovations])
+    colour = WHITE if white else _autoregression([e[problem.start:] for e in found.innovations])
     if not colour.d.size:
         return variance * root @ root.T, variance, colour
     driving = sum(float(w @ w) for w in (colour.whiten(e[problem.start:]) for e in found.innovations))
@@ -306,7 +306,7 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     return driving / max(problem.rows - k, 1) * root @ root.T, variance, colour
 
 
-def autoregression(series: Sequence[np.ndarray]) -> ARMA:
+def _autoregression(series: Sequence[np.ndarray]) -> ARMA:
     """The autoregression of least BIC; of order 0 for a white series."""
     n = sum(len(v) for v in series)
     best, least = WHITE, np.inf

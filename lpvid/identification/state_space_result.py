@@ -73,7 +73,7 @@ def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[
 def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpaceLayout, records: Sequence[Record],
             notes: Sequence[str], *, free_coordinates: bool = True) -> Identification:
     """The Identification of a search's end, with covariance, noise and what to beware of."""
-    sure = precision(search, layout, free_coordinates=free_coordinates)
+    sure = _precision(search, layout, free_coordinates=free_coordinates)
     covariance = sure.covariance
     if isinstance(layout, StagedLayout):  # a model's file holds the law of its matrix entries; ψ is marginalised
         layout = layout.linear
@@ -88,7 +88,7 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
     if sure.free < layout.size and free_coordinates:
         stated.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
                     "standard errors hold the coordinates fixed")
-    unstable = unstable_share(model, search)
+    unstable = _unstable_share(model, search)
     if unstable > 0:
         stated.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
                     "the run is bounded there by the motion of the scheduling, not by the model")
@@ -96,7 +96,7 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
                           search.data.rows, notes=tuple(stated), covariance_kind=sure.kind)
 
 
-def unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
+def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
     """Share of the training samples at which the frozen model is unstable."""
     if not model.order:
         return 0.0
@@ -116,7 +116,7 @@ class Precision:
     kind: str = "projected Jacobian, white errors"
 
 
-def precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
+def _precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
     """Covariance through the projected Jacobian, zero along a change of coordinates.
 
     For white errors σ² (JᵀJ)⁺. Where the whiteness test fails and the data are long enough, the sandwich

@@ -213,7 +213,7 @@ class _Sums:
         return figures_of(kind, (self.error, self.power, self.total), self.count, unit, at)
 
 
-def pooled(parts: list[_Sums], kind: str, unit: str, start: int) -> Figures:
+def _pooled(parts: list[_Sums], kind: str, unit: str, start: int) -> Figures:
     """Numerators and denominators summed over records."""
     at = next((p.diverged + start for p in parts if p.diverged is not None), None)
     sums = (np.sum([p.error for p in parts], axis=0), np.sum([p.power for p in parts], axis=0),
@@ -337,7 +337,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
         shown = f"{name}#{numbers[name]}" if several[name] > 1 else name
         rows.append(RecordFigures(shown, length, free.figures("free-run", unit, start),
                                   one.figures("one-step", unit, start), share / length))
-    pair = FigurePair(pooled([r[2] for r in kept], "free-run", unit, start),
-                pooled([r[3] for r in kept], "one-step", unit, start))
+    pair = FigurePair(_pooled([r[2] for r in kept], "free-run", unit, start),
+                _pooled([r[3] for r in kept], "one-step", unit, start))
     return Validation(label, pair, tuple(rows), tests.tests(), outside / seen,
                       (f"figures of a stream of {seen} samples; regimes are not looked for",))
