@@ -83,6 +83,11 @@ def search(problem: IVProblem, start: np.ndarray, orders: tuple[int, int] | None
         Orders of the noise model; None for white output noise.
     iterations : int
     tolerance : float
+
+    Returns
+    -------
+    RefinedIvEnd or None
+        Its ``origin`` states where the start is not the one given.
     """
     first, shrunk = _bounded_start(problem, start)
     found = None if first is None else _iterate(problem, first, orders, iterations, tolerance)
@@ -291,6 +296,15 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     found : Found
     white : bool
         Whether the innovations of the noise model are white by construction.
+
+    Returns
+    -------
+    (k, k) array
+        Covariance of the parameters.
+    float
+        Variance of the innovations [square of the output's unit].
+    ARMA
+        Of order 0 where white innovations suffice.
     """
     k, factor = problem.size, found.factor
     extra = found.noise.c.size + found.noise.d.size
@@ -322,7 +336,19 @@ def _autoregression(series: Sequence[np.ndarray]) -> ARMA:
 
 
 def conditions(factor: np.ndarray, k: int) -> tuple[float, float]:
-    """Condition number of the instruments, as they are and with unit columns."""
+    """Condition number of the instruments, as they are and with unit columns.
+
+    Parameters
+    ----------
+    factor : array
+        Triangular factor whose first k columns are the instruments'.
+    k : int
+        Number of parameters.
+
+    Returns
+    -------
+    float, float
+    """
     r = factor[:k, :k]
     scale = np.linalg.norm(r, axis=0)
     scale[scale == 0] = 1.0
