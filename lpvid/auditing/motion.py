@@ -36,7 +36,7 @@ class Relation:
     residual : float
         rms of what is not explained, as a share of the velocity's.
     busy : float
-        Where the velocity has most power [Hz].
+        Frequency below which half of the velocity's power lies [Hz].
     """
 
     gain: float

@@ -94,7 +94,7 @@ class ParameterLayout:
         Parameters
         ----------
         model : LPVTransferFunction
-            With affine terms, if only of no lags.
+            With the lags of the layout.
         theta : (k,) array
             In the order of the table.
 

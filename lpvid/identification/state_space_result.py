@@ -220,7 +220,7 @@ class Precision:
     covariance : (k, k) array
         Of the parameters.
     noise : (ny, ny) array
-        Covariance of the one-step errors [units of the outputs].
+        Covariance of the one-step errors [products of the outputs' units].
     condition : float
         Of the projected Jacobian in unit columns.
     free : int

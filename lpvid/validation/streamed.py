@@ -60,6 +60,11 @@ class StreamedRuns:
     def run(self, piece: Record) -> tuple[np.ndarray, np.ndarray, int, int | None] | None:
         """The next piece of a record.
 
+        Parameters
+        ----------
+        piece : Record
+            Uniform and finite, with the model's channels; it goes on where the one before ended.
+
         Returns
         -------
         (free, one_step, first, diverged_at) or None
@@ -143,7 +148,13 @@ class LagSums:
         self.head, self.tail_y = np.zeros(0), np.zeros(0)
 
     def add(self, x: np.ndarray, y: np.ndarray) -> None:
-        """The next samples of a record."""
+        """The next samples of a record.
+
+        Parameters
+        ----------
+        x, y : (n,) arrays
+            Of the same times; may be empty.
+        """
         if not x.size:
             return
         if not self.count:
@@ -166,7 +177,12 @@ class LagSums:
         self.count += x.size
 
     def close(self) -> bool:
-        """The end of a record; whether it was long enough to count."""
+        """The end of a record; whether it was long enough to count.
+
+        Returns
+        -------
+        bool
+        """
         n = self.count
         long = n > self.shortest
         if long:

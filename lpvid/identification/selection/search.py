@@ -297,7 +297,7 @@ class StructureSearch:
         Returns
         -------
         bool
-            Outside at no more than `limit` of the samples; False where it has no estimate.
+            Outside at no more than `limit` of the samples; without an estimate it counts as outside throughout.
         """
         if index not in self.outside:
             try:
