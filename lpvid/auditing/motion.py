@@ -26,7 +26,19 @@ SOUND = 343.0
 
 @dataclass(frozen=True)
 class Relation:
-    """velocity(t) ≈ gain·ẋ(t − delay): gain, delay [samples], residual over rms, busiest frequency [Hz]."""
+    """velocity(t) ≈ gain·ẋ(t − delay): gain, delay [samples], residual over rms, busiest frequency [Hz].
+
+    Attributes
+    ----------
+    gain : float
+        1 for velocity and displacement in matching units; negative for opposite signs.
+    delay : float
+        Positive where the velocity lags [samples].
+    residual : float
+        rms of what is not explained, as a share of the velocity's.
+    busy : float
+        Frequency below which half of the velocity's power lies [Hz].
+    """
 
     gain: float
     delay: float
@@ -74,7 +86,19 @@ def hum(view: View) -> Iterator[Finding]:
 
 
 def velocity_against_displacement(view: View) -> Iterator[Finding]:
-    """Scale, delay and mismatch between the velocity channel and the slope of the displacement channel."""
+    """Scale, delay and mismatch between the velocity channel and the slope of the displacement channel.
+
+    Parameters
+    ----------
+    view : View
+        One record; without velocity or displacement nothing is found.
+
+    Yields
+    ------
+    Finding
+        Mismatch, ``velocity-sign``, ``velocity-scale``, a delay or a one-sided filter; value of the first two the
+        gain.
+    """
     pair = _pair(view)
     if pair is None or view.period is None or view.velocity is None:
         return
@@ -132,7 +156,17 @@ def magnitude(views: Sequence[View]) -> Iterator[Finding]:
 
 
 def relation(view: View) -> Relation | None:
-    """How the velocity of a record follows from its displacement; None where one of them is missing or at rest."""
+    """How the velocity of a record follows from its displacement; None where one of them is missing or at rest.
+
+    Parameters
+    ----------
+    view : View
+        One record; the answer is kept in its `known`.
+
+    Returns
+    -------
+    Relation or None
+    """
     if "relation" not in view.known:
         pair = _pair(view)
         view.known["relation"] = None if pair is None or view.period is None else _relate(*pair, view.period)
