@@ -89,7 +89,7 @@ def _piece(
         return _trimmed(np.tensordot(invert, entry.at(phi), axes=1), float(entry.size_at(phi).max(initial=0.0)))
 
     matrix = _balanced(polynomial(models.matrix))
-    guardians = guardian_polynomials(matrix, models.discrete)
+    guardians = _guardian_polynomials(matrix, models.discrete)
     if models.minus is None:
         guardians["zero"] = polynomial(models.plus)
         sizes = {"zero": models.plus}
@@ -101,7 +101,7 @@ def _piece(
     return Piece(*ends, centre, half, matrix, guardians, _always_on_boundary(piece, models.discrete, scales))
 
 
-def guardian_polynomials(matrix: np.ndarray, discrete: bool) -> dict[str, np.ndarray]:
+def _guardian_polynomials(matrix: np.ndarray, discrete: bool) -> dict[str, np.ndarray]:
     """Matrix polynomials that are singular where a *pair* of poles sits on the boundary.
 
     det(A⊙A − I) = 0 in discrete time, det(2A⊙I) = 0 in continuous time, for A = Σ_k matrix[k] t^k.
@@ -141,7 +141,7 @@ def _trimmed(coefficients: np.ndarray, yardstick: float) -> np.ndarray:
     return cleaned[: top + 1]
 
 
-def polynomial_value(coefficients: np.ndarray, t: float) -> np.ndarray:
+def _polynomial_value(coefficients: np.ndarray, t: float) -> np.ndarray:
     """Σ_k coefficients[k] t^k by Horner's rule."""
     value = coefficients[-1]
     for c in coefficients[-2::-1]:
@@ -230,7 +230,7 @@ def _nearest_pole(matrix: np.ndarray, t: float, kind: str, discrete: bool) -> tu
     """The pole of the candidate's kind, its slope dλ/dt = wᴴA'v/wᴴv, and the size that residuals are taken against."""
     from scipy.linalg import eig
 
-    a = polynomial_value(matrix, t)
+    a = _polynomial_value(matrix, t)
     solved: Any = eig(a, left=True, right=True)
     values, left, right = solved
     scale = 1.0 if discrete else max(float(np.abs(values).max()), 1e-3 * _terms(matrix, t), 1e-300)
@@ -244,7 +244,7 @@ def _nearest_pole(matrix: np.ndarray, t: float, kind: str, discrete: bool) -> tu
         return None, 0.0, scale
     if matrix.shape[0] == 1:
         return complex(values[i]), 0.0, scale
-    slope_matrix = polynomial_value(matrix[1:] * np.arange(1, matrix.shape[0])[:, None, None], t)
+    slope_matrix = _polynomial_value(matrix[1:] * np.arange(1, matrix.shape[0])[:, None, None], t)
     w, v = left[:, i].conj(), right[:, i]
     weight = w @ v
     slope = complex(w @ slope_matrix @ v / weight) if abs(weight) > 1e-14 else complex(np.nan)
@@ -255,10 +255,10 @@ def _always_on_boundary(piece: Piece, discrete: bool, scales: dict[str, float]) 
     """Kinds whose guardian map vanishes at every value: a pole that never leaves the boundary."""
     kinds = []
     at = (-0.7310585, 0.1192029, 0.6224593)
-    norm = max(float(np.abs(polynomial_value(piece.matrix, t)).sum(axis=1).max(initial=0.0)) for t in at)
+    norm = max(float(np.abs(_polynomial_value(piece.matrix, t)).sum(axis=1).max(initial=0.0)) for t in at)
     for kind, coefficients in piece.guardians.items():
         scale = scales.get(kind, 1.0 + norm**2 if discrete else norm)
-        singular = all(_singular(polynomial_value(coefficients, t), scale) for t in at)
+        singular = all(_singular(_polynomial_value(coefficients, t), scale) for t in at)
         if singular and all(_pole_there(piece, kind, t, discrete) for t in at):
             kinds.append(kind)
     return tuple(kinds)

@@ -136,7 +136,7 @@ def proven(model: LPVTransferFunction, program: PassiveProgram, iterate: Iterate
 
 def _proofs(model: LPVTransferFunction, box: Scheduling, degree: int
             ) -> Iterator[tuple[Storage, np.ndarray, Recheck]]:
-    units = natural_units(model)
+    units = _natural_units(model)
     for density in (1, 2):
         program = PassiveProgram(scaled(model, *units), box, degree, np.zeros((0, 5), dtype=int), density)
         frame, room = frame_of(program.model), 0.0
@@ -155,7 +155,7 @@ def _proofs(model: LPVTransferFunction, box: Scheduling, degree: int
                 break
 
 
-def natural_units(model: LPVTransferFunction) -> tuple[float, float]:
+def _natural_units(model: LPVTransferFunction) -> tuple[float, float]:
     """(speed, force) in which the model's input and output are about one, at the centre of its box."""
     centre = model.box.centre[None]
     speed = float(slack(model, centre)[0]) if model.n_filter_inputs > 1 else 1.0

@@ -187,7 +187,7 @@ def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray
                            model.input_stage is not None)
 
 
-def frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def _frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """(filter inputs, F) frozen responses of the linear part."""
     a, b, _ = model.coefficients(point)
     z = np.exp(-2j * np.pi * frequencies * model.sample_time)
@@ -198,7 +198,7 @@ def frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: 
 def _damping(model: LPVTransferFunction, point: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(len(f), -np.inf), np.zeros(len(f), dtype=bool)
-    response, stage = np.real(frozen_response(model, point, f)), model.input_stage
+    response, stage = np.real(_frozen_response(model, point, f)), model.input_stage
     if isinstance(stage, TanhStage):
         u = np.zeros((1, 1))
         u[0, 0] = 1e-9 * stage.v0

@@ -179,6 +179,16 @@ def to_lft(system: LPVStateSpace) -> Conversion:
 def from_lft(model: LFTModel) -> Conversion:
     """The polynomial that a linear fractional form with nilpotent D_qp Δ stands for, exactly.
 
+    Parameters
+    ----------
+    model : LFTModel
+        With D_qp Δ nilpotent for every Δ.
+
+    Returns
+    -------
+    Conversion
+        Exact, over monomials.
+
     Raises
     ------
     InputError
@@ -237,7 +247,18 @@ def _interpolated(model: Model, axes: Mapping[str, np.ndarray]) -> LPVStateSpace
 
 
 def multi_affine(model: Model) -> bool:
-    """Whether the system is affine in every single variable over its box."""
+    """Whether the system is affine in every single variable over its box.
+
+    Parameters
+    ----------
+    model : LPVStateSpace or LFTModel
+        What is looked at.
+
+    Returns
+    -------
+    bool
+        False for every linear fractional form, and for a basis that is neither polynomial nor table.
+    """
     if isinstance(model, LFTModel):
         return False
     function = as_polynomial(model)
