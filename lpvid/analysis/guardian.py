@@ -29,6 +29,16 @@ def bialternate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     (a⊙b)_(ij),(kl) = ½(a_ik b_jl − a_il b_jk + b_ik a_jl − b_il a_jk), i < j, k < l: a⊙a has the eigenvalues
     λ_i λ_j and 2a⊙I the eigenvalues λ_i + λ_j (Fuller 1968).
 
+    Parameters
+    ----------
+    a, b : (n, n) array
+        The factors.
+
+    Returns
+    -------
+    (n(n−1)/2, n(n−1)/2) array
+        Rows and columns are the pairs i < j, in lexical order.
+
     Examples
     --------
     >>> bialternate(np.diag([2.0, 3.0, 5.0]), np.diag([2.0, 3.0, 5.0])).diagonal()
@@ -42,7 +52,21 @@ def bialternate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One polynomial piece of a frozen family: A(s) = Σ_k matrix[k] t^k, t = (s − centre)/half, for low < s < high."""
+    """One polynomial piece of a frozen family: A(s) = Σ_k matrix[k] t^k, t = (s − centre)/half, for low < s < high.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends, in the unit of the line; may be infinite.
+    centre, half : float
+        What t is measured by, in the same unit.
+    matrix : (degree + 1, N, N) array
+        Coefficients of A, in balanced states.
+    guardians : dict of str to (·, m, m) array
+        Coefficients, in powers of t, of the matrix that is singular at a crossing of that kind.
+    always : tuple of str
+        Kinds whose matrix is singular at every t.
+    """
 
     low: float
     high: float
@@ -53,13 +77,39 @@ class Piece:
     always: tuple[str, ...] = ()
 
     def contains(self, s: float) -> bool:
-        """Whether `s` lies in the piece, ends included."""
+        """Whether `s` lies in the piece, ends included.
+
+        Parameters
+        ----------
+        s : float
+            In the unit of the line.
+
+        Returns
+        -------
+        bool
+            True also a share 1e-9 of `half` beyond the ends.
+        """
         slack = 1e-9 * self.half
         return self.low - slack <= s <= self.high + slack
 
 
 def pieces(models: FrozenFamily, names: tuple[str, ...], line: Line) -> list[Piece] | None:
-    """The polynomial pieces along a line with their guardian maps, or None if the basis is not piecewise polynomial."""
+    """The polynomial pieces along a line with their guardian maps, or None if the basis is not piecewise polynomial.
+
+    Parameters
+    ----------
+    models : FrozenFamily
+        The frozen models.
+    names : tuple of str
+        All scheduling variables, in the order of the line's points.
+    line : Line
+        Along which s runs.
+
+    Returns
+    -------
+    list of Piece or None
+        From −∞ to ∞ without gaps.
+    """
     moving = [n for n, d in zip(names, line.direction, strict=True) if d]
     degree = models.basis.piece_degree(moving)
     if degree is None:
@@ -160,6 +210,16 @@ def polynomial_eigenvalues(coefficients: np.ndarray) -> np.ndarray:
     Companion linearisation and the QZ algorithm, after scaling t so that the first and the last coefficient are equally
     large; eigenvalues at infinity (a singular last coefficient) are left out.
 
+    Parameters
+    ----------
+    coefficients : (degree + 1, m, m) array
+        From the constant upwards.
+
+    Returns
+    -------
+    (·,) complex array
+        Empty for a constant, and for m = 0.
+
     Examples
     --------
     >>> polynomial_eigenvalues(np.array([[[-6.0]], [[1.0]], [[1.0]]])).real
@@ -186,7 +246,18 @@ def polynomial_eigenvalues(coefficients: np.ndarray) -> np.ndarray:
 
 
 def candidates(piece: Piece) -> list[tuple[str, float]] | None:
-    """Where a guardian map of the piece vanishes, as (kind, t); None if its eigenvalue problem is too large."""
+    """Where a guardian map of the piece vanishes, as (kind, t); None if its eigenvalue problem is too large.
+
+    Parameters
+    ----------
+    piece : Piece
+        With its guardian maps.
+
+    Returns
+    -------
+    list of (str, float) or None
+        Inside the piece, or a thousandth of `half` beyond its ends; kinds that are always singular are left out.
+    """
     found: list[tuple[str, float]] = []
     for kind, coefficients in piece.guardians.items():
         if kind in piece.always:
@@ -207,6 +278,22 @@ def polish(piece: Piece, kind: str, t: float, discrete: bool) -> tuple[float, co
     """Newton steps on the pole's distance to the boundary: (t, pole, residual), or None for a spurious candidate.
 
     Spurious are real reciprocal pairs λ, 1/λ (continuous: ±λ), on which a⊙a − I vanishes too.
+
+    Parameters
+    ----------
+    piece : Piece
+        Where the candidate lies.
+    kind : str
+        Of the crossing.
+    t : float
+        Where the guardian map vanishes.
+    discrete : bool
+        Discrete time.
+
+    Returns
+    -------
+    (float, complex, float) or None
+        None where the pole is further from the boundary than `ON_BOUNDARY`.
     """
     start, best = t, None
     for _ in range(14):

@@ -73,7 +73,18 @@ class PassivityMargin:
         return bool(self.mask.any())
 
     def within(self, band: float | None) -> np.ndarray:
-        """(F,) which frequencies lie within a band [Hz]; all without one."""
+        """(F,) which frequencies lie within a band [Hz]; all without one.
+
+        Parameters
+        ----------
+        band : float or None
+            Highest frequency [Hz]; None for all.
+
+        Returns
+        -------
+        (F,) array of bool
+            The end of the band included.
+        """
         return np.ones(len(self.frequencies), dtype=bool) if band is None else self.frequencies <= band
 
     def description(self, band: float | None = BAND) -> str:
@@ -83,6 +94,11 @@ class PassivityMargin:
         ----------
         band : float or None
             [Hz]; None for up to half the sampling rate.
+
+        Returns
+        -------
+        str
+            Scheduling, frequencies and least damping; or where the frozen model is unstable.
         """
         inside = self.within(band)
         mask = self.mask[:, inside]
@@ -103,7 +119,13 @@ class PassivityMargin:
         return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
 
     def statement(self) -> str:
-        """What is reported of an unconstrained model: within `BAND`, and beyond it; empty if passive."""
+        """What is reported of an unconstrained model: within `BAND`, and beyond it; empty if passive.
+
+        Returns
+        -------
+        str
+            One sentence without subject.
+        """
         inside, everywhere = self.description(BAND), self.description(None)
         if not everywhere:
             return ""

@@ -30,7 +30,17 @@ from lpvid.scheduling import Basis, Scheduling
 
 @dataclass(frozen=True, eq=False)
 class BoundedReal(LyapunovInequality):
-    """The bounded-real inequality of a system with a storage function and a gain γ > 0."""
+    """The bounded-real inequality of a system with a storage function and a gain γ > 0.
+
+    Parameters
+    ----------
+    system : Driven
+        w → z.
+    storage : Storage
+        xᵀP(p)x.
+    gamma : float
+        γ, in the unit of the outputs over that of the inputs.
+    """
 
     system: Driven
     storage: Storage
@@ -54,7 +64,22 @@ class BoundedReal(LyapunovInequality):
 
 
 def pace(system: Driven, storage: Storage, root: np.ndarray) -> float:
-    """Time [s] in which the state changes by its own size, in the norm of P at the centre; 1 in discrete time."""
+    """Time [s] in which the state changes by its own size, in the norm of P at the centre; 1 in discrete time.
+
+    Parameters
+    ----------
+    system : Driven
+        Its A at the centre of the box counts.
+    storage : Storage
+        Gives the centre.
+    root : (n, n) array
+        W with W P(centre) Wᵀ = I.
+
+    Returns
+    -------
+    float
+        1 also where A is zero or there is no state.
+    """
     if system.sample_time is not None or not len(root):
         return 1.0
     a = system.matrices(storage.box.centre[None, :])[0][0]
@@ -165,6 +190,22 @@ class GainCertificate(StorageCertificate):
 
 def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None) -> Recheck:
     """Check that a storage function proves a gain, between grid points if the budget allows.
+
+    Parameters
+    ----------
+    system : Driven
+        w → z.
+    storage : Storage
+        xᵀP(p)x.
+    gamma : float
+        Bound of the gain.
+    budget : int, optional
+        Matrices that subdivision may examine; left out, about a second's worth.
+
+    Returns
+    -------
+    Recheck
+        Fails, with a margin of NaN, for a γ that is not positive and finite.
 
     Examples
     --------

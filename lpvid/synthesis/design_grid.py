@@ -39,7 +39,7 @@ def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray,
     Returns
     -------
     tuple of arrays
-        Rising values of each variable, in its unit; one value where it has no width and the ends are taken.
+        Rising values of each variable, in its unit; one value where it has no width.
 
     Raises
     ------

@@ -130,7 +130,7 @@ def to_continuous(system: LPVStateSpace, rule: SamplingRule | None = None, *, ba
     ----------
     system : LPVStateSpace
         Discrete.
-    rule : Rule, optional
+    rule : SamplingRule, optional
         `ZeroOrderHold()` if left out.
     basis : Basis, optional
         For the fit, instead of powers of the system's own.

@@ -132,7 +132,7 @@ def admitted(point: PlantMatrices, gamma: float) -> bool:
     Parameters
     ----------
     point : PlantMatrices
-        One point, without the first axis, with effort of every control and noise in every measurement.
+        One point (first axes of length 1), with effort of every control and noise in every measurement.
     gamma : float
         Bound of the gain.
 
