@@ -147,7 +147,7 @@ class CriticalScheduling:
         Parameters
         ----------
         variable : str
-            Its name.
+            One of the variables whose axes were followed.
 
         Returns
         -------

@@ -102,7 +102,7 @@ class UnstablePoleCounter:
     Parameters
     ----------
     models : FrozenFamily
-        The frozen models.
+        Matrices whose eigenvalues are the poles, by held scheduling.
     line : Line
         Along which poles are counted.
     always : list of (float, float, tuple of str)
@@ -165,7 +165,7 @@ def search(models: FrozenFamily, names: tuple[str, ...], line: Line) -> LineSear
     Parameters
     ----------
     models : FrozenFamily
-        The frozen models.
+        Matrices whose eigenvalues are the poles, by held scheduling.
     names : tuple of str
         All scheduling variables, in the order of the line's points.
     line : Line

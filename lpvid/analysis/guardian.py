@@ -32,7 +32,7 @@ def bialternate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     a, b : (n, n) array
-        The factors.
+        Factors; the product is symmetric in them.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def pieces(models: FrozenFamily, names: tuple[str, ...], line: Line) -> list[Pie
     Parameters
     ----------
     models : FrozenFamily
-        The frozen models.
+        Matrices whose eigenvalues are the poles, by held scheduling.
     names : tuple of str
         All scheduling variables, in the order of the line's points.
     line : Line

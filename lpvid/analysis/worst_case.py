@@ -55,7 +55,7 @@ class WorstCase(Coded):
         box : Scheduling
             Names and units of the readings.
         point : (readings,) array
-            The value.
+            Held value of each reading, in the variable's unit.
         frequency : float
             Of the worst input [rad/s].
         gain : float

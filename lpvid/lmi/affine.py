@@ -210,7 +210,7 @@ def he(matrix: Affine) -> Affine:
     Parameters
     ----------
     matrix : (n, n) Affine
-        M.
+        M, square.
 
     Returns
     -------

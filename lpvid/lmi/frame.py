@@ -119,7 +119,7 @@ def gramian(a: np.ndarray, w: np.ndarray, discrete: bool) -> np.ndarray:
     w : (n, n) array
         W, symmetric.
     discrete : bool
-        The second equation.
+        Discrete time: the second equation.
 
     Returns
     -------

@@ -419,6 +419,6 @@ def current_centre(program: PassiveProgram, current: Iterate) -> np.ndarray:
     Returns
     -------
     (n, n) array
-        P.
+        P(p) there, in the coordinates of the past.
     """
     return np.tensordot(program.psi(program.box.centre[None])[0], current.matrices, axes=1)

@@ -98,7 +98,7 @@ class Program:
         Parameters
         ----------
         matrix : Affine
-            F.
+            F(x), symmetric.
         margin : float
             What the smallest eigenvalue must reach.
         scaled : mapping of name to Affine, optional

@@ -63,7 +63,7 @@ def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
     Parameters
     ----------
     basis : Basis
-        The functions.
+        Piecewise polynomial or trigonometric.
     shift : int
         Samples by which every delay is moved.
 

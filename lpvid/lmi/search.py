@@ -169,9 +169,9 @@ class LyapunovSearch:
         Yields
         ------
         Storage
-            The candidate.
+            Candidate P(p), not re-checked.
         str
-            The solver.
+            Name of the solver.
         """
         from lpvid.lmi.storage_search import StorageSearch  # here, so that checking a certificate needs numpy alone
 

@@ -243,9 +243,9 @@ class Region(ABC):
         Returns
         -------
         (m, m) array
-            L.
+            L, symmetric.
         (m, m) array
-            M.
+            M, of any form.
         """
 
     @property
@@ -295,7 +295,7 @@ class Region(ABC):
         lyapunov : (n, n) array
             P, positive definite.
         matrix : (n, n) array
-            A.
+            Dynamics A of the closed loop.
 
         Returns
         -------

@@ -283,7 +283,7 @@ def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:
     Parameters
     ----------
     box : Scheduling
-        The whole box.
+        With all scheduling variables.
     names : tuple of str
         Some of its variables.
 

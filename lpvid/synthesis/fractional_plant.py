@@ -117,7 +117,7 @@ class FractionalController:
     Parameters
     ----------
     matrix : (n_K + n_u + r, n_K + n_y + r) array
-        Ω.
+        Ω, rows x_K⁺, u, q_K and columns x_K, y, p_K.
     order : int
         n_K, number of states.
     repetitions : tuple of int

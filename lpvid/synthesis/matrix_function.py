@@ -50,7 +50,7 @@ class MatrixFunction:
         Parameters
         ----------
         matrix : (rows, columns) array
-            Its value.
+            Value at every p; a number counts as (1, 1).
 
         Returns
         -------
@@ -166,7 +166,7 @@ class MatrixFunction:
         Parameters
         ----------
         factor : float
-            The number.
+            Multiplies every coefficient.
 
         Returns
         -------

@@ -20,7 +20,7 @@ def plant_functions(plant: GeneralizedPlant) -> dict[str, MatrixFunction]:
     Parameters
     ----------
     plant : GeneralizedPlant
-        The plant.
+        Over its own basis; signals sorted by their roles.
 
     Returns
     -------

@@ -73,7 +73,7 @@ def turned(plant: GeneralizedPlant, turn: np.ndarray, sizes: np.ndarray) -> Prec
     Parameters
     ----------
     plant : GeneralizedPlant
-        The plant.
+        Kept as it is.
     turn : (n, n) array
         Regular.
     sizes : (n,) array
@@ -95,7 +95,7 @@ def unconditioned(plant: GeneralizedPlant) -> Preconditioned:
     Parameters
     ----------
     plant : GeneralizedPlant
-        The plant.
+        Kept as it is.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def balancing(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     (n, n) array
-        T.
+        Change of states T.
     (n,) array
         Diagonal of Σ, falling.
 

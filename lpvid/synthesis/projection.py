@@ -45,7 +45,7 @@ class Variation:
         Parameters
         ----------
         points : int
-            N.
+            Number of points N.
 
         Returns
         -------
@@ -318,7 +318,7 @@ class Half:
         Yields
         ------
         Affine
-            F.
+            F, affine in the unknowns.
         2-D array
             E, of the size of F.
         """
@@ -430,7 +430,7 @@ def sizes_at(
     Parameters
     ----------
     problem : ProjectedInequalities
-        The inequalities.
+        Of a balanced plant at N points.
     roots : ((n, n) array, (n, n) array)
         T and U.
     pair : MatrixPair

@@ -126,7 +126,7 @@ def observer_gain(plant: PlantMatrices, y: np.ndarray, gamma: float, noise: np.n
     plant : PlantMatrices
         At N points.
     y : (N, n, n) array
-        Y.
+        Lyapunov matrix Y of the measurements' side, positive definite.
     gamma : float
         Bound of the gain.
     noise : (n_y, n_y) array
@@ -135,7 +135,7 @@ def observer_gain(plant: PlantMatrices, y: np.ndarray, gamma: float, noise: np.n
     Returns
     -------
     (N, n, n_y) array
-        B̂.
+        Gain B̂ of the measurements, B_K = N⁻¹ B̂.
     """
     right = -np.concatenate([plant.C2, plant.B1.swapaxes(1, 2) @ y, plant.C1], axis=1)
     return _best(plant.D21, plant.D11, gamma, noise, right).swapaxes(1, 2)
@@ -156,7 +156,7 @@ def closed_through(plant: PlantMatrices, d: np.ndarray) -> PlantMatrices:
     plant : PlantMatrices
         At N points, D22 = 0.
     d : (N, n_u, n_y) array
-        D_K.
+        Feedthrough D_K of the controller.
 
     Returns
     -------
@@ -210,7 +210,7 @@ def gentlest(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: floa
     plant : PlantMatrices
         At N points, D_K already closed.
     y : (N, n, n) array
-        Y.
+        Lyapunov matrix Y of the measurements' side, positive definite.
     slope : (N, T, n, n) array
         Derivatives of Y at the corners of the rates.
     gamma : float
@@ -219,7 +219,7 @@ def gentlest(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: floa
     Returns
     -------
     (N, n, n_y) array
-        B̂.
+        Gain B̂ of the measurements, B_K = N⁻¹ B̂.
     (n_y, n_y) array
         Covariance of the noise; zero where there is room for none.
     """
@@ -267,7 +267,7 @@ def controller_at(plant: PlantMatrices, v: LyapunovPair, gamma: float, efforts: 
     efforts : ((n_u, n_u) array, (n_y, n_y) array)
         Fictitious effort and noise.
     d : (N, n_u, n_y) array
-        D_K.
+        Feedthrough D_K of the controller.
 
     Returns
     -------

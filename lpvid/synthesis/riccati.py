@@ -47,7 +47,7 @@ class Central:
     x, y : (n, n) array
         X and Y.
     gamma : float
-        The bound.
+        Bound of the gain w → z.
     """
 
     x: np.ndarray

@@ -91,9 +91,9 @@ def recheck_scaled(model: LFTModel, p: np.ndarray, s: np.ndarray, t: np.ndarray,
     model : LFTModel
         What is bounded.
     p : (n, n) array
-        P.
+        Lyapunov matrix P.
     s, t : (r, r) array
-        S and T.
+        Multipliers S = Sᵀ and T = −Tᵀ, which commute with Δ.
     gamma : float
         Bound of the gain.
 

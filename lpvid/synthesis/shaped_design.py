@@ -87,7 +87,7 @@ class ShapedProblem(ABC):
         Parameters
         ----------
         shaped : Shaped
-            The answer.
+            Values of the unknowns with the figures that they promise.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class ShapedProblem(ABC):
         Parameters
         ----------
         shaped : Shaped
-            The answer.
+            Values of the unknowns with the figures that they promise.
 
         Returns
         -------
@@ -134,7 +134,7 @@ class ShapedProblem(ABC):
         Parameters
         ----------
         shaped : Shaped
-            The answer.
+            Values of the unknowns with the figures that they promise.
 
         Returns
         -------
@@ -200,7 +200,7 @@ def check_criteria(plant: GeneralizedPlant, criteria: Sequence[Criterion], regio
     Parameters
     ----------
     plant : GeneralizedPlant
-        The plant.
+        Its signals, its kind of time and its D11.
     criteria : sequence of HInfinity, H2 or GeneralizedH2
         Bounds of its closed loop.
     regions : sequence of Region

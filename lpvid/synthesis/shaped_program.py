@@ -51,7 +51,7 @@ class Shaped:
     solution : SolverAnswer
         Of the program.
     shaping : Shaping
-        Its unknowns.
+        Loops and unknown matrices by name.
     promised : tuple of float
         γ or ν of each criterion.
     lowest : tuple of float
@@ -178,7 +178,7 @@ def known(value: float) -> Affine:
     Parameters
     ----------
     value : float
-        The number.
+        A level that is fixed, γ, ν or its square.
 
     Returns
     -------

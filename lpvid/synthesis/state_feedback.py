@@ -121,7 +121,7 @@ def state_reading(plant: GeneralizedPlant) -> np.ndarray:
     Returns
     -------
     (n, n_y) array
-        E.
+        Pseudo-inverse of C2; constant over the box.
 
     Raises
     ------
