@@ -68,17 +68,21 @@ def hum(view: View) -> Iterator[Finding]:
     found = view.run(view.displacement, view.force)
     if found is None:
         return
+    from scipy.signal import detrend
+
     moved, force = found
-    frequency, power, noise = power_of(moved - moved.mean(), view.period)
-    alien = interference(frequency, power, noise, moved, force, view.period)
+    frequency, power, noise = power_of(moved, view.period)
+    alien = interference(moved, force, view.period)
     if not alien.any():
         return
-    fast = power * (2 * np.pi * frequency) ** 2
-    moving = fast[(of_motion(power, noise) > 0.5) & ~alien].sum()
-    share = float(np.sqrt(fast[alien].sum() / moving)) if moving > 0 else np.inf
+    fine = np.fft.rfftfreq(moved.size, view.period)
+    fast = np.abs(2 * np.pi * fine * np.fft.rfft(detrend(moved) * np.hanning(moved.size))) ** 2
+    hummed = np.interp(fine, frequency, alien.astype(float)) >= 0.5
+    moves = np.interp(fine, frequency, of_motion(power, noise)) > 0.5
+    share = float(np.sqrt(fast[hummed].sum() / max(fast[moves & ~hummed].sum(), 1e-300)))
     if share > APART:
         size = float(np.sqrt(power[alien].sum() * frequency[1]))
-        at = f"{frequency[np.argmax(np.where(alien, fast, 0.0))]:.0f}"
+        at = f"{fine[np.argmax(np.where(hummed, fast, 0.0))]:.0f}"
         yield Finding("interference", view.name, view.displacement, "note",
                       f"{size:.2g} m rms, most of it about {at} Hz, in which the force does not follow, as hum of the "
                       f"mains: differentiated, {share:.0%} of the motion's velocity",

@@ -13,7 +13,7 @@ from lpvid.condition.interference import (
     interference,
     of_motion,
     power_of,
-    stretch_of,
+    stretch_samples,
     top_of,
 )
 from lpvid.diagnosis.continuation import Continued
@@ -64,9 +64,9 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
     frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
     which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
-    Bands of interference, in which the output does not follow, are left out.
-    Where that would take away what was meant to excite, all of the band does. One that jumps, or of few samples, by
-    central differences.
+    Bands of a displacement in which the output does not follow, as hum of the mains, are left out: differentiated, they
+    are as large as a slow motion. Where that would take away what was meant to excite, all of the band does. One that
+    jumps, or of few samples, by central differences.
 
     Parameters
     ----------
@@ -83,16 +83,21 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     if not has_band(s, channel):
         return np.gradient(values, s.sample_time)
 
+    alien = s.fact(channel, "interference", lambda x: interference(x, s.output, s.sample_time, s.finer)
+                   if channel == "displacement" else np.zeros(2, dtype=bool))
+    at = np.linspace(0.0, np.pi / s.sample_time, alien.size)
+
+    def moves(omega: np.ndarray) -> np.ndarray:
+        return np.interp(omega, at, alien.astype(float)) < 0.5
+
     def inside(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
-        place = omega / omega[share > 0.5].max() / BAND - 1  # 0 at the end of the band, 1 at twice that
+        end = omega[(share > 0.5) & moves(omega)].max()
+        place = omega / end / BAND - 1  # 0 at the end of the band, 1 at twice that
         return np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
 
-    if is_meant(values - _weighed(s, channel, inside), values):
-        return _weighed(s, channel, lambda omega, share: 1j * omega)
-    at, power, noise = power_of(values, s.sample_time, s.finer)
-    alien = interference(at, power, noise, values, s.output, s.sample_time).astype(float)
-    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share)
-                    * (np.interp(omega, 2 * np.pi * at, alien) < 0.5))
+    if is_meant(_weighed(s, channel, lambda omega, share: moves(omega) * (1 - inside(omega, share))), values):
+        return _weighed(s, channel, lambda omega, share: 1j * omega * moves(omega))
+    return _weighed(s, channel, lambda omega, share: 1j * omega * moves(omega) * inside(omega, share))
 
 
 def has_band(s: Signals, channel: str) -> bool:
@@ -230,13 +235,8 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
 
 
 def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
-    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded.
-
-    What stands above the noise is motion in the band that begins at rest, and in further bands where the output follows
-    it: mains hum in a slow record, differentiated, is as large as the motion.
-    """
+    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
     at, power, noise = power_of(x, s.sample_time, s.finer)
-    power = np.where(interference(at, power, noise, x, s.output, s.sample_time), noise, power)
     share = of_motion(np.interp(omega, 2 * np.pi * at, power), noise)
     share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
     return np.where(omega <= omega[-1] / s.finer, share, 0.0)
@@ -257,7 +257,7 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
     lower, upper = (float(np.median(half)) for half in np.array_split(top_of(at, power, s.finer), 2))
     if not 0 < max(lower, upper) < FLAT * min(lower, upper):
         return False
-    size = max(int(stretch_of(s[source].size, s.sample_time) / s.sample_time), 2)
+    size = stretch_samples(s[source].size, s.sample_time)
     common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]
     weight = welch(s[channel], 1 / s.sample_time, nperseg=size)[1] * (power < ABOVE * noise) * (at <= at[-1] / s.finer)
     return float(common @ weight) > COHERENT * float(weight.sum()) > 0
