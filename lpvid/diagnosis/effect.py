@@ -453,12 +453,14 @@ def by_name(catalogue: tuple[Effect, ...]) -> Mapping[str, Effect]:
     Raises
     ------
     InputError
-        Two effects of one name, or a stage that is none of `STAGES`.
+        Two effects of one name, a stage that is none of `STAGES`, `rugged` that is none of its parameters.
     """
     table: dict[str, Effect] = {}
     for effect in catalogue:
         _checks.one_of(effect.stage, STAGES, f"stage of effect '{effect.name}'")
         if effect.name in table:
             raise InputError("two effects have one name", got=effect.name)
+        if effect.rugged:
+            _checks.one_of(effect.rugged, [p.name for p in effect.parameters], f"rugged of effect '{effect.name}'")
         table[effect.name] = effect
     return table

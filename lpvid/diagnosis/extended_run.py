@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.condition.band_limited import IN_BAND
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled
@@ -67,7 +68,7 @@ class ExtendedRun(SelfScheduled):
     def metadata(self) -> Mapping[str, Any]:  # type: ignore[override]
         """The model's; lpvid recognises training data by it."""
         turned = {"polarity": "reversed"} if self.model.composition.baseline.polarity < 0 else {}
-        return {**self.model.metadata, **turned}
+        return {**self.model.metadata, **IN_BAND, **turned}
 
     @property
     def start(self) -> int:

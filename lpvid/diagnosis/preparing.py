@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from lpvid.condition import segments
-from lpvid.condition.differentiation import DERIVED
+from lpvid.condition.band_limited import quiet_pieces
 from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import derivative, has_band
 from lpvid.errors import InputError
 from lpvid.record import Record
 
 ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "force", "road", "unsprung", "sprung",
          "actuator")
 """roles that baselines and effects look for, where a baseline does not name its own"""
-QUIETER = f"{DERIVED} without the sensor's noise beyond the band that moves"
-"""note that replaces it where that was done"""
 SHORTEST = 50
 """samples of a piece worth keeping"""
 
@@ -105,65 +99,6 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
         raise InputError(f"record '{records[0].name}' has no channel that a baseline could read",
                          got=", ".join(records[0].channels), mend="--role velocity=CHANNEL, --role force=CHANNEL")
     return found, tuple(left)
-
-
-def quiet_pieces(parts: Sequence[list[Record]], notes: tuple[str, ...]
-                 ) -> tuple[list[list[Record]], tuple[str, ...]]:
-    """Pieces whose derived velocity is without the sensor's noise (`with_quiet_velocity`).
-
-    Parameters
-    ----------
-    parts : sequence of list of Record
-        Training and held-out pieces.
-    notes : tuple of str
-        On what was derived, as `lpvid.condition.preparing.with_motion` gives them.
-
-    Returns
-    -------
-    parts : list of list of Record
-    notes : tuple of str
-        With what was done.
-    """
-    if not any(n.startswith(DERIVED) for n in notes):
-        return list(parts), notes
-    parts = [[with_quiet_velocity(r) for r in part] for part in parts]
-    quiet = [QUIETER in r.notes for part in parts for r in part if _derived(r)]
-    if any(quiet):
-        rest = "" if all(quiet) else f", in {sum(quiet)} of {len(quiet)} pieces; the others are too short for that"
-        notes = tuple(QUIETER + rest if n.startswith(DERIVED) else n for n in notes)
-    return parts, notes
-
-
-def with_quiet_velocity(record: Record) -> Record:
-    """The record, a velocity that was derived without noise and interference of the displacement's sensor.
-
-    A filter of so many samples, whatever the rate, leaves noise in the velocity of a slow record that is as large as
-    the motion, and what multiplies noise besides motion is fitted too small.
-
-    Parameters
-    ----------
-    record : Record
-        Uniform and finite, displacement [m].
-
-    Returns
-    -------
-    Record
-        As it is where its velocity was measured, it has no displacement, or is too short (400 samples) to find the
-        band in which it moves.
-    """
-    if not (_derived(record) and record.has("displacement") and np.ptp(record["displacement"])):
-        return record
-    period, moved = record.sample_time or record.time_base.period, record["displacement"]
-    s = Signals(period, {"displacement": moved}, record["force"] if record.has("force") else moved)
-    if not has_band(s, "displacement"):
-        return record
-    plain = replace(record, notes=tuple(n for n in record.notes if not n.startswith(DERIVED)))
-    return plain.with_channel("velocity", derivative(s, "displacement"), record.channel("velocity").unit, QUIETER)
-
-
-def _derived(record: Record) -> bool:
-    """Whether the velocity of a record was not measured."""
-    return any(n.startswith(DERIVED) for n in record.notes)
 
 
 def _only(record: Record, roles: Sequence[str]) -> Record:

@@ -20,8 +20,6 @@ LONG, FEWEST = 65_536, 2
 """samples of signals from which on they keep fewer of all that, so that ten minutes hold no more than two; what the
 derivative at a point and the run beside it share stays
 """
-STEPPED = 0.3
-"""ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,27 +358,6 @@ def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     total = ends[-1] or 1.0
     return tuple(replace(s, span=(a / total, b / total), peers=tuple(signals))
                  for s, a, b in zip(signals, ends[:-1], ends[1:], strict=True))
-
-
-def jumps(values: np.ndarray) -> bool:
-    """Whether a channel mostly stays where it is, noise of its sensor aside, and sometimes jumps.
-
-    Parameters
-    ----------
-    values : (n,) array
-
-    Returns
-    -------
-    bool
-        False for a constant, and for fewer than two samples.
-
-    Examples
-    --------
-    >>> jumps(np.repeat([0.0, 2.0, 1.0], 10)), jumps(np.sin(np.linspace(0, 9, 200))), jumps(np.ones(9))
-    (True, False, False)
-    """
-    increments = np.abs(np.diff(values))
-    return bool(increments.size) and float(np.median(increments)) < STEPPED * float(np.sqrt(np.mean(increments**2)))
 
 
 Core = Callable[[Signals], np.ndarray]

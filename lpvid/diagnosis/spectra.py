@@ -6,23 +6,19 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.condition.band_limited import in_band, jumps, share_of_motion
+from lpvid.condition.continuation import Continued
 from lpvid.condition.interference import (
     ABOVE,
     FEWEST,
     SHORT,
     interference,
-    of_motion,
     power_of,
     stretch_samples,
     top_of,
 )
-from lpvid.diagnosis.continuation import Continued
-from lpvid.diagnosis.signals import Signals, jumps
+from lpvid.diagnosis.signals import Signals
 
-BAND = 1.5
-"""times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
-MEANT = 0.05
-"""share of a channel's variance that is no sensor's noise"""
 LASTING = 50.0
 """times its time constant that a low-pass remembers what has been"""
 RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
@@ -61,12 +57,7 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
 def derivative(s: Signals, channel: str) -> np.ndarray:
     """(n,) rate of change of a channel without the noise of its sensor beyond the band in which it moves.
 
-    In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
-    frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
-    which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
-    Bands of a displacement in which the output does not follow, as hum of the mains, are left out: differentiated, they
-    are as large as a slow motion. Where that would take away what was meant to excite, all of the band does. One that
-    jumps, or of few samples, by central differences.
+    As `lpvid.condition.band_limited.in_band` has it. One that jumps, or of few samples, by central differences.
 
     Parameters
     ----------
@@ -82,22 +73,9 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     values = s[channel]
     if not has_band(s, channel):
         return np.gradient(values, s.sample_time)
-
     alien = s.fact(channel, "interference", lambda x: interference(x, s.output, s.sample_time, s.finer)
                    if channel == "displacement" else np.zeros(2, dtype=bool))
-    at = np.linspace(0.0, np.pi / s.sample_time, alien.size)
-
-    def moves(omega: np.ndarray) -> np.ndarray:
-        return np.interp(omega, at, alien.astype(float)) < 0.5
-
-    def inside(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
-        end = omega[(share > 0.5) & moves(omega)].max()
-        place = omega / end / BAND - 1  # 0 at the end of the band, 1 at twice that
-        return np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
-
-    if is_meant(_weighed(s, channel, lambda omega, share: moves(omega) * (1 - inside(omega, share))), values):
-        return _weighed(s, channel, lambda omega, share: 1j * omega * moves(omega))
-    return _weighed(s, channel, lambda omega, share: 1j * omega * moves(omega) * inside(omega, share))
+    return in_band(values, *_known(s, channel), np.linspace(0.0, np.pi / s.sample_time, alien.size), alien)
 
 
 def has_band(s: Signals, channel: str) -> bool:
@@ -114,23 +92,6 @@ def has_band(s: Signals, channel: str) -> bool:
     bool
     """
     return s[channel].size >= FEWEST * SHORT and not jumps(s[channel])
-
-
-def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
-    """Whether what would be taken away as noise, (n,), is so much that it was rather meant to excite: a white input.
-
-    Parameters
-    ----------
-    taken : (n,) array
-    values : (n,) array
-        The channel before, in the same unit.
-
-    Returns
-    -------
-    bool
-        Whether its mean square is `MEANT` of the channel's variance or more; True for a constant.
-    """
-    return not np.mean(taken**2) < MEANT * np.var(values)
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
@@ -179,7 +140,7 @@ def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
             return share if before.omega.size == signal.omega.size else \
                 np.interp(signal.omega, before.omega, share, right=0.0)
         source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
-        return _share(signal.omega, x, s) if source is None else _known(s, source)[1]
+        return share_of_motion(signal.omega, x, s.sample_time, s.finer) if source is None else _known(s, source)[1]
 
     return signal, s.fact(channel, "share", find)
 
@@ -232,14 +193,6 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
             added[channel] = np.gradient(added[source], s.sample_time) if source else \
                 np.sqrt(level / (2 * s.sample_time * s.finer)) * rng.standard_normal(s.n_samples)
     return weighed_alike(s.replace(**{c: s[c] + n for c, n in added.items()}), s)
-
-
-def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
-    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
-    at, power, noise = power_of(x, s.sample_time, s.finer)
-    share = of_motion(np.interp(omega, 2 * np.pi * at, power), noise)
-    share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
-    return np.where(omega <= omega[-1] / s.finer, share, 0.0)
 
 
 def _derived(s: Signals, channel: str, source: str) -> bool:

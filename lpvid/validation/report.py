@@ -10,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid._shown import Shown
 from lpvid.condition import segments, with_derived
+from lpvid.condition.band_limited import IN_BAND, with_quiet_velocity
 from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
@@ -185,8 +186,11 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *outputs)), *model.box.names)))
     listed = recalled(listed, model.metadata)
     listed = derived(with_derived(listed, channels), channels)
-    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
-    notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
+    in_band = IN_BAND.items() <= model.metadata.items() and all(r.has("displacement") for r in listed)
+    kept = tuple(dict.fromkeys((*channels, "displacement"))) if in_band else channels
+    pieces = segments(listed, kept, sample_rate=rate if foreign else None, minimum=model.start + 2)
+    pieces = [with_quiet_velocity(r) for r in pieces] if in_band else pieces
+    notes = tuple(dict.fromkeys(n for r in (pieces or listed) for n in r.notes if "velocity" in n))
     if foreign:
         count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
         notes += (f"{count} resampled to the model's {rate:.6g} Hz",)

@@ -192,9 +192,9 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
                                                                      tuple[str, ...]]:
     """(working piece, raw piece, specimen, integrated) of one record, and what was done."""
     from lpvid.condition import segments
+    from lpvid.condition.band_limited import quiet_pieces
     from lpvid.condition.preparing import decimation, with_motion
     from lpvid.condition.resampling import resample
-    from lpvid.diagnosis.preparing import quiet_pieces
 
     notes: tuple[str, ...] = ()
     record, notes = _without_delays(record, settings, notes)

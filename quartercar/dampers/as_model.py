@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lpvid.condition.band_limited import IN_BAND
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled
@@ -290,8 +291,8 @@ def turned(model: Movable, damper: Damper) -> Movable:
 
 
 def _with_polarity(damper: Damper) -> dict[str, Any]:
-    """A damper's metadata, with lpvid's word for a record whose force is measured against the motion."""
-    return {**damper.metadata, **({"polarity": "reversed"} if damper.polarity < 0 else {})}
+    """A damper's metadata, with lpvid's words for how it reads a record: the sense of the force, a derived velocity."""
+    return {**damper.metadata, **IN_BAND, **({"polarity": "reversed"} if damper.polarity < 0 else {})}
 
 
 def _first_outside(y: np.ndarray, limit: float) -> int | None:

@@ -76,8 +76,8 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     (anti-aliased); --sample-rate HZ chooses another rate')
     """
     from lpvid.condition import segments
+    from lpvid.condition.band_limited import quiet_pieces
     from lpvid.condition.preparing import decimation, losses, one_clock
-    from lpvid.diagnosis.preparing import quiet_pieces
 
     records = [*training, *held_out]
     if not training:

@@ -7,9 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals, jumps
+from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.current_edges import edges_of, is_sharp
 
 SEEN_AFTER = 0.05

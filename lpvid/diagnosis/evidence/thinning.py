@@ -8,12 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.signals import Signals, SignalStretch, jumps
+from lpvid.diagnosis.signals import Signals, SignalStretch
 from lpvid.record import Record
 
 ENOUGH = 3000

@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from lpvid.condition import segments, with_derived
+from lpvid.condition.band_limited import with_quiet_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
-from lpvid.diagnosis.preparing import with_quiet_velocity
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.training_fingerprint import heads, ranges, roles, usual_range

@@ -11,6 +11,7 @@ import lpvid as lpv
 from lpvid.condition import differentiate
 from lpvid.diagnosis.preparing import prepare
 from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.spectra import before_filter
 from lpvid.record import Record
 from quartercar.dampers import fit
 from quartercar.dampers.laws.linear import Linear
@@ -83,6 +84,63 @@ def test_a_band_of_its_own_in_which_the_force_follows_is_motion(rng: np.random.G
     record, v = slow_record(rng, hum=5e-5, shake=3e-5)
     got = prepare([record], [], (), ("displacement", "velocity", "force")).training[0]["velocity"]
     assert np.std(got - v) < 0.06 * np.std(v)
+
+
+def relative_error(displacement: np.ndarray, velocity: np.ndarray, force: np.ndarray, period: float) -> float:
+    """Of the velocity that is derived, over the velocity."""
+    record = Record({"displacement": displacement, "force": force}, period, name="run", units=UNITS)
+    got = prepare([record], [], (), ("displacement", "velocity", "force")).training[0]["velocity"]
+    return float(np.std(got - velocity) / np.std(velocity))
+
+
+@pytest.mark.parametrize(("flips", "viscous"), [(1, 800.0), (5, 800.0), (10, 0.0)])
+def test_motion_stays_where_a_switched_current_makes_most_of_the_force(flips: int, viscous: float,
+                                                                      rng: np.random.Generator) -> None:
+    """Tones of 12 and 20 Hz beside 30 mm at 1 Hz; friction that the current switches hides how they move the force."""
+    t = np.arange(20000) * PERIOD
+    current = np.repeat(rng.integers(0, 2, 40 * flips), 500 // flips)
+    tones = ((0.03, 1.0), (5e-4, 12.0), (3e-4, 20.0))
+    x = sum(a * np.sin(2 * np.pi * f * t) for a, f in tones)
+    v = sum(a * 2 * np.pi * f * np.cos(2 * np.pi * f * t) for a, f in tones)
+    force = viscous * v + (100 + 800 * current) * np.tanh(v / 0.02) + 5 * rng.standard_normal(t.size)
+    assert relative_error(x + 1e-5 * rng.standard_normal(t.size), v, force, PERIOD) < 0.02
+
+
+@pytest.mark.parametrize(("stroke", "frequency", "noise", "in_force", "most"), [
+    (1e-4, 1.0, 1e-6, 0.0, 0.1), (0.018, 0.2, 1e-8, 0.0, 0.01), (0.018, 0.2, 1e-6, 2.0, 0.01)])
+def test_hum_as_large_as_the_stroke_of_a_quiet_sensor_and_in_both_channels(
+        stroke: float, frequency: float, noise: float, in_force: float, most: float, rng: np.random.Generator) -> None:
+    t = np.arange(20000) / 512
+    w, hum = 2 * np.pi * frequency, np.sin(2 * np.pi * 50 * t)
+    v = stroke * w * np.cos(w * t)
+    force = 2000 * v + 0.5 * rng.standard_normal(t.size) + in_force * hum
+    read = stroke * np.sin(w * t) + 3e-5 * hum + noise * rng.standard_normal(t.size)
+    assert relative_error(read, v, force, 1 / 512) < most
+
+
+def test_what_is_left_out_is_stated(rng: np.random.Generator) -> None:
+    note, = prepare([slow_record(rng, 5e-5, 0.0)[0]], [], (), ("displacement", "velocity", "force")).notes
+    assert note.endswith("nor interference about 50 Hz, where the force does not follow")
+
+
+def test_a_current_is_weighed_by_its_own_noise_alone(rng: np.random.Generator) -> None:
+    """The force has the sign of the velocity, so that it is not coherent with a smooth current."""
+    t = np.arange(20000) * PERIOD
+    current = sum(0.2 * np.sin(2 * np.pi * f * t + f) for f in (2.0, 11.0, 23.0, 37.0)) + 1.0
+    v = 0.1 * np.sin(2 * np.pi * 1.3 * t)
+    lag = 0.02
+    late = lfilter(*bilinear([1], [lag, 1], 1 / PERIOD), current)
+    force = 800 * current * np.tanh(v / 0.05) + 5 * rng.standard_normal(t.size)
+    s = Signals(PERIOD, {"current": late, "velocity": v}, force)
+    back = before_filter(s, "current", (lag,))
+    assert np.std((back - current)[200:-200]) < 0.05 * np.std(current)
+
+
+def test_a_fitted_damper_reads_a_validated_record_as_it_was_fitted(rng: np.random.Generator) -> None:
+    record, v = slow_record(rng, hum=5e-5, shake=0.0)
+    record = record.with_channel("force", 2000 * v + 40 * np.tanh(v / 1e-3), "N")
+    found = fit(Linear(), record)
+    assert lpv.validate(found.damper, record).records[0].free_run.esr == pytest.approx(found.training.esr, rel=1e-3)
 
 
 def test_a_damper_fitted_to_a_slow_record_with_hum_has_its_damping(rng: np.random.Generator) -> None:

@@ -128,7 +128,7 @@ def ahead(x: np.ndarray, count: int) -> np.ndarray:
     >>> bool(np.abs(ahead(wave[:300], 100) - wave[300:]).max() < 0.05)
     True
     """
-    from lpvid.diagnosis._prediction_kernels import go_on
+    from lpvid.condition._prediction_kernels import go_on
 
     out = np.empty(count)
     go_on(np.ascontiguousarray(x, dtype=float), min(ORDER, x.size // 3), out)
