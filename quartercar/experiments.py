@@ -42,7 +42,18 @@ class PlannedExperiment:
     redraw: bool = True
 
     def toml(self, causes: tuple[str, ...]) -> str:
-        """Its lines in a plan."""
+        """Its lines in a plan.
+
+        Parameters
+        ----------
+        causes : tuple of str
+            What the experiment is for; written into the comment above it.
+
+        Returns
+        -------
+        str
+            A comment and an ``[[experiments]]`` table, without a line break at the end.
+        """
         lines = [f"# {self.description}: {', '.join(causes)}", "[[experiments]]", f'name = "{self.name}"',
                  f"displacement = {{ {self.displacement} }}", f"current = {{ {self.current} }}",
                  f"duration = {self.duration:g}", f"replicates = {self.replicates}"]
@@ -187,6 +198,16 @@ NOT_BY_FORCE: Mapping[str, str] = {
 
 def plan_for(found: Diagnosis) -> ExperimentProposal | None:
     """A plan for what a diagnosis left open: its rivals if it has some, else the candidates that it could not reveal.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        Its rivals, its baseline and its open questions count.
+
+    Returns
+    -------
+    ExperimentProposal or None
+        At most `MOST_PARTS` experiments; without any where there is only advice; None where nothing is left open.
 
     Examples
     --------

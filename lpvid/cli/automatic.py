@@ -40,7 +40,13 @@ class Choice:
     why_not: str = ""
 
     def to_dict(self) -> dict:
-        """selection.json."""
+        """selection.json.
+
+        Returns
+        -------
+        dict
+            The ranking of the selection, with the ceiling, in per cent of fit, or None.
+        """
         return {**self.selection.to_dict(), "ceiling": None if self.ceiling is None else {
             **self.ceiling.to_dict(), "held_out_fit_percent": self.held_out_percent}}
 

@@ -14,6 +14,16 @@ from lpvid.record import Record
 def split_names(given: Iterable[str] | None) -> tuple[str, ...]:
     """Names from repeated options and comma-separated lists, in order.
 
+    Parameters
+    ----------
+    given : iterable of str or None
+        As written; None where the option was left out.
+
+    Returns
+    -------
+    tuple of str
+        Without spaces around them and without empty ones.
+
     Examples
     --------
     >>> split_names(["a,b", "c"])
@@ -24,6 +34,23 @@ def split_names(given: Iterable[str] | None) -> tuple[str, ...]:
 
 def numbers(text: str, option: str) -> int | tuple[int, ...]:
     """A whole number, or several with commas.
+
+    Parameters
+    ----------
+    text : str
+        As written.
+    option : str
+        Name of the option, for the message.
+
+    Returns
+    -------
+    int or tuple of int
+        A tuple where there are several.
+
+    Raises
+    ------
+    InputError
+        A part that is no whole number.
 
     Examples
     --------
@@ -40,6 +67,21 @@ def numbers(text: str, option: str) -> int | tuple[int, ...]:
 
 def share(text: str) -> float:
     """A part of every record: ``1/3``, ``0.33``, ``33%`` or ``last-third``.
+
+    Parameters
+    ----------
+    text : str
+        As written; also ``half``, ``third``, ``quarter``, ``fifth`` and ``tenth``, with or without ``last-``.
+
+    Returns
+    -------
+    float
+        Between 0 and 1, both excluded.
+
+    Raises
+    ------
+    InputError
+        A text that is no share, or one of 0 and less, or of 1 and more.
 
     Examples
     --------
@@ -62,6 +104,25 @@ def share(text: str) -> float:
 def interval(text: str, option: str) -> tuple[str, tuple[float, float]]:
     """``A:B`` or ``NAME=A:B`` as (name or "", (low, high)).
 
+    Parameters
+    ----------
+    text : str
+        As written.
+    option : str
+        Name of the option, for the message.
+
+    Returns
+    -------
+    str
+        The variable, "" where none is named.
+    (float, float)
+        Low and high end, in the unit of the variable.
+
+    Raises
+    ------
+    InputError
+        No colon, an end that is no finite number, or a lower end that is not below the upper one.
+
     Examples
     --------
     >>> interval("current=0:2.5", "--range")
@@ -78,7 +139,26 @@ def interval(text: str, option: str) -> tuple[str, tuple[float, float]]:
 
 
 def rates(given: Sequence[str] | None, names: Sequence[str]) -> float | dict[str, float | None] | None:
-    """``R`` for every variable, or ``NAME=R`` for some; None where nothing was given."""
+    """``R`` for every variable, or ``NAME=R`` for some; None where nothing was given.
+
+    Parameters
+    ----------
+    given : sequence of str or None
+        As written; None where the option was left out.
+    names : sequence of str
+        Scheduling variables of the model.
+
+    Returns
+    -------
+    float, dict of str to float or None, or None
+        Largest rates of change, in the unit of the variable per second; None for one that was not named: any rate. A
+        name outside `names` is kept.
+
+    Raises
+    ------
+    InputError
+        A value that is no finite number, or one without a name beside others.
+    """
     listed = split_names(given)
     if not listed:
         return None
@@ -102,6 +182,18 @@ def _number(text: str, option: str) -> float:
 def asked_rate(text: str | None) -> tuple[float | None, bool]:
     """The rate that --sample-rate names [Hz], if any, and whether the data keep their own (``raw``).
 
+    Parameters
+    ----------
+    text : str or None
+        As written; None where the option was left out.
+
+    Returns
+    -------
+    float or None
+        Rate [Hz], positive.
+    bool
+        Whether "raw" was written.
+
     Examples
     --------
     >>> asked_rate("500.8"), asked_rate("raw"), asked_rate(None)
@@ -120,6 +212,22 @@ def working_rate(records: Sequence[Record], rate: float | None, raw: bool) -> tu
     """Rate to resample to [Hz] and notes on it: as requested, the data's own, or decimated where they are too fast.
 
     One policy for every command that fits: `lpvid.condition.preparing.decimation`.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As read.
+    rate : float or None
+        As requested [Hz].
+    raw : bool
+        Whether the data keep their own rate.
+
+    Returns
+    -------
+    float or None
+        None for the data's own rate.
+    tuple of str
+        What was decimated, and why; empty where nothing was.
     """
     from lpvid.condition.preparing import decimation
 
@@ -175,7 +283,20 @@ def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
 
 def read_clocked(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
                  sample_rate: float | None = None) -> tuple[list[Record], bool]:
-    """As `read_records`, and whether some file had no clock, so that `sample_rate` was its own rate."""
+    """As `read_records`, and whether some file had no clock, so that `sample_rate` was its own rate.
+
+    Parameters
+    ----------
+    paths, roles, flip, sample_rate
+        As for `read_records`.
+
+    Returns
+    -------
+    list of Record
+        In the order of the files.
+    bool
+        Whether some file had no clock.
+    """
     from lpvid.files import find, read, record_names
 
     mapping, without = parse_roles(roles), False
@@ -195,18 +316,60 @@ def read_clocked(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
 def read_parts(training: Sequence[str], held_out: Sequence[str] | None, *, roles: Sequence[str] | None = None,
                flip: Sequence[str] | None = None,
                sample_rate: float | None = None) -> tuple[list[Record], list[Record]]:
-    """Records of DATA and of --held-out, read as one set: a ``--flip CHANNEL@PATTERN`` may mean files of either."""
+    """Records of DATA and of --held-out, read as one set: a ``--flip CHANNEL@PATTERN`` may mean files of either.
+
+    Parameters
+    ----------
+    training : sequence of str
+        Files, patterns and folders of DATA.
+    held_out : sequence of str or None
+        Those of --held-out.
+    roles, flip, sample_rate
+        As for `read_records`.
+
+    Returns
+    -------
+    list of Record
+        Training data.
+    list of Record
+        Held-out data, empty where there are none.
+
+    Raises
+    ------
+    InputError
+        A file that is in both.
+    """
     return read_parts_clocked(training, held_out, roles=roles, flip=flip, sample_rate=sample_rate)[:2]
 
 
 def read_parts_clocked(training: Sequence[str], held_out: Sequence[str] | None, *, roles: Sequence[str] | None = None,
                        flip: Sequence[str] | None = None,
                        sample_rate: float | None = None) -> tuple[list[Record], list[Record], bool]:
-    """As `read_parts`, and whether some file had no clock, so that `sample_rate` was its own rate."""
+    """As `read_parts`, and whether some file had no clock, so that `sample_rate` was its own rate.
+
+    Parameters
+    ----------
+    training, held_out, roles, flip, sample_rate
+        As for `read_parts`.
+
+    Returns
+    -------
+    list of Record
+        Training data.
+    list of Record
+        Held-out data, empty where there are none.
+    bool
+        Whether some file of either had no clock.
+
+    Raises
+    ------
+    InputError
+        A file that is in both.
+    """
     from lpvid.files import find
 
     if held_out:
-        no_shared_files(training, held_out)
+        _no_shared_files(training, held_out)
     paths = [*training, *(held_out or ())]
     records, without = read_clocked(paths, roles=roles, flip=flip, sample_rate=sample_rate)
     count = len(find(training))
@@ -237,6 +400,21 @@ def _matches(pattern: str, file: Path, name: str) -> bool:
 def parse_roles(given: Sequence[str] | None) -> dict[str, str]:
     """``ROLE=CHANNEL`` pairs as a mapping.
 
+    Parameters
+    ----------
+    given : sequence of str or None
+        As written, repeated or with commas; None where the option was left out.
+
+    Returns
+    -------
+    dict of str to str
+        Role to channel.
+
+    Raises
+    ------
+    InputError
+        A text without a role, an equals sign or a channel; a role that is named twice.
+
     Examples
     --------
     >>> parse_roles(["force=F_cell"])
@@ -254,7 +432,22 @@ def parse_roles(given: Sequence[str] | None) -> dict[str, str]:
 
 
 def hold_out(records: Sequence[Record], text: str | None) -> tuple[list[Record], list[Record]]:
-    """Training and held-out parts of raw records: the last part of each, by samples; all training without `text`."""
+    """Training and held-out parts of raw records: the last part of each, by samples; all training without `text`.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As read.
+    text : str or None
+        As for `share`.
+
+    Returns
+    -------
+    list of Record
+        Training parts.
+    list of Record
+        Held-out parts, empty without `text`.
+    """
     if text is None:
         return list(records), []
     from lpvid.condition import split_tail
@@ -264,7 +457,7 @@ def hold_out(records: Sequence[Record], text: str | None) -> tuple[list[Record],
     return [a for a, _ in pairs], [b for _, b in pairs]
 
 
-def no_shared_files(training: Sequence[str], held_out: Sequence[str]) -> None:
+def _no_shared_files(training: Sequence[str], held_out: Sequence[str]) -> None:
     """Refuse a file that is named for training and for testing."""
     from lpvid.files import find
 

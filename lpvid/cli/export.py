@@ -62,7 +62,24 @@ def export(model: options.ModelFile, to: To = "c", out: options.Out = None, name
 
 
 def deliver(results: Results, found: Content, source: str, as_json: bool) -> None:
-    """Write the files of an export and print its checks; exits with 3 where one of them did not hold."""
+    """Write the files of an export and print its checks; exits with 3 where one of them did not hold.
+
+    Parameters
+    ----------
+    results : Results
+        Where the files go.
+    found : Content
+        Files and checks, in memory.
+    source : str
+        Name of what was exported, for the JSON.
+    as_json : bool
+        Whether JSON is printed in place of text.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3 where a check did not hold; the files are written before.
+    """
     for file, data in found.files.items():
         results.bytes(file, data)
     stated = {"schema": "lpvid/export/1", "form": found.form, "says": found.description, "files": list(found.files),

@@ -48,11 +48,34 @@ class Group(TyperGroup):
     """The commands of an application."""
 
     def main(self, *args: Any, standalone_mode: bool = True, **more: Any) -> Any:
-        """Run; a wrong command line ends with one line and exit code 2."""
+        """Run; a wrong command line ends with one line and exit code 2.
+
+        Parameters
+        ----------
+        *args : object
+            As for click's `main`: the command line, without the program's name.
+        standalone_mode : bool
+            Whether the process ends with the exit code; if not, errors are left to the caller.
+        **more : object
+            As for click's `main`.
+
+        Returns
+        -------
+        object
+            What the command returned, without `standalone_mode`; else nothing comes back.
+        """
         return _run(super().main, args, standalone_mode, more)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Usage, what it is for, its commands, its options."""
+        """Usage, what it is for, its commands, its options.
+
+        Parameters
+        ----------
+        ctx : click.Context
+            Of this group.
+        formatter : click.HelpFormatter
+            Receives the text, already in lines for the width of the terminal.
+        """
         width = _width()
         parts = [f"Usage: {ctx.command_path} COMMAND [OPTIONS]", *_paragraphs(self.help, width)]
         rows = [(name, self.commands[name].get_short_help_str(200)) for name in self.list_commands(ctx)]
@@ -65,6 +88,13 @@ class Command(TyperCommand):
     """A command with panels, examples and a configuration file.
 
     Examples come in its `epilog`, one a line: `comment | command line`.
+
+    Parameters
+    ----------
+    name : str or None
+        As it is typed.
+    **settings : object
+        As for `typer.core.TyperCommand`.
     """
 
     def __init__(self, name: str | None, **settings: Any) -> None:
@@ -73,7 +103,15 @@ class Command(TyperCommand):
             self.params += _options(_file_options)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Usage, what it does, examples, panels of options."""
+        """Usage, what it does, examples, panels of options.
+
+        Parameters
+        ----------
+        ctx : click.Context
+            Of this command.
+        formatter : click.HelpFormatter
+            Receives the text, already in lines for the width of the terminal.
+        """
         width = _width()
         arguments = [p for p in self.params if p.param_type_name == "argument"]
         names = [str(p.metavar) + ("…" if p.nargs == -1 else "") for p in arguments]
@@ -84,18 +122,51 @@ class Command(TyperCommand):
 
 
 def panel_of(option: str) -> str:
-    """Panel of the help that an option stands in."""
+    """Panel of the help that an option stands in.
+
+    Parameters
+    ----------
+    option : str
+        Name of the parameter in Python, with underscores.
+
+    Returns
+    -------
+    str
+        A key of `PANELS`, or `OTHER`.
+    """
     return next((panel for panel, names in PANELS.items() if option in names), OTHER)
 
 
 def examples_of(epilog: str | None) -> list[tuple[str, str]]:
-    """(comment, command line) of the examples in an epilog."""
+    """(comment, command line) of the examples in an epilog.
+
+    Parameters
+    ----------
+    epilog : str or None
+        Lines of ``comment | command line``; any other line is passed over.
+
+    Returns
+    -------
+    list of (str, str)
+        In the order of the lines.
+    """
     pairs = [line.partition("|") for line in (epilog or "").splitlines() if "|" in line]
     return [(comment.strip(), line.strip()) for comment, _, line in pairs]
 
 
 def written(examples: Iterable[tuple[str, str]]) -> str:
-    """An epilog of (comment, command line) pairs."""
+    """An epilog of (comment, command line) pairs.
+
+    Parameters
+    ----------
+    examples : iterable of (str, str)
+        Comments without a bar.
+
+    Returns
+    -------
+    str
+        One line per example, as `examples_of` reads it.
+    """
     return "\n".join(f"{comment} | {line}" for comment, line in examples)
 
 
@@ -156,7 +227,7 @@ def _run(main: Any, args: tuple[Any, ...], standalone: bool, more: Mapping[str, 
     try:
         code = main(*args, standalone_mode=False, **more)
     except Exception as error:
-        line = one_line(error)
+        line = _one_line(error)
         if line is None:
             raise
         if line:
@@ -165,7 +236,7 @@ def _run(main: Any, args: tuple[Any, ...], standalone: bool, more: Mapping[str, 
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def one_line(error: Any) -> str | None:
+def _one_line(error: Any) -> str | None:
     """A wrong command line in one line; None where the error is of another kind, empty where the help was printed."""
     if not hasattr(error, "format_message"):
         return None
@@ -227,6 +298,18 @@ def _keys(command: Any) -> dict[str, Any]:
 def read_options(path: Path, command: Any) -> dict[str, Any]:
     """Values by parameter from a TOML file.
 
+    Parameters
+    ----------
+    path : Path
+        TOML file with keys by the options' names without dashes; underscores count as hyphens.
+    command : click.Command
+        Whose options the file may set.
+
+    Returns
+    -------
+    dict of str to object
+        By the parameter's name in Python: text, lists of text, or true and false, as from the command line.
+
     Raises
     ------
     InputError
@@ -260,7 +343,20 @@ def _value(path: Path, key: str, param: Any, value: Any) -> Any:
 
 
 def template_of(command: Any, path: str) -> str:
-    """A TOML file with every option of a command, commented out, with what it means."""
+    """A TOML file with every option of a command, commented out, with what it means.
+
+    Parameters
+    ----------
+    command : click.Command
+        Whose options are listed, panel by panel.
+    path : str
+        How the command is called, "lpvid identify" for instance.
+
+    Returns
+    -------
+    str
+        Text of the file.
+    """
     lines = [f"# Options of {path}; run with: {path} --config THIS_FILE. A line without # counts.",
              "# Paths are relative to the folder that the command runs in.", ""]
     panel = None

@@ -62,7 +62,13 @@ class Invocation:
         return shlex.join([*self.name.split(), *arguments, *options])
 
     def files(self) -> list[Path]:
-        """The files that were named, folders and patterns resolved; a word that only happens to name a file is not."""
+        """The files that were named, folders and patterns resolved; a word that only happens to name a file is not.
+
+        Returns
+        -------
+        list of Path
+            Each once, in the order of the options; what --out names is left out.
+        """
         found: list[Path] = []
         for name, value in self.values.items():
             if name != RESULTS:
@@ -70,7 +76,20 @@ class Invocation:
         return list(dict.fromkeys(found))
 
     def origin(self, folder: Path | None, names: tuple[str, ...]) -> Origin:
-        """For the foot of a report: now, this command, these files."""
+        """For the foot of a report: now, this command, these files.
+
+        Parameters
+        ----------
+        folder : Path or None
+            Where the results go; None where nothing is kept.
+        names : tuple of str
+            Files beside the report in that folder.
+
+        Returns
+        -------
+        Origin
+            With the hashes of the files that were read.
+        """
         from lpvid.report.origin import Origin, sources_of
 
         return Origin(self.line, datetime.now().astimezone(), sources_of(self.files()), names,

@@ -64,7 +64,18 @@ class ReportedIdentification:
     beside: ModelComparison | None = None
 
     def with_notes(self, notes: tuple[str, ...]) -> ReportedIdentification:
-        """The same with further remarks first."""
+        """The same with further remarks first.
+
+        Parameters
+        ----------
+        notes : tuple of str
+            Sentences; empty for no change.
+
+        Returns
+        -------
+        ReportedIdentification
+            A copy, or this one where there are no notes.
+        """
         return replace(self, found=self.found.replace(notes=(*notes, *self.found.notes))) if notes else self
 
     @property
@@ -78,7 +89,13 @@ class ReportedIdentification:
         return bool(self.model.metadata.get("passive", {}).get("verified", False))
 
     def to_dict(self) -> dict:
-        """identification.json."""
+        """identification.json.
+
+        Returns
+        -------
+        dict
+            With forms, passivity, audit, selection and refit beside what `Identification.to_dict` has.
+        """
         findings = [{"name": f.name, "record": f.record, "channel": f.channel, "severity": f.severity}
                     for f in self.audit.findings]
         again = self.refitted
@@ -114,7 +131,16 @@ class ReportedIdentification:
         return "\n".join(lines)
 
     def deliver(self, results: Results, report_progress: Callable[[str], None]) -> None:
-        """Queue the files."""
+        """Queue the files.
+
+        Parameters
+        ----------
+        results : Results
+            Receives model.json, identification.json, the report, and by request selection.json, state_space.json and
+            form.json; one that keeps nothing gets none, but a form that cannot be realised is refused all the same.
+        report_progress : callable
+            Receives what is being done.
+        """
         realized = None
         if self.form is not None and self.form_refit is None:
             from lpvid.realization import realize
@@ -182,6 +208,11 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     Returns
     -------
     Outcome
+
+    Raises
+    ------
+    InputError
+        A refit without held-out data.
     """
     from lpvid.auditing import audit
     from lpvid.cli.structures import BUDGET

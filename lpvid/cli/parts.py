@@ -98,6 +98,24 @@ def damper_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], 
     """The record with the roles of a damper as --input, --output and --schedule name them.
 
     An input in m/s is the velocity, one in m the displacement; the output is the force, what schedules the current.
+
+    Parameters
+    ----------
+    record : Record
+        With the units of its channels.
+    inputs, outputs, schedule : sequence of str
+        Channels or roles, as written; empty where the option was left out. At most one output and one scheduling
+        variable.
+
+    Returns
+    -------
+    Record
+        With the roles velocity, displacement, force and current as far as they are named.
+
+    Raises
+    ------
+    InputError
+        An input whose unit is neither m/s nor m, two inputs of one unit, more than one output or scheduling variable.
     """
     roles: dict[str, str] = {}
     for name in inputs:

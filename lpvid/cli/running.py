@@ -41,7 +41,13 @@ MANIFEST = ".results.json"
 
 
 def new_app() -> typer.Typer:
-    """A Typer application with this house's settings."""
+    """A Typer application with this house's settings.
+
+    Returns
+    -------
+    typer.Typer
+        Without commands yet: help by -h too, and errors in one line.
+    """
     from lpvid.cli.helping import Group
 
     return typer.Typer(cls=Group, no_args_is_help=True, pretty_exceptions_enable=False,
@@ -49,7 +55,17 @@ def new_app() -> typer.Typer:
 
 
 def add(app: typer.Typer, function: Callable[..., Any], examples: Iterable[tuple[str, str]]) -> None:
-    """Add a command with (comment, command line) examples to an application."""
+    """Add a command with (comment, command line) examples to an application.
+
+    Parameters
+    ----------
+    app : typer.Typer
+        From `new_app`.
+    function : callable
+        Its options are annotated; its name is that of the command.
+    examples : iterable of (str, str)
+        Printed under the help.
+    """
     from lpvid.cli.helping import Command, written
 
     app.command(cls=Command, epilog=written(examples))(function)
@@ -59,6 +75,17 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
     """Let a command end with one line and its exit code where the input or the numbers are at fault.
 
     An unexpected exception is a bug and keeps its traceback.
+
+    Parameters
+    ----------
+    function : callable
+        With options as keywords.
+
+    Returns
+    -------
+    callable
+        The same with errors as exit codes: that of the `LpvError`, 2 for a file that the system refuses, 130 after
+        Ctrl-C.
     """
 
     @functools.wraps(function)
@@ -87,6 +114,16 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
     """A spinner with the elapsed time on standard error, gone when done; a line for each stage where it is piped.
 
     Yields a function that takes what is being done now.
+
+    Parameters
+    ----------
+    what : str
+        First stage, "reading" for instance.
+
+    Yields
+    ------
+    callable
+        From the text of a stage to nothing.
     """
     if not sys.stderr.isatty():
         stages = StageLines(what)
@@ -132,7 +169,13 @@ class StageLines:
                 self._later.start()
 
     def enter(self, text: str) -> None:
-        """The next stage."""
+        """The next stage.
+
+        Parameters
+        ----------
+        text : str
+            What is done now.
+        """
         self._stage = text
         if time.monotonic() - self._begun > PATIENCE:
             self._show()
@@ -151,7 +194,13 @@ class StageLines:
 
 @contextmanager
 def solver_output_suppressed() -> Iterator[None]:
-    """What compiled solvers print goes nowhere: their words are no result, and --json prints that alone."""
+    """What compiled solvers print goes nowhere: their words are no result, and --json prints that alone.
+
+    Yields
+    ------
+    None
+        Nothing is suppressed where standard output is closed. Python's own output inside the block is lost too.
+    """
     sys.stdout.flush()
     try:
         kept = os.dup(1)
@@ -196,25 +245,61 @@ class Results:
         return self.folder is not None
 
     def add(self, name: str, writer: Callable[[Path], object]) -> None:
-        """A file by the function that writes it to a path."""
+        """A file by the function that writes it to a path.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, without a folder.
+        writer : callable
+            From a path to anything; runs when `write` does.
+        """
         self._writers.append((name, writer))
 
     def without(self, name: str) -> None:
-        """A file that this result does not have: one of an earlier result goes, lest it be taken for this one's."""
+        """A file that this result does not have: one of an earlier result goes, lest it be taken for this one's.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, without a folder.
+        """
         self._absent.append(name)
 
     def json(self, name: str, data: Mapping[str, Any]) -> None:
-        """A JSON file; numbers that are not finite become null."""
+        """A JSON file; numbers that are not finite become null.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, without a folder.
+        data : mapping of str to object
+            As for `lpvid.export.json_files.jsonable`.
+        """
         from lpvid.export.serialise import write_json
 
         self.add(name, lambda path: write_json(data, path))
 
     def bytes(self, name: str, content: bytes) -> None:
-        """A file of bytes."""
+        """A file of bytes.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, without a folder.
+        content : bytes
+            Of the whole file.
+        """
         self.add(name, lambda path: path.write_bytes(content))
 
     def report(self, page: Page) -> None:
-        """report.html, with date, command, files read and the files beside it."""
+        """report.html, with date, command, files read and the files beside it.
+
+        Parameters
+        ----------
+        page : Page
+            One with an origin of its own keeps it.
+        """
         from dataclasses import replace
 
         from lpvid.report import render
@@ -234,6 +319,11 @@ class Results:
         -------
         list of Path
             The files; empty when nothing is kept.
+
+        Raises
+        ------
+        InputError
+            A folder that cannot be made, or a file that the system refuses to write.
         """
         if self.folder is None:
             return []
@@ -307,7 +397,19 @@ def _write_manifest(folder: Path, found: Mapping[str, list[str]]) -> None:
 
 
 def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool) -> None:
-    """Write what is kept, then print the result: as JSON alone, or as text with the files that were written."""
+    """Write what is kept, then print the result: as JSON alone, or as text with the files that were written.
+
+    Parameters
+    ----------
+    results : Results
+        Files that are queued.
+    data : mapping of str to object
+        Printed where JSON is requested.
+    text : str
+        Printed elsewhere.
+    as_json : bool
+        Whether --json was written.
+    """
     written = results.write()
     if as_json:
         import json

@@ -23,7 +23,31 @@ STATE = "stream-state.npz"
 
 def parts(data: Sequence[str], rows: int, *, roles: Sequence[str] | None, flip: Sequence[str] | None,
           sample_rate: float | None) -> Chunks:
-    """DATA in parts, with roles applied."""
+    """DATA in parts, with roles applied.
+
+    Parameters
+    ----------
+    data : sequence of str
+        Files, patterns and folders.
+    rows : int
+        Samples of a part.
+    roles : sequence of str or None
+        ``ROLE=CHANNEL``, repeated or with commas.
+    flip : sequence of str or None
+        Must be empty or None.
+    sample_rate : float or None
+        Rate [Hz] of files without a time column.
+
+    Returns
+    -------
+    Chunks
+        Read when they are iterated.
+
+    Raises
+    ------
+    InputError
+        A sign to turn.
+    """
     from lpvid.cli.data import parse_roles
     from lpvid.files.streaming import read_chunks
 
@@ -34,7 +58,18 @@ def parts(data: Sequence[str], rows: int, *, roles: Sequence[str] | None, flip: 
 
 
 def beginning(chunks: Chunks) -> Record:
-    """The first samples, in memory."""
+    """The first samples, in memory.
+
+    Parameters
+    ----------
+    chunks : Chunks
+        At least one part.
+
+    Returns
+    -------
+    Record
+        At most `DRAWN` samples of the first part.
+    """
     first = next(iter(chunks))
     cut = first.slice(0, DRAWN)
     return replace(cut, **({"time": None} if cut.time is None else {"sample_time": None}))
@@ -58,6 +93,11 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     Returns
     -------
     Outcome
+
+    Raises
+    ------
+    InputError
+        An option that needs whole records, or a structure other than arx and recursive, or a passive one.
     """
     from lpvid.auditing.streamed import audit_stream
     from lpvid.cli.modelling import ReportedIdentification, _marked, _settled

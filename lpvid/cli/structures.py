@@ -83,7 +83,13 @@ class Request:
     budget: float | None = None
 
     def check(self) -> None:
-        """Refuse what does not go together, before any data are read."""
+        """Refuse what does not go together, before any data are read.
+
+        Raises
+        ------
+        InputError
+            An unknown structure, an option that it does not take, or options that exclude each other.
+        """
         if self.structure not in TAKES:
             _checks.one_of(self.structure, (*TAKES, *STRUCTURES.names), "--structure")
         if self.refit_form:
@@ -154,7 +160,14 @@ class Request:
         return 1 if self.structure == "coprime" or "passive" in self.given else self.given.get("na", LAGS) + 1
 
     def basis(self) -> Basis:
-        """The basis in the scheduling variables."""
+        """The basis in the scheduling variables.
+
+        Returns
+        -------
+        Basis
+            Polynomial of the requested degree in all variables, or the product of one spline in each; a constant
+            without scheduling.
+        """
         from lpvid.scheduling import Polynomial, Product, Spline
 
         degree, segments = self.given.get("degree", 1), self.given.get("segments", 3)
@@ -166,7 +179,18 @@ class Request:
         return basis
 
     def arx(self, delay: int | tuple[int, ...] | None = None) -> ARX:
-        """The equation-error structure of the same orders (or of the defaults, where there are none)."""
+        """The equation-error structure of the same orders (or of the defaults, where there are none).
+
+        Parameters
+        ----------
+        delay : int, tuple of int or None
+            First input lags; left out, 1.
+
+        Returns
+        -------
+        ARX
+            With this request's channels, basis, affine terms and scheduling filter.
+        """
         from lpvid.identification.arx import ARX
 
         order = self.given.get("order", LAGS)
@@ -177,7 +201,20 @@ class Request:
 
     # -- the structure ------------------------------------------------------------------------------------------
     def build(self, delay: int | tuple[int, ...] | None, affine: int | None = None) -> Structure:
-        """The structure, with these first input lags and number of affine terms in place of those requested."""
+        """The structure, with these first input lags and number of affine terms in place of those requested.
+
+        Parameters
+        ----------
+        delay : int, tuple of int or None
+            First input lags; None stands for 1. Quasi-LPV and compliance structures keep what was requested.
+        affine : int, optional
+            Number of affine terms, for structures that take it from the ARX; left out, as requested.
+
+        Returns
+        -------
+        Structure
+            Ready for `lpvid.identify`.
+        """
         from dataclasses import replace
 
         arx = self.arx(delay)
@@ -191,7 +228,18 @@ class Request:
         return self._input_output(arx)
 
     def without_filter(self, structure: Structure) -> Structure | None:
-        """The structure without its scheduling filter, or None where it has none."""
+        """The structure without its scheduling filter, or None where it has none.
+
+        Parameters
+        ----------
+        structure : Structure
+            As `build` returned it.
+
+        Returns
+        -------
+        Structure or None
+            A copy without it.
+        """
         from dataclasses import replace
 
         if getattr(structure, "schedule_filter", None) is None:

@@ -26,7 +26,15 @@ LISTED = 4
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A fitted law and its mean squared error out of fold, in the output's unit squared."""
+    """A fitted law and its mean squared error out of fold, in the output's unit squared.
+
+    Attributes
+    ----------
+    baseline : Baseline
+        Fitted.
+    error : float
+        Over all samples in blocks.
+    """
 
     baseline: Baseline
     error: float
@@ -40,6 +48,20 @@ def automatic(
     By κN ln(error out of fold) + P ln κN, κN the independent samples of the error of the best: a law that misses as
     much as another and has fewer parameters is a better ground for causes. Laws with memory are left out: what they
     hold, the causes hold too, by name.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Prepared: uniform, of one rate.
+    report_progress : callable, optional
+        Receives in words which law is tried.
+
+    Returns
+    -------
+    baseline : Baseline
+        Fitted to the records.
+    note : str
+        The law chosen, how many suit these records, and the free-run ESR out of fold of the first `LISTED` of them.
 
     Raises
     ------

@@ -19,7 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A free number of a baseline: name, unit, bounds; `scale` is a step that matters (for differences)."""
+    """A free number of a baseline: name, unit, bounds; `scale` is a step that matters (for differences).
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        Of this number, its bounds and its scale; "" where it has none.
+    lower, upper : float
+        Infinite where it is free on that side.
+    scale : float
+        Above zero.
+    """
 
     name: str
     unit: str
@@ -189,7 +200,13 @@ class Baseline(ABC):
         return tuple(catalogue)
 
     def describe(self) -> Mapping[str, Any]:
-        """Plain data: name, parameters with units."""
+        """Plain data: name, parameters with units.
+
+        Returns
+        -------
+        dict
+            ``name``, and ``parameters``: a list of ``name``, ``value`` and ``unit`` of each coefficient.
+        """
         return {"name": self.name, "parameters": [
             {"name": c.name, "value": float(v), "unit": c.unit}
             for c, v in zip(self.coefficients, self.vector, strict=True)]}

@@ -52,6 +52,18 @@ class Blocks:
         An error lasts about as long as what causes it: blocks of one period of the motion are the shortest that are
         counted as independent of each other.
 
+        Parameters
+        ----------
+        signals : sequence of Signals
+            Of one rate; those that are cut together from stretches count as so many pieces.
+        start : int
+            Samples at the head of a piece that the simulation takes from the measurement; what belongs to no block
+            there is as long at least.
+
+        Returns
+        -------
+        Blocks
+
         Raises
         ------
         InputError
@@ -79,13 +91,34 @@ class Blocks:
         return cls(tuple(numbers), count, np.array(folds), length)
 
     def mask(self, fold: int | None = None) -> list[np.ndarray]:
-        """Per record, (n,) bool: samples in a block, of one fold if asked."""
+        """Per record, (n,) bool: samples in a block, of one fold if asked.
+
+        Parameters
+        ----------
+        fold : {None, 0, 1}
+            None for both.
+
+        Returns
+        -------
+        list of (n,) bool arrays
+        """
         if fold is None:
             return [n >= 0 for n in self.number]
         return [(n >= 0) & (self.fold[n] == fold) for n in self.number]
 
     def sums(self, values: Sequence[np.ndarray]) -> np.ndarray:
-        """(count,) or (count, k) sums of per-record (n,) or (n, k) values over each block."""
+        """(count,) or (count, k) sums of per-record (n,) or (n, k) values over each block.
+
+        Parameters
+        ----------
+        values : sequence of (n,) or (n, k) arrays
+            One for each record; what lies in no block is left out.
+
+        Returns
+        -------
+        (count,) or (count, k) array
+            In the unit of the values.
+        """
         out = None
         for n, v in zip(self.number, values, strict=True):
             inside = n >= 0
@@ -96,5 +129,10 @@ class Blocks:
         return out
 
     def sizes(self) -> np.ndarray:
-        """(count,) samples in each block."""
+        """(count,) samples in each block.
+
+        Returns
+        -------
+        (count,) int array
+        """
         return np.sum([np.bincount(n[n >= 0], minlength=self.count) for n in self.number], axis=0)

@@ -111,6 +111,18 @@ class Composition:
 
         What the baseline and every effect from the inside out give along the same signals with the same parameters is
         remembered: what lies beside and around them then costs no further run.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            The baseline's parameters, then each effect's.
+        given : Core, optional
+            Of the output of the baseline; what is around it is then simulated anew each time.
+
+        Returns
+        -------
+        Core
+            From signals to the (n,) output, in its unit.
         """
         if self.flat is not None and given is None:
             whole, place = self.flat
@@ -161,7 +173,18 @@ class Composition:
         return core
 
     def predict(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
-        """(n,) simulated output along signals."""
+        """(n,) simulated output along signals.
+
+        Parameters
+        ----------
+        signals : Signals
+        vector : (P,) array
+
+        Returns
+        -------
+        (n,) array
+            In the output's unit, not finite where the simulation diverges.
+        """
         return self.core(vector)(signals)
 
     def sensitivities(self, signals: Signals, vector: np.ndarray, free: Sequence[int] | None = None,
@@ -171,6 +194,20 @@ class Composition:
         Zero for a choice. Without effects, the baseline's own (exact) derivative; with effects, differences of these
         around it where the baseline's simulation has steps of its own. What lies inside a series element is moved to
         first order along one run of it.
+
+        Parameters
+        ----------
+        signals : Signals
+        vector : (P,) array
+        free : sequence of int, optional
+            Places in the vector, in the order of the columns; all by default.
+        at : (n,) array, optional
+            `predict` at `vector`, where it is known, so that it is not run again.
+
+        Returns
+        -------
+        (n, len(free)) array
+            In the output's unit over that of the parameter.
         """
         wanted = range(vector.size) if free is None else free
         if self.flat is not None:

@@ -19,7 +19,18 @@ VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain"
 
 @dataclass(frozen=True)
 class Estimated:
-    """A fitted number with its standard error, SI; or a choice, with what it means."""
+    """A fitted number with its standard error, SI; or a choice, with what it means.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+    std : float or None
+        In the unit of the value; None where it is not known, as at a bound.
+    unit : str
+    choice : str or None
+        What the value means where it is a choice; None for a number.
+    """
 
     name: str
     value: float
@@ -28,7 +39,13 @@ class Estimated:
     choice: str | None = None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Of the attributes by name; ``choice`` only where it is one.
+        """
         chosen = {} if self.choice is None else {"choice": self.choice}
         return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit, **chosen}
 
@@ -85,7 +102,14 @@ class Cause:
     form: str = ""
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Of the attributes by name; ``probability``, ``family`` and ``weight`` only where sets were weighed, ``form``
+            only where there is one.
+        """
         weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family,
                                                             "weight": self.weight}
         return {"name": self.name, "description": self.description,
@@ -118,14 +142,33 @@ class Rivals:
     parameters: Mapping[str, tuple[Estimated, ...]] = field(default_factory=dict)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Of the attributes by name.
+        """
         return {"names": list(self.names), "similarity": self.similarity, "experiment": self.experiment,
                 "parameters": {k: [p.to_dict() for p in v] for k, v in self.parameters.items()}}
 
 
 @dataclass(frozen=True)
 class CannotTell:
-    """A candidate that these data could not reveal, and the measurement that would."""
+    """A candidate that these data could not reveal, and the measurement that would.
+
+    Attributes
+    ----------
+    name : str
+        Of the effect.
+    reason : str
+    smallest_detectable : float or None
+        Strength from which on it would show, in `unit`; None where no strength would, or it could not be looked at.
+    unit : str
+        Of the strength.
+    experiment : str
+        The measurement, in one sentence.
+    """
 
     name: str
     reason: str
@@ -134,33 +177,67 @@ class CannotTell:
     experiment: str
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Of the attributes by name.
+        """
         return {"name": self.name, "reason": self.reason, "smallest_detectable": self.smallest_detectable,
                 "unit": self.unit, "experiment": self.experiment}
 
 
 @dataclass(frozen=True)
 class Rejected:
-    """A candidate that was looked at and not named."""
+    """A candidate that was looked at and not named.
+
+    Attributes
+    ----------
+    name : str
+        Of the effect.
+    why : str
+    """
 
     name: str
     why: str
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            ``name`` and ``why``.
+        """
         return {"name": self.name, "why": self.why}
 
 
 @dataclass(frozen=True)
 class VisitedSet:
-    """A set of causes that was looked at, its probability among these, and its error where it was measured."""
+    """A set of causes that was looked at, its probability among these, and its error where it was measured.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the effects; empty for the baseline alone.
+    probability : float
+    held_out_esr : float or None
+        Free-run ESR; None where it was not measured.
+    """
 
     names: tuple[str, ...]
     probability: float
     held_out_esr: float | None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Of the attributes by name.
+        """
         return {"names": list(self.names), "probability": self.probability, "held_out_esr": self.held_out_esr}
 
 
@@ -197,7 +274,14 @@ class SetProbabilities:
         return {k: s.probability for k, s in self.components.items()}
 
     def to_dict(self) -> dict:
-        """Keys of diagnosis.json, schema 2."""
+        """Keys of diagnosis.json, schema 2.
+
+        Returns
+        -------
+        dict
+            ``probabilities`` and ``weights`` of the components, ``families``, ``probability_of_nothing``,
+            ``discrepancy`` and ``sets``.
+        """
         return {"probabilities": self.causes, "weights": {k: s.weight for k, s in self.components.items()},
                 "families": [{"name": n, "probability": p} for n, p in self.families.items()],
                 "probability_of_nothing": self.nothing,
@@ -207,14 +291,28 @@ class SetProbabilities:
 
 @dataclass(frozen=True)
 class Errors:
-    """Free-run error of one model: ESR and rmse on training and held-out samples."""
+    """Free-run error of one model: ESR and rmse on training and held-out samples.
+
+    Attributes
+    ----------
+    esr_training, esr_held_out : float
+        Squared error over the output's squared deviation from its mean; 1 for a constant at that mean.
+    rmse : float
+        Root mean square of the error on held-out samples, in the output's unit.
+    """
 
     esr_training: float
     esr_held_out: float
     rmse: float
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            ``esr`` with ``training`` and ``held_out``, and ``rmse``.
+        """
         return {"esr": {"training": self.esr_training, "held_out": self.esr_held_out}, "rmse": self.rmse}
 
 
@@ -297,7 +395,13 @@ class Diagnosis(Shown):
         return () if self.extended is None else tuple(n for n in self.extended.effects if n not in stated)
 
     def to_dict(self) -> dict:
-        """diagnosis.json."""
+        """diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Plain data for JSON of schema ``lpvid/diagnosis/2`` where sets were weighed, else ``lpvid/diagnosis/1``.
+        """
         share = self.explained_share
         return {
             "schema": f"lpvid/diagnosis/{1 if self.weights is None else 2}",

@@ -76,6 +76,19 @@ class EffectParameter:
         """The grid at the natural size of the data: as many decades apart, evenly in the logarithm, signs kept.
 
         A strength that is looked at in one size, as one that acts in proportion is, is looked at in a tenth of it.
+
+        Parameters
+        ----------
+        scale : float or None
+            Natural size of a number of its unit in the data, in that unit; None where it has none: the grid stays as it
+            is.
+        strength : bool
+            Whether it is a strength rather than a shape.
+
+        Returns
+        -------
+        tuple of float
+            In the unit of the parameter, inside its bounds.
         """
         sizes = sorted({abs(g) for g in self.grid if g})
         if scale is None or not sizes or self.choices:
@@ -89,7 +102,17 @@ class EffectParameter:
         return tuple(float(np.clip(v, *self.bounds)) for v in ([0.0] if 0.0 in self.grid else []) + found)
 
     def choice(self, value: float) -> str | None:
-        """What a value means where there are choices; None for a number."""
+        """What a value means where there are choices; None for a number.
+
+        Parameters
+        ----------
+        value : float
+            Rounded to the nearest of 0, 1, 2 ….
+
+        Returns
+        -------
+        str or None
+        """
         return self.choices[min(max(round(value), 0), len(self.choices) - 1)] if self.choices else None
 
 
@@ -155,8 +178,9 @@ class Effect(ABC):
     """names of effects with which it works together physically, tried as a pair where neither helps alone"""
     added_later: ClassVar[tuple[str, ...]] = ()
     """parameters that it had not from the first: a file without them is read with them at neutral"""
-    rugged: ClassVar[bool] = False
-    """whether the error has many small valleys along the strength"""
+    rugged: ClassVar[str] = ""
+    """name of the number along which the error has many minima, as where a kink passes samples one by one: it is moved
+    by trial as well; "" where there is none"""
     path: ClassVar[str] = ""
     """what a lag, a delay or a filter holds up: "current", "motion", "force" or "all"; "" for everything else. Those of
     motion and force imitate each other and every dynamic cause: a set holds one of them"""
@@ -169,6 +193,8 @@ class Effect(ABC):
     form_of: ClassVar[str] = ""
     """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
     of its own. A special case that is another component (a stop, a linear spring) is none"""
+    contains: ClassVar[tuple[str, ...]] = ()
+    """names of other components that its equation has inside, so that it can do their work besides its own"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""
@@ -300,11 +326,30 @@ class Effect(ABC):
         return ()
 
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
-        """Needed roles that some record does not have."""
+        """Needed roles that some record does not have.
+
+        Parameters
+        ----------
+        signals : tuple of Signals
+
+        Returns
+        -------
+        tuple of str
+            Empty where every record has all of `needs`.
+        """
         return tuple(n for n in self.needs if not all(s.has(n) for s in signals))
 
     def described(self, values: np.ndarray) -> str:
-        """The title, with what was chosen where a parameter has choices."""
+        """The title, with what was chosen where a parameter has choices.
+
+        Parameters
+        ----------
+        values : (k,) array
+
+        Returns
+        -------
+        str
+        """
         chosen = [c for p, v in zip(self.parameters, values, strict=True) if (c := p.choice(float(v))) is not None]
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
 
@@ -325,6 +370,16 @@ class Effect(ABC):
         """Standard error of the strength that no fit shows: what a signal does between its samples is unknown.
 
         A held one jumps anywhere between two of them; of a smooth one a time is known to a hundredth of a sample.
+
+        Parameters
+        ----------
+        signals : sequence of Signals
+            Of one rate.
+
+        Returns
+        -------
+        float
+            In the unit of the strength; 0 for one that is no time.
         """
         period = signals[0].sample_time
         if self.stepwise:
@@ -346,7 +401,14 @@ class Effect(ABC):
         return np.append(self.clock_error(signals), np.zeros(len(self.parameters) - 1))
 
     def describe(self) -> dict[str, Any]:
-        """Plain data for a table of the catalogue."""
+        """Plain data for a table of the catalogue.
+
+        Returns
+        -------
+        dict
+            The class attributes by name, and ``parameters``: a list of their names, units, descriptions (``says``),
+            neutral values and plausible ranges.
+        """
         return {"name": self.name, "title": self.title, "family": self.family, "stage": self.stage,
                 "equation": self.equation, "reference": self.reference, "experiment": self.experiment,
                 "needs": list(self.needs),
@@ -377,11 +439,28 @@ def _product(grids: Sequence[Sequence[float]]) -> list[np.ndarray]:
 
 
 def by_name(catalogue: tuple[Effect, ...]) -> Mapping[str, Effect]:
-    """The catalogue as a table; two effects of one name are refused."""
+    """The catalogue as a table; two effects of one name are refused.
+
+    Parameters
+    ----------
+    catalogue : tuple of Effect
+
+    Returns
+    -------
+    mapping of str to Effect
+        In the order of the catalogue.
+
+    Raises
+    ------
+    InputError
+        Two effects of one name, a stage that is none of `STAGES`, `rugged` that is none of its parameters.
+    """
     table: dict[str, Effect] = {}
     for effect in catalogue:
         _checks.one_of(effect.stage, STAGES, f"stage of effect '{effect.name}'")
         if effect.name in table:
             raise InputError("two effects have one name", got=effect.name)
+        if effect.rugged:
+            _checks.one_of(effect.rugged, [p.name for p in effect.parameters], f"rugged of effect '{effect.name}'")
         table[effect.name] = effect
     return table

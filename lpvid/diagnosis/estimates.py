@@ -18,7 +18,24 @@ from lpvid.record import Record
 def errors_of(
     problem: DiagnosisProblem, baseline: Baseline, fit: Refit, folds: Folds, held_out: Sequence[Record]
 ) -> Errors:
-    """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold."""
+    """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    baseline : Baseline
+        Reads the signals of the further records.
+    fit : Refit
+        On the samples of `problem`.
+    folds : Folds
+        Errors of the same composition out of fold.
+    held_out : sequence of Record
+        Prepared; may be empty.
+
+    Returns
+    -------
+    Errors
+    """
     inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
     about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
     power = max(sum(about), 1e-300)
@@ -36,7 +53,20 @@ def errors_of(
 
 
 def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:
-    """Parameters of an effect with their standard errors, None where they are not known."""
+    """Parameters of an effect with their standard errors, None where they are not known.
+
+    Parameters
+    ----------
+    effect : Effect
+    values : (k,) array
+        Its parameters.
+    deviation : (k,) array or None
+        Standard errors in the units of the parameters; NaN where one is not known, None where none is.
+
+    Returns
+    -------
+    tuple of Estimated
+    """
     found = []
     for k, p in enumerate(effect.parameters):
         std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])

@@ -37,13 +37,37 @@ Planner = Callable[[Diagnosis], ExperimentProposal | None]
 
 
 def open_questions(found: Diagnosis) -> tuple[str, ...]:
-    """Effects about which the data left something open, the most pressing first: rivals, then what they cannot show."""
+    """Effects about which the data left something open, the most pressing first: rivals, then what they cannot show.
+
+    Parameters
+    ----------
+    found : Diagnosis
+
+    Returns
+    -------
+    tuple of str
+        Names, each once.
+    """
     named = [n for r in found.rivals for n in r.names] + [c.name for c in found.cannot_tell]
     return tuple(dict.fromkeys(named))
 
 
 def proposed(found: Diagnosis) -> ExperimentProposal | None:
-    """The first plan that an installed package has for what a diagnosis left open; None where there is none."""
+    """The first plan that an installed package has for what a diagnosis left open; None where there is none.
+
+    Parameters
+    ----------
+    found : Diagnosis
+
+    Returns
+    -------
+    ExperimentProposal or None
+
+    Raises
+    ------
+    InputError
+        An entry point of the group that is no function.
+    """
     from lpvid.diagnosis.registry import loaded
 
     for name, planner in loaded(GROUP):

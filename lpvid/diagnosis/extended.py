@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.band_limited import IN_BAND
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.registry import named_effects, stored_baseline
@@ -71,13 +72,36 @@ class ExtendedModel(Adaptable):
 
     @classmethod
     def of(cls, fit: Refit, covariance: np.ndarray, baseline: Baseline) -> ExtendedModel:
-        """From where a refit ended."""
+        """From where a refit ended.
+
+        Parameters
+        ----------
+        fit : Refit
+        covariance : (P, P) array
+            Of its parameters; NaN for those at a bound.
+        baseline : Baseline
+            That the fit's effects are around.
+
+        Returns
+        -------
+        ExtendedModel
+            Without channels, units and ranges of training records (`remembering`).
+        """
         return cls(Composition(baseline, fit.composition.effects), fit.vector, covariance)
 
     def remembering(self, records: Sequence[Record]) -> ExtendedModel:
         """The same model with what is needed of its training records: channels, units, ranges, first samples.
 
         A channel beyond those of baseline and effects counts as read where the run changes without it.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Prepared training records.
+
+        Returns
+        -------
+        ExtendedModel
         """
         base = self.composition.baseline
         first = records[0].slice(0, min(records[0].n_samples, TRACED))
@@ -111,22 +135,60 @@ class ExtendedModel(Adaptable):
         return None if given is None else _checks.positive(given, "sample_time of the training", "s")
 
     def predict(self, record: Record) -> np.ndarray:
-        """(n,) free run along a record, in the output's unit and the record's sense."""
+        """(n,) free run along a record, in the output's unit and the record's sense.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform, with the channels of `reads` and of the output, whose first samples begin the run of a law with
+            memory.
+
+        Returns
+        -------
+        (n,) array
+        """
         baseline = self.composition.baseline
         return baseline.polarity * self.composition.predict(baseline.signals(record), self.vector)
 
     def to_model(self, sample_time: float) -> ExtendedRun:
-        """As a model of lpvid at this period; its predictions are its free run."""
+        """As a model of lpvid at this period; its predictions are its free run.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        ExtendedRun
+        """
         return ExtendedRun(self, sample_time)
 
     def to_linear_model(self) -> Acting:
-        """None: causes are put around the baseline's own simulation."""
+        """Refused: causes are put around the baseline's own simulation.
+
+        Returns
+        -------
+        Acting
+            Never.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
         raise InputError("an extended model has no LPV form", why="its causes act around the baseline's simulation",
                          mend="extended_lpv.json beside it, where the causes have an LPV form")
 
     # -- storing -----------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict:
-        """Plain data for JSON: the baseline at its parameters, effects by name with theirs."""
+        """Plain data for JSON: the baseline at its parameters, effects by name with theirs.
+
+        Returns
+        -------
+        dict
+            A NaN of the covariance is None.
+        """
         c = self.composition
         size = c.baseline.vector.size
         fitted = c.baseline.with_vector(self.vector[:size])
@@ -143,6 +205,15 @@ class ExtendedModel(Adaptable):
         """Inverse of `to_dict`; baseline and effects are looked up among those of the installed packages.
 
         A parameter that an effect had not yet when the file was written (`Effect.added_later`) is neutral.
+
+        Parameters
+        ----------
+        data : mapping
+            As from `to_dict`.
+
+        Returns
+        -------
+        ExtendedModel
 
         Raises
         ------
@@ -236,7 +307,7 @@ class ExtendedRun(SelfScheduled):
     def metadata(self) -> Mapping[str, Any]:  # type: ignore[override]
         """The model's; lpvid recognises training data by it."""
         turned = {"polarity": "reversed"} if self.model.composition.baseline.polarity < 0 else {}
-        return {**self.model.metadata, **turned}
+        return {**self.model.metadata, **IN_BAND, **turned}
 
     @property
     def start(self) -> int:
@@ -255,6 +326,17 @@ class ExtendedRun(SelfScheduled):
         return self.model.vector
 
     def with_vector(self, vector: np.ndarray) -> ExtendedRun:
+        """The same run with other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            The baseline's, then each effect's.
+
+        Returns
+        -------
+        ExtendedRun
+        """
         return self.replace(model=replace(self.model, vector=vector))
 
     @property
@@ -278,6 +360,24 @@ class ExtendedRun(SelfScheduled):
         return y, None if sane.all() else int(np.argmin(sane))
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        """The free run, whatever the horizon: it has no noise model that would make use of later outputs.
+
+        Parameters
+        ----------
+        u : (n, inputs) array
+            By `inputs`.
+        p : (n, scheduled) array
+            By `scheduled`.
+        y : (n,) array
+            Measured outputs, of which the first `start` begin the run.
+        horizon : int
+            Without effect.
+
+        Returns
+        -------
+        (n,) array
+            In the output's unit; the first `start` are y.
+        """
         return self.free_run(u, p, y[: self.start], np.inf)[0]
 
     def __repr__(self) -> str:

@@ -108,7 +108,29 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
 def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
          held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
          sample_rate: float | None = None, progress: Progress | None = None) -> Question:
-    """Resolve names, read the model, prepare the records; arguments as for `diagnose`."""
+    """Resolve names, read the model, prepare the records; arguments as for `diagnose`.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+    baseline : str, path, model or Baseline
+    catalogue : sequence of Effect, name or names, optional
+    held_out : Record or sequence of Record, optional
+    parameters : path or object, optional
+    sample_rate : float, optional
+        [Hz].
+    progress : callable, optional
+
+    Returns
+    -------
+    Question
+
+    Raises
+    ------
+    InputError
+        Parameters for a baseline that is not given by name; no such baseline or catalogue, missing channels, an output
+        or a motion that is constant throughout.
+    """
     training, kept = _listed(records), _listed(held_out)
     effects = _catalogue(catalogue)
     given = baseline
@@ -154,7 +176,20 @@ def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,
            progress: Progress | None = None) -> Diagnosis:
-    """Run the engine on a question; the notes list what was done to the data."""
+    """Run the engine on a question; the notes list what was done to the data.
+
+    Parameters
+    ----------
+    question : Question
+    settings : DiagnosisSettings, optional
+    progress : callable, optional
+        Receives in words what is being done.
+
+    Returns
+    -------
+    Diagnosis
+        After an interruption (Ctrl-C) what is known by then, with ``complete`` False.
+    """
     from lpvid.auditing import audit
     from lpvid.diagnosis.evidence import engine
     from lpvid.diagnosis.settings import DiagnosisSettings
@@ -207,7 +242,18 @@ def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
 
 
 def is_file(text: str | os.PathLike) -> bool:
-    """Whether a baseline is given as a file rather than by name."""
+    """Whether a baseline is given as a file rather than by name.
+
+    Parameters
+    ----------
+    text : str or path
+
+    Returns
+    -------
+    bool
+        True for a path object, for a text that ends in ``.json`` or holds a separator of folders, and for the name of a
+        file that exists.
+    """
     return not isinstance(text, str) or text.endswith(".json") or os.sep in text or Path(text).is_file()
 
 

@@ -28,7 +28,18 @@ class Folds:
 
 
 def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
-    """Refit to each fold from the fit to both, and take the errors on the other."""
+    """Refit to each fold from the fit to both, and take the errors on the other.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+        To both folds.
+
+    Returns
+    -------
+    Folds
+    """
     return joined(problem, [errors_beside(problem, fit, fold) for fold in (0, 1)])
 
 

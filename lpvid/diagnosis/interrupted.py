@@ -62,6 +62,11 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
         What was being done.
     best : BestSoFar, optional
         Of a search that had begun; it becomes the extended model, and nothing of it is named.
+
+    Returns
+    -------
+    Diagnosis
+        Of verdict ``cannot-tell``, with ``complete`` False; nothing was held out of its errors.
     """
     signals = tuple(baseline.signals(r) for r in prepared.training)
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))

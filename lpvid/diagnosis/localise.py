@@ -34,7 +34,13 @@ class Wrong:
     time: float
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            ``where``, ``share`` and ``time``.
+        """
         return {"where": self.where, "share": self.share, "time": self.time}
 
 

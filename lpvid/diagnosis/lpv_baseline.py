@@ -234,7 +234,22 @@ class LpvBaseline(Baseline):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LpvBaseline:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            As from `to_dict`; ``sense``, ``polarity`` and ``zero`` may be missing.
+
+        Returns
+        -------
+        LpvBaseline
+
+        Raises
+        ------
+        InputError
+            A model of a kind that is none of `KINDS`.
+        """
         inner: Any = data["model"]
         if inner.get("kind") not in KINDS:
             raise InputError("the model inside a baseline is of no known kind", got=inner.get("kind"))

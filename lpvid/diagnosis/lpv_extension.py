@@ -57,7 +57,14 @@ class LpvExtension:
         return None if before is None or after is None or before <= 0 else 100.0 * (1.0 - after / before)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            ``changes``, ``left_out``, ``run``, ``data``, ``esr`` with ``before`` and ``after``, ``gain_percent`` and
+            ``structure``, that of the extended model.
+        """
         before, after = self.esr
         return {"changes": list(self.changes), "left_out": list(self.left_out), "run": "free-run", "data": "held-out",
                 "esr": {"before": before, "after": after}, "gain_percent": self.gain_percent,
@@ -110,6 +117,19 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
     """The structure without and with the effects, both judged on records that neither has seen.
 
     Without `held_out` the last third of every record is kept back.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform.
+    structure : ARX
+    effects : sequence of Effect
+        Those that no LPV structure takes in, or that need a channel which was not measured, are left out.
+    held_out : sequence of Record, optional
+
+    Returns
+    -------
+    LpvExtension
     """
     from lpvid.condition import split_tail
     from lpvid.identification import identify
@@ -136,6 +156,18 @@ def common_structure(records: Sequence[Record], output: str) -> ARX | None:
     """The house's LPV structure for these records: order 4, shaped velocity, first degree in the current if it varies.
 
     None where there is no velocity.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Prepared; a current that moves by more than 0.05 A schedules.
+    output : str
+        Role of the output.
+
+    Returns
+    -------
+    ARX or None
+        None also where some record has no such output, or the output is the velocity.
     """
     from lpvid.identification.arx import ARX
 
@@ -149,6 +181,18 @@ def common_structure(records: Sequence[Record], output: str) -> ARX | None:
 
 def enlarged(structure: ARX, changes: Sequence[LpvChange], records: Sequence[Record]) -> ARX:
     """The structure with all changes in it; the records hold whether what is required was measured.
+
+    Parameters
+    ----------
+    structure : ARX
+    changes : sequence of LpvChange
+        Their orders add up; of their degrees the largest counts.
+    records : sequence of Record
+        With derived channels (`lpvid.condition.derivation`).
+
+    Returns
+    -------
+    ARX
 
     Raises
     ------

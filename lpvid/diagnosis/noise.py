@@ -44,6 +44,11 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
         The inputs that must repeat.
     masks : sequence of (n,) bool arrays
         Samples to use.
+
+    Returns
+    -------
+    NoiseLevel
+        Of variance None where fewer than 100 samples repeat.
     """
     squares, count, stated = 0.0, 0, []
     for a in range(len(signals)):

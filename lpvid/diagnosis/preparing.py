@@ -5,29 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from lpvid.condition import segments
-from lpvid.condition.differentiation import DERIVED
+from lpvid.condition.band_limited import quiet_pieces
 from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import derivative, has_band
 from lpvid.errors import InputError
 from lpvid.record import Record
 
 ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "force", "road", "unsprung", "sprung",
          "actuator")
 """roles that baselines and effects look for, where a baseline does not name its own"""
-QUIETER = f"{DERIVED} without the sensor's noise beyond the band that moves"
-"""note that replaces it where that was done"""
 SHORTEST = 50
 """samples of a piece worth keeping"""
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedRecords:
-    """Training and held-out records, uniform, of one rate, finite in all roles that are used, and what was done."""
+    """Training and held-out records, uniform, of one rate, finite in all roles that are used, and what was done.
+
+    Attributes
+    ----------
+    training, held_out : tuple of Record
+        Channels named by their roles, no others.
+    notes : tuple of str
+        What was done to the data.
+    """
 
     training: tuple[Record, ...]
     held_out: tuple[Record, ...]
@@ -50,6 +52,15 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
         Roles that the baseline reads; a bad channel among them is refused, one that is missing the baseline refuses.
     sample_rate : float, optional
         Resample to this rate [Hz].
+
+    Returns
+    -------
+    PreparedRecords
+
+    Raises
+    ------
+    InputError
+        No training record, no channel that a baseline could read, or one that is needed and cannot be used.
     """
     records = [*training, *held_out]
     if not training:
@@ -63,12 +74,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
     parts = [segments(part, roles, sample_rate=rate, minimum=SHORTEST) if part else []
              for part in (records[: len(training)], records[len(training):])]
     parts = one_clock(parts, roles)
-    if {"displacement", "velocity"} <= set(roles) and any(n.startswith(DERIVED) for n in motion):
-        parts = [[_quieter(r) for r in part] for part in parts]
-        quiet = [QUIETER in r.notes for part in parts for r in part if _derived(r)]
-        if any(quiet):
-            rest = "" if all(quiet) else f", in {sum(quiet)} of {len(quiet)} pieces; the others are too short for that"
-            motion = tuple(QUIETER + rest if n.startswith(DERIVED) else n for n in motion)
+    parts, motion = quiet_pieces(parts, motion)
     notes = (*motion, *stand_in, *why, *left, *losses([*parts[0], *parts[1]]))
     return PreparedRecords(tuple(_only(r, roles) for r in parts[0]), tuple(_only(r, roles) for r in parts[1]), notes)
 
@@ -93,20 +99,6 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
         raise InputError(f"record '{records[0].name}' has no channel that a baseline could read",
                          got=", ".join(records[0].channels), mend="--role velocity=CHANNEL, --role force=CHANNEL")
     return found, tuple(left)
-
-
-def _quieter(record: Record) -> Record:
-    """The record, a velocity that was derived here without the noise of the displacement beyond the band that moves."""
-    period, moved = record.sample_time or record.time_base.period, record["displacement"]
-    s = Signals(period, {"displacement": moved}, moved)
-    if not _derived(record) or not np.ptp(moved) or not has_band(s, "displacement"):
-        return record
-    return record.with_channel("velocity", derivative(s, "displacement"), record.channel("velocity").unit, QUIETER)
-
-
-def _derived(record: Record) -> bool:
-    """Whether the velocity of a record was not measured."""
-    return any(n.startswith(DERIVED) for n in record.notes)
 
 
 def _only(record: Record, roles: Sequence[str]) -> Record:

@@ -46,7 +46,18 @@ class DiagnosisProblem:
                                                                       strict=True)]).std())
 
     def errors(self, composition: Composition, vector: np.ndarray) -> list[np.ndarray]:
-        """Per record, (n,) measured less simulated output; infinite where the simulation is not finite."""
+        """Per record, (n,) measured less simulated output; `EXPLODED` where that is larger or not finite.
+
+        Parameters
+        ----------
+        composition : Composition
+        vector : (P,) array
+
+        Returns
+        -------
+        list of (n,) arrays
+            All samples of the records, in the output's unit.
+        """
         out = []
         for s in self.signals:
             with np.errstate(all="ignore"):
@@ -55,7 +66,17 @@ class DiagnosisProblem:
         return out
 
     def stack(self, values: Sequence[np.ndarray]) -> np.ndarray:
-        """(N,) or (N, k): per-record values inside the blocks, one record after the other."""
+        """(N,) or (N, k): per-record values inside the blocks, one record after the other.
+
+        Parameters
+        ----------
+        values : sequence of (n,) or (n, k) arrays
+            One for each record.
+
+        Returns
+        -------
+        (N,) or (N, k) array
+        """
         out, first = np.empty((self.n_samples, *values[0].shape[1:]), dtype=values[0].dtype), 0
         for v, n in zip(values, self.blocks.number, strict=True):
             keep = n >= 0
@@ -65,18 +86,48 @@ class DiagnosisProblem:
         return out
 
     def block_sums(self, stacked: np.ndarray) -> np.ndarray:
-        """(blocks,) or (blocks, k) sums of stacked values."""
+        """(blocks,) or (blocks, k) sums of stacked values.
+
+        Parameters
+        ----------
+        stacked : (N,) or (N, k) array
+
+        Returns
+        -------
+        (blocks,) or (blocks, k) array
+            In the unit of the values.
+        """
         out = np.zeros((self.blocks.count, *stacked.shape[1:]))
         np.add.at(out, self.block, stacked)
         return out
 
     def in_fold(self, fold: int) -> np.ndarray:
-        """(N,) bool: stacked samples of a fold."""
+        """(N,) bool: stacked samples of a fold.
+
+        Parameters
+        ----------
+        fold : {0, 1}
+
+        Returns
+        -------
+        (N,) bool array
+        """
         return self.blocks.fold[self.block] == fold
 
 
 def projector(jacobian: np.ndarray) -> np.ndarray:
-    """(N, r) orthonormal basis of the columns, those without weight left out."""
+    """(N, r) orthonormal basis of the columns, those without weight left out.
+
+    Parameters
+    ----------
+    jacobian : (N, P) array
+        Finite.
+
+    Returns
+    -------
+    (N, r) array
+        Of singular values above 1e-7 of the largest, each column first scaled to length one; (N, 0) where all are zero.
+    """
     norms = np.linalg.norm(jacobian, axis=0)
     columns = jacobian[:, norms > 0] / norms[norms > 0]
     if not columns.shape[1]:
@@ -88,7 +139,17 @@ def projector(jacobian: np.ndarray) -> np.ndarray:
 
 
 def without(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values less their projection on an orthonormal basis, twice for the digits."""
+    """Values less their projection on an orthonormal basis, twice for the digits.
+
+    Parameters
+    ----------
+    basis : (N, r) array
+    values : (N,) or (N, k) array
+
+    Returns
+    -------
+    (N,) or (N, k) array
+    """
     if not basis.shape[1]:
         return values
     values = values - basis @ (basis.T @ values)

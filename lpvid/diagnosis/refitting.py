@@ -59,7 +59,18 @@ class Refit:
     cache: dict = field(default_factory=dict, repr=False)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
-        """What `make` returns, found once for this fit; several threads may ask, for this fit and others."""
+        """What `make` returns, found once for this fit; several threads may ask, for this fit and others.
+
+        Parameters
+        ----------
+        key : hashable
+        make : callable
+            Without arguments; called where nothing is kept under the key.
+
+        Returns
+        -------
+        object
+        """
         if key not in self.cache:
             self.cache[key] = make()
         return self.cache[key]
@@ -86,7 +97,12 @@ class Refit:
         return self.cost / max(self.n_samples - self.vector.size, 1)
 
     def at_bounds(self) -> np.ndarray:
-        """(P,) bool: parameters that lie on a bound."""
+        """(P,) bool: parameters that lie on a bound.
+
+        Returns
+        -------
+        (P,) bool array
+        """
         low, high = self.composition.bounds
         slack = AT_BOUND * self.composition.scales
         return (self.vector <= low + slack) | (self.vector >= high - slack)
@@ -131,13 +147,47 @@ def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray
     """Minimise the squared error over the blocks, or those of one fold, from `start`, inside the bounds.
 
     By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    composition : Composition
+    start : (P,) array
+        What lies beyond the bounds is set on them.
+    fold : {None, 0, 1}
+        Whose samples count, those of the other by `LENT` only; None for all alike.
+    iterations : int
+        Of a descent at most; 0 for the errors at the start.
+    near : Refit, optional
+        Of a related composition, whose derivatives serve until they fail.
+    rough : bool
+        Whether to end where a carried-on Jacobian promises nothing more.
+
+    Returns
+    -------
+    Refit
     """
     found = descend(problem, composition, start, fold, iterations, near, rough)
     return found if fold is not None else hopped_on(found, iterations, rough)
 
 
 def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -> Refit:
-    """A refit with its lags of whole samples hopped, and descended again where that helps."""
+    """A refit with its lags of whole samples hopped, and descended again where that helps.
+
+    Parameters
+    ----------
+    found : Refit
+        To both folds.
+    iterations : int
+        Of the second descent at most.
+    rough : bool
+        As of `refit`.
+
+    Returns
+    -------
+    Refit
+        The same one where there is no such lag or no hop lowers the cost.
+    """
     problem, composition = found.problem, found.composition
     if not hopped(composition):
         return found
@@ -151,7 +201,25 @@ def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -
 def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
             iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, worth: float = 1.0
             ) -> Refit:
-    """Minimise the squared error by derivatives: where `descent` is after so many iterations."""
+    """Minimise the squared error by derivatives: where `descent` is after so many iterations.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    composition : Composition
+    start : (P,) array
+    fold : {None, 0, 1}
+    iterations : int
+        At most; 0 for the errors at the start.
+    near : Refit, optional
+    rough : bool
+    worth : float
+        As these of `descent`.
+
+    Returns
+    -------
+    Refit
+    """
     *_, found = islice(descent(problem, composition, start, fold, near, rough, worth), iterations + 1)
     return found
 
@@ -321,6 +389,16 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
 
     (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b the block sums of J e: right for errors whose size follows the force or
     which are coloured, if the blocks are longer than the memory. Not below σ²(JᵀJ)⁻¹.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+
+    Returns
+    -------
+    (P, P) array
+        In the units of the parameters, squared; NaN also for a parameter that changes nothing.
     """
     size = fit.vector.size
     free = np.flatnonzero(~fit.at_bounds() & (np.linalg.norm(fit.jacobian, axis=0) > 0))

@@ -30,6 +30,11 @@ Factory = Callable[[Sequence[Record], Any], Baseline]
 def factories() -> dict[str, Factory]:
     """Every installed baseline by name.
 
+    Returns
+    -------
+    dict of str to Factory
+        Empty where none is installed.
+
     Raises
     ------
     InputError
@@ -49,7 +54,18 @@ def factories() -> dict[str, Factory]:
 
 
 def catalogues() -> dict[str, tuple[Effect, ...]]:
-    """Every installed catalogue of effects by the name of its entry point."""
+    """Every installed catalogue of effects by the name of its entry point.
+
+    Returns
+    -------
+    dict of str to tuple of Effect
+        Those of entry points of one name together; empty where none is installed.
+
+    Raises
+    ------
+    InputError
+        An entry point that does not load, or is no tuple of effects.
+    """
     found: dict[str, tuple[Effect, ...]] = {}
     for name, value in loaded(EFFECTS):
         listed = tuple(value) if isinstance(value, (tuple, list)) else ()
@@ -62,6 +78,15 @@ def catalogues() -> dict[str, tuple[Effect, ...]]:
 
 def catalogue(wanted: Sequence[str] | None = None) -> tuple[Effect, ...]:
     """Effects of the catalogues of these names, all installed ones where none is named.
+
+    Parameters
+    ----------
+    wanted : sequence of str, optional
+        Names of entry points; a repeated one counts once.
+
+    Returns
+    -------
+    tuple of Effect
 
     Raises
     ------
@@ -79,13 +104,41 @@ def catalogue(wanted: Sequence[str] | None = None) -> tuple[Effect, ...]:
 
 
 def named_baseline(name: str, records: Sequence[Record], parameters: Any = None) -> Baseline:
-    """The baseline of a name, in the form that these records allow."""
+    """The baseline of a name, in the form that these records allow.
+
+    Parameters
+    ----------
+    name : str
+    records : sequence of Record
+        Prepared.
+    parameters : path, object or mapping, optional
+        As the factory takes them: a file, a loaded model, a baseline's `to_dict`.
+
+    Returns
+    -------
+    Baseline
+    """
     known = factories()
     return known[_checks.known_name(name, list(known), "baseline", "give a saved model file")](records, parameters)
 
 
 def named_effects(names: Sequence[str]) -> list[Effect]:
-    """Installed effects by name, for a file that holds only their names."""
+    """Installed effects by name, for a file that holds only their names.
+
+    Parameters
+    ----------
+    names : sequence of str
+
+    Returns
+    -------
+    list of Effect
+        In the order of the names; of several catalogues with one name the first counts.
+
+    Raises
+    ------
+    InputError
+        A name that no installed catalogue has.
+    """
     known: dict[str, Effect] = {}
     for effects in catalogues().values():
         known |= {e.name: e for e in effects if e.name not in known}
@@ -121,7 +174,23 @@ def stored_baseline(data: Mapping) -> Baseline:
 
 
 def loaded(group: str) -> list[tuple[str, Any]]:
-    """What the entry points of a group give, by name."""
+    """What the entry points of a group give, by name.
+
+    Parameters
+    ----------
+    group : str
+        Of entry points.
+
+    Returns
+    -------
+    list of (str, object)
+        Names with what was loaded, sorted by name.
+
+    Raises
+    ------
+    InputError
+        An entry point that does not load.
+    """
     from importlib.metadata import entry_points
 
     found = []

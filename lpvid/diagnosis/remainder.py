@@ -37,6 +37,11 @@ def predictable_share(
         Per record.
     channels : sequence of str
         Inputs.
+
+    Returns
+    -------
+    share, deviation : float
+        Both 0 where there is no error.
     """
     features = problem.stack(_features(problem.signals, channels))
     target = problem.stack(errors)
@@ -84,6 +89,16 @@ def knots_of(values: np.ndarray) -> np.ndarray:
 
     Laid once by the one and once by the other they would coincide where values lie evenly, as the positions of a
     triangle do, and half of them would be of no use.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Of one input.
+
+    Returns
+    -------
+    (m,) array
+        Increasing, at most `KNOTS`, in the unit of the values; one where they are constant.
     """
     ordered = np.sort(values)
     span = ordered[-1] - ordered[0]
@@ -94,7 +109,19 @@ def knots_of(values: np.ndarray) -> np.ndarray:
 
 
 def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """(n, knots) piecewise linear functions, one at its knot and zero at the others."""
+    """(n, knots) piecewise linear functions, one at its knot and zero at the others.
+
+    Parameters
+    ----------
+    x : (n,) array
+    knots : (m,) array
+        Increasing, in the unit of x; beyond the outer ones the outer functions stay 1.
+
+    Returns
+    -------
+    (n, m) array
+        (n, 0) for fewer than two knots.
+    """
     if knots.size < 2:
         return np.zeros((x.size, 0))
     return np.column_stack([np.interp(x, knots, row) for row in np.eye(knots.size)])

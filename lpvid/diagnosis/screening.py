@@ -114,7 +114,23 @@ class Move:
 def move(
     problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray, now: Sequence[np.ndarray] | None = None
 ) -> Move | None:
-    """One candidate at given values; None where it does not simulate. `now` is the simulation of the fit, if known."""
+    """One candidate at given values; None where it does not simulate. `now` is the simulation of the fit, if known.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+        Without the effect.
+    effect : Effect
+    values : (k,) array
+        Its parameters.
+    now : sequence of (n,) arrays, optional
+        One for each record, in the output's unit.
+
+    Returns
+    -------
+    Move or None
+    """
     now = [fit.composition.predict(s, fit.vector) for s in problem.signals] if now is None else now
     return _move(problem, fit, now, effect, values)
 
@@ -134,7 +150,22 @@ def _move(
 
 def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move], basis: np.ndarray | None = None
                ) -> list[Direction]:
-    """Moves with the sensitivities of the fitted composition projected out; `basis` is theirs, where it is known."""
+    """Moves with the sensitivities of the fitted composition projected out; `basis` is theirs, where it is known.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+        Whose errors they are compared with.
+    moved : sequence of Move
+    basis : (N, r) array, optional
+        Orthonormal.
+
+    Returns
+    -------
+    list of Direction
+        One for each move, in their order.
+    """
     if not moved:
         return []
     basis = projector(fit.yielding) if basis is None else basis
@@ -151,7 +182,21 @@ def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move], bas
 
 
 def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -> np.ndarray:
-    """(P,) start of a larger composition: a fit's parameters where it has them, `given` for the new effects."""
+    """(P,) start of a larger composition: a fit's parameters where it has them, `given` for the new effects.
+
+    Parameters
+    ----------
+    composition : Composition
+    fit : Refit
+        Beside the same baseline.
+    given : dict of str to (k,) array
+        Parameters by the name of the effect; they come before the fit's.
+
+    Returns
+    -------
+    (P,) array
+        Neutral for an effect that neither has.
+    """
     own = {e.name: fit.vector[p] for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     vector = composition.neutral
     size = composition.baseline.vector.size
@@ -179,6 +224,11 @@ def screen(
         What the directions were taken around.
     found : sequence of Direction
     rng : Generator
+
+    Returns
+    -------
+    list of Evidence
+        One for each effect that has a direction.
     """
     residual = without(projector(fit.yielding), fit.errors)
     variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), 1e-300)

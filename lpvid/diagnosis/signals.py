@@ -20,8 +20,6 @@ LONG, FEWEST = 65_536, 2
 """samples of signals from which on they keep fewer of all that, so that ten minutes hold no more than two; what the
 derivative at a point and the run beside it share stays
 """
-STEPPED = 0.3
-"""ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,23 +116,62 @@ class Signals:
         return np.arange(self.n_samples, dtype=float) if self.at is None else self.at
 
     def of_record(self, values: np.ndarray) -> np.ndarray:
-        """(n,) what is known along the record, (samples of it,), at these samples."""
+        """(n,) what is known along the record, (samples of it,), at these samples.
+
+        Parameters
+        ----------
+        values : (samples of the record,) array
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the values, straight between samples.
+        """
         return values if self.at is None else np.interp(self.at, np.arange(values.size), values)
 
     def refined(self, values: np.ndarray) -> np.ndarray:
-        """(n,) values along `coarse`, straight in between."""
+        """(n,) values along `coarse`, straight in between.
+
+        Parameters
+        ----------
+        values : (samples of `coarse`,) array
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the values.
+        """
         n = values.size
         return np.interp(np.arange(self.n_samples) * (n / self.n_samples), np.arange(n), values)
 
     def has(self, role: str) -> bool:
-        """Whether a channel is there."""
+        """Whether a channel is there.
+
+        Parameters
+        ----------
+        role : str
+
+        Returns
+        -------
+        bool
+        """
         return role in self.channels
 
     def __getitem__(self, role: str) -> np.ndarray:
         return self.channels[role]
 
     def replace(self, **channels: np.ndarray) -> Signals:
-        """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
+        """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`.
+
+        Parameters
+        ----------
+        **channels : (n,) arrays
+            By role, in SI.
+
+        Returns
+        -------
+        Signals
+        """
         facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
                        record=self.record, at=self.at, finer=self.finer, peers=self.peers,
@@ -163,13 +200,38 @@ class Signals:
         return self.repeats or (self, 1)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
-        """What `make` returns, computed once for these signals."""
+        """What `make` returns, computed once for these signals.
+
+        Parameters
+        ----------
+        key : hashable
+        make : callable
+            Without arguments.
+
+        Returns
+        -------
+        object
+        """
         if key not in self.cache:
             self.cache[key] = make()
         return self.cache[key]
 
     def remembered(self, kind: str, key: Hashable, make: Callable[[], Any], most: int = REPLACED) -> Any:
-        """What `make` returns for a key, of which the last few of one kind are kept; fewer where they are long."""
+        """What `make` returns for a key, of which the last few of one kind are kept; fewer where they are long.
+
+        Parameters
+        ----------
+        kind : str
+        key : hashable
+        make : callable
+            Without arguments; called where nothing is kept under the key.
+        most : int
+            Values kept along few samples (`most_kept`).
+
+        Returns
+        -------
+        object
+        """
         most = most_kept(most, self.n_samples)
         kept: OrderedDict = self.cached(kind, OrderedDict)
         found = kept.pop(key, None)  # each step by itself is safe where several threads share the signals
@@ -182,12 +244,33 @@ class Signals:
         return found
 
     def as_recorded(self, role: str) -> tuple[Signals, ...]:
-        """All records of the diagnosis if this channel is that of one of them; else these signals alone."""
+        """All records of the diagnosis if this channel is that of one of them; else these signals alone.
+
+        Parameters
+        ----------
+        role : str
+
+        Returns
+        -------
+        tuple of Signals
+        """
         mine = self.channels[role]
         return self.peers if any(p.channels.get(role) is mine for p in self.peers) else (self,)
 
     def fact(self, role: str, key: object, make: Callable[[np.ndarray], Any]) -> Any:
-        """What `make` finds about one channel, computed once for all signals that share it by `replace`."""
+        """What `make` finds about one channel, computed once for all signals that share it by `replace`.
+
+        Parameters
+        ----------
+        role : str
+        key : hashable
+        make : callable
+            From the channel, an (n,) array.
+
+        Returns
+        -------
+        object
+        """
         if (role, key) not in self.facts:
             self.facts[role, key] = make(self.channels[role])
         return self.facts[role, key]
@@ -214,6 +297,17 @@ class Signals:
         """(n,) what `make` finds along one channel of the record, at these samples; kept for all of these.
 
         All of them have their places in the record, so that nothing is interpolated twice.
+
+        Parameters
+        ----------
+        role : str
+        key : str
+        make : callable
+            From the channel of the whole record to an array of its size.
+
+        Returns
+        -------
+        (n,) array
         """
         record = self if self.record is None else self.record
         found = record.fact(role, key, make)
@@ -246,25 +340,24 @@ def most_kept(most: int, n_samples: int) -> int:
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
-    """The same signals, each with the others and its place among them, one after the other without pauses."""
+    """The same signals, each with the others and its place among them, one after the other without pauses.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        One for each record, in the order of time.
+
+    Returns
+    -------
+    tuple of Signals
+        With `span` and `peers`.
+    """
     ends = [0.0]
     for s in signals:
         ends.append(ends[-1] + s.n_samples * s.sample_time)
     total = ends[-1] or 1.0
     return tuple(replace(s, span=(a / total, b / total), peers=tuple(signals))
                  for s, a, b in zip(signals, ends[:-1], ends[1:], strict=True))
-
-
-def jumps(values: np.ndarray) -> bool:
-    """Whether a channel mostly stays where it is, noise of its sensor aside, and sometimes jumps.
-
-    Examples
-    --------
-    >>> jumps(np.repeat([0.0, 2.0, 1.0], 10)), jumps(np.sin(np.linspace(0, 9, 200))), jumps(np.ones(9))
-    (True, False, False)
-    """
-    increments = np.abs(np.diff(values))
-    return bool(increments.size) and float(np.median(increments)) < STEPPED * float(np.sqrt(np.mean(increments**2)))
 
 
 Core = Callable[[Signals], np.ndarray]
@@ -280,7 +373,17 @@ class Linearised(ABC):
 
     @abstractmethod
     def near(self, others: Sequence[Core]) -> list[Core]:
-        """Simulations of its own kind that differ little from it, to first order in what differs."""
+        """Simulations of its own kind that differ little from it, to first order in what differs.
+
+        Parameters
+        ----------
+        others : sequence of Core
+
+        Returns
+        -------
+        list of Core
+            One for each, from signals to the (n,) output.
+        """
 
 
 @dataclass(frozen=True, eq=False)

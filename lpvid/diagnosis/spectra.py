@@ -6,22 +6,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lpvid.diagnosis.continuation import Continued
-from lpvid.diagnosis.signals import Signals, jumps
+from lpvid.condition.band_limited import in_band, jumps, share_of_motion
+from lpvid.condition.continuation import Continued
+from lpvid.condition.interference import (
+    ABOVE,
+    FEWEST,
+    SHORT,
+    interference,
+    power_of,
+    stretch_samples,
+    top_of,
+)
+from lpvid.diagnosis.signals import Signals
 
-QUIET = 0.3
-"""share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
-SHORT = 100
-"""samples below which nothing is undone"""
-BAND = 1.5
-"""times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
-MANY, MEANT = 4, 0.05
-"""stretches from which on the end of the band is found; share of a channel's variance that is no sensor's noise"""
 LASTING = 50.0
 """times its time constant that a low-pass remembers what has been"""
-STRETCH, ABOVE = 1.0, 2.0
-"""length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
-stand above it"""
 RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
 """channels that may have been derived from another one"""
 COHERENT, FLAT = 0.5, 1.5
@@ -36,6 +35,20 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     N the sensor's noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is
     the level at the top of the spectrum. Beyond its ends it goes on as it can be predicted (`ahead`). On a clock
     `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
+
+    Parameters
+    ----------
+    s : Signals
+    channel : str
+        Role.
+    factors : tuple of float
+        c_k [s^k].
+    finer : int
+
+    Returns
+    -------
+    (n finer,) array
+        In the unit of the channel; of fewer than `SHORT` samples each is repeated.
     """
     return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
                                                                      for k, c in enumerate(factors)), finer)
@@ -44,37 +57,61 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
 def derivative(s: Signals, channel: str) -> np.ndarray:
     """(n,) rate of change of a channel without the noise of its sensor beyond the band in which it moves.
 
-    In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
-    frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
-    which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
-    Where that would take away what was meant to excite, all of the band does. One that jumps, or of so few stretches
-    that chance makes noise stand out, by central differences.
+    As `lpvid.condition.band_limited.in_band` has it. One that jumps, or of few samples, by central differences.
+
+    Parameters
+    ----------
+    s : Signals
+    channel : str
+        Role.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the channel over a second.
     """
     values = s[channel]
     if not has_band(s, channel):
         return np.gradient(values, s.sample_time)
-
-    def inside(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
-        place = omega / omega[share > 0.5].max() / BAND - 1  # 0 at the end of the band, 1 at twice that
-        return np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
-
-    if is_meant(values - _weighed(s, channel, inside), values):
-        return _weighed(s, channel, lambda omega, share: 1j * omega)
-    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share))
+    alien = s.fact(channel, "interference", lambda x: interference(x, s.output, s.sample_time, s.finer)
+                   if channel == "displacement" else np.zeros(2, dtype=bool))
+    return in_band(values, *_known(s, channel), np.linspace(0.0, np.pi / s.sample_time, alien.size), alien)
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be found: one that does not jump, over stretches enough."""
-    return s[channel].size * s.sample_time >= MANY * STRETCH and not jumps(s[channel])
+    """Whether the band in which a channel moves can be found: one that does not jump, of samples enough.
 
+    Parameters
+    ----------
+    s : Signals
+    channel : str
+        Role.
 
-def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
-    """Whether what would be taken away as noise, (n,), is so much that it was rather meant to excite: a white input."""
-    return not np.mean(taken**2) < MEANT * np.var(values)
+    Returns
+    -------
+    bool
+    """
+    return s[channel].size >= FEWEST * SHORT and not jumps(s[channel])
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
-    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection."""
+    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection.
+
+    Parameters
+    ----------
+    x : (n,) array
+    sample_time : float
+        [s].
+    t : float
+        T [s].
+    zeta : float
+        Damping ratio ζ.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of x.
+    """
     signal = Continued.reflected(x, sample_time, LASTING * t)
     s = 1j * signal.omega
     return signal.back(signal.spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2))
@@ -103,7 +140,7 @@ def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
             return share if before.omega.size == signal.omega.size else \
                 np.interp(signal.omega, before.omega, share, right=0.0)
         source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
-        return _share(signal.omega, x, s) if source is None else _known(s, source)[1]
+        return share_of_motion(signal.omega, x, s.sample_time, s.finer) if source is None else _known(s, source)[1]
 
     return signal, s.fact(channel, "share", find)
 
@@ -114,6 +151,18 @@ def weighed_alike(s: Signals, like: Signals) -> Signals:
     For those that were made of others, maybe on a faster clock: a channel that was read later, or before a filter, has
     its noise where it had it, and one whose noise was taken away seems to move at every frequency, so that a filter
     would be undone where there is nothing.
+
+    Parameters
+    ----------
+    s : Signals
+        Changed in place: each channel notes where it comes from.
+    like : Signals
+        Those that they were made of; a channel that is the very same array is left out.
+
+    Returns
+    -------
+    Signals
+        `s` itself.
     """
     for channel, values in s.channels.items():
         if values is not like.channels.get(channel):
@@ -140,32 +189,10 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
     for channel in dict.fromkeys([r for sources in RATES.values() for r in sources] + list(RATES)):
         if s.has(channel) and s[channel].size >= SHORT:
             source = next((r for r in RATES.get(channel, ()) if r in added and _derived(s, channel, r)), None)
-            level = _power(s[channel], s, STRETCH)[2]
+            level = power_of(s[channel], s.sample_time, s.finer)[2]
             added[channel] = np.gradient(added[source], s.sample_time) if source else \
                 np.sqrt(level / (2 * s.sample_time * s.finer)) * rng.standard_normal(s.n_samples)
     return weighed_alike(s.replace(**{c: s[c] + n for c, n in added.items()}), s)
-
-
-def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
-    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
-    at, power, noise = _power(x, s, STRETCH)
-    share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
-    share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
-    return np.where(omega <= omega[-1] / s.finer, share, 0.0)
-
-
-def _power(x: np.ndarray, s: Signals, stretch: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Frequencies [Hz] and power of a channel, averaged over stretches [s], and the level at the top of its band."""
-    from scipy.signal import welch
-
-    at, power = welch(x, 1 / s.sample_time, nperseg=min(x.size, max(round(stretch / s.sample_time), 2)))
-    return at, power, float(np.median(_top(at, power, s)))
-
-
-def _top(at: np.ndarray, power: np.ndarray, s: Signals) -> np.ndarray:
-    """Power at the top of the band that was recorded."""
-    recorded = power[at <= at[-1] / s.finer]
-    return recorded[-round(QUIET * recorded.size):]
 
 
 def _derived(s: Signals, channel: str, source: str) -> bool:
@@ -179,12 +206,11 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
 
     if s[source].size < SHORT:
         return False
-    stretch = min(STRETCH, s[source].size * s.sample_time / MANY)
-    at, power, noise = _power(s[source], s, stretch)
-    lower, upper = (float(np.median(half)) for half in np.array_split(_top(at, power, s), 2))
+    at, power, noise = power_of(s[source], s.sample_time, s.finer)
+    lower, upper = (float(np.median(half)) for half in np.array_split(top_of(at, power, s.finer), 2))
     if not 0 < max(lower, upper) < FLAT * min(lower, upper):
         return False
-    size = max(round(stretch / s.sample_time), 2)
+    size = stretch_samples(s[source].size, s.sample_time)
     common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]
     weight = welch(s[channel], 1 / s.sample_time, nperseg=size)[1] * (power < ABOVE * noise) * (at <= at[-1] / s.finer)
     return float(common @ weight) > COHERENT * float(weight.sum()) > 0

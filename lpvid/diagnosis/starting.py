@@ -18,6 +18,17 @@ def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
 
     The one that takes away most as it stands comes first, for an effect far from small; then those that would take away
     most by proportion, a smooth one's strength scaled down to that proportion.
+
+    Parameters
+    ----------
+    effect : Effect
+    found : sequence of Direction
+        Of any effects; those of this one that are visible count.
+
+    Returns
+    -------
+    list of (k,) arrays
+        At most `STARTS`; the first values of the grid where nothing is visible.
     """
     mine = sorted((d for d in found if d.effect.name == effect.name and d.visible),
                   key=lambda d: d.gain, reverse=True)
@@ -34,7 +45,17 @@ def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
 
 
 def scaled(d: Direction) -> np.ndarray:
-    """Parameters of a direction with its strengths in proportion to what is left; as they stand where that is more."""
+    """Parameters of a direction with its strengths in proportion to what is left; as they stand where that is more.
+
+    Parameters
+    ----------
+    d : Direction
+
+    Returns
+    -------
+    (k,) array
+        In the units of the effect's parameters.
+    """
     if not d.effect.smooth or not 0 < d.share < 1:
         return d.values
     values, neutral, k = d.values.copy(), d.effect.neutral, d.effect.strengths

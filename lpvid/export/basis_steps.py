@@ -29,6 +29,11 @@ def basis_values(b: StepBuilder, basis: Basis, past: History) -> list[Expr]:
     past : mapping of str to callable
         past[name](i) is p(k − i).
 
+    Returns
+    -------
+    list of Expr
+        φ_1 … φ_M at this sample, in the basis's own order; declared as locals where they are computed.
+
     Raises
     ------
     InputError
@@ -122,6 +127,23 @@ _ZERO = Symbol("local", "zero")
 def staged(b: StepBuilder, stage: InputStage | None, u: Sequence[Expr], p: Sequence[Expr]) -> list[Expr]:
     """Filter inputs from measured inputs and (filtered) scheduling.
 
+    Parameters
+    ----------
+    b : StepBuilder
+        Program that the statements and the stage's parameters are added to.
+    stage : InputStage or None
+        None: the inputs pass unchanged.
+    u : sequence of Expr
+        Measured inputs at this sample, in the SI unit of each channel.
+    p : sequence of Expr
+        Scheduling behind its filter; empty for a model without scheduling, which drops the stage's slopes.
+
+    Returns
+    -------
+    list of Expr
+        Filter inputs: of a tanh stage the inputs and one shaped channel behind them, of a three-zone stage the inputs
+        with its channel shaped in place.
+
     Raises
     ------
     InputError
@@ -165,6 +187,24 @@ def filtered(b: StepBuilder, stage: SchedulingStage | None, names: Sequence[str]
              first: Expr) -> list[Expr]:
     """Filtered scheduling of this sample; the filter starts settled where the condition `first` holds.
 
+    Parameters
+    ----------
+    b : StepBuilder
+        Program that the statements and the filter's states and parameters are added to.
+    stage : SchedulingStage or None
+        None: the scheduling passes unchanged.
+    names : sequence of str
+        Scheduling variables, in the order of `p`.
+    p : sequence of Expr
+        Scheduling at this sample, in the unit of each variable.
+    first : Expr
+        Condition that holds at the first sample alone.
+
+    Returns
+    -------
+    list of Expr
+        As `p`, with the filter's variable replaced by its lagged value.
+
     Raises
     ------
     InputError
@@ -206,7 +246,17 @@ def _delayed(b: StepBuilder, name: str, p: Expr, samples: float, first: Expr) ->
 
 
 def push(b: StepBuilder, log: Array, value: Expr) -> None:
-    """A value at the head of a log; the oldest falls out."""
+    """A value at the head of a log; the oldest falls out.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Program that the statements are added to.
+    log : Array
+        (depth,) states, the newest first.
+    value : Expr
+        Newest value, in the unit of the log.
+    """
     if log.shape[0] > 1:
         with b.loop("place", log.shape[0], 1, down=True) as i:
             b.set(log[i], log[i - 1])

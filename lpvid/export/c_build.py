@@ -41,13 +41,30 @@ class SelfTest:
 
 
 def find_compiler() -> str | None:
-    """The path of a C compiler: the environment's CC, else cc, gcc or clang; None where there is none."""
+    """The path of a C compiler: the environment's CC, else cc, gcc or clang; None where there is none.
+
+    Returns
+    -------
+    str or None
+        Path of the first of these on the PATH; of CC its first word alone, without options.
+    """
     wanted = os.environ.get("CC", "").split()[:1]
     return next((path for name in (*wanted, *COMPILERS) if (path := shutil.which(name)) is not None), None)
 
 
 def compile_c(sources: Sequence[Path], target: Path, extra: Sequence[str] = (), compiler: str | None = None) -> None:
     """Compile and link C files.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        C files; headers are looked for beside them.
+    target : Path
+        Program or library to write.
+    extra : sequence of str
+        Further options of the compiler, behind `lpvid.export.c_source.FLAGS`.
+    compiler : str, optional
+        Path of a compiler; left out, that of `find_compiler`.
 
     Raises
     ------
@@ -75,6 +92,11 @@ def run_self_test(files: Mapping[str, str], extra: Sequence[str] = (), compiler:
         Further options of the compiler, ``-fsanitize=address,undefined`` for instance.
     compiler : str, optional
 
+    Returns
+    -------
+    SelfTest
+        What the test printed; `passed` is False where the error exceeds the limit.
+
     Raises
     ------
     InputError
@@ -99,7 +121,25 @@ def run_self_test(files: Mapping[str, str], extra: Sequence[str] = (), compiler:
 
 
 def run_tool(command: Sequence[str], folder: str | None = None) -> subprocess.CompletedProcess[str]:
-    """A program of the system, its output caught; InputError where it does not run or does not end."""
+    """A program of the system, its output caught; InputError where it does not run or does not end.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and its arguments; no shell is involved.
+    folder : str, optional
+        Working folder; left out, the present one.
+
+    Returns
+    -------
+    subprocess.CompletedProcess
+        With `stdout` and `stderr` as text; a return code other than 0 is left to the caller.
+
+    Raises
+    ------
+    InputError
+        A program that cannot be started, or that runs for more than `PATIENCE` seconds.
+    """
     try:
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

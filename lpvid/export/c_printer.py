@@ -80,6 +80,18 @@ class CPrinter(Printer):
 def c_number(value: float, single: bool = False) -> str:
     """A constant that C reads back bit for bit.
 
+    Parameters
+    ----------
+    value : float
+        Finite number.
+    single : bool
+        Whether the constant is of type float, with the suffix f.
+
+    Returns
+    -------
+    str
+        The shortest digits that give the same number of that precision.
+
     Examples
     --------
     >>> c_number(0.1), c_number(1.0), c_number(0.5, single=True), c_number(1e300)
@@ -92,7 +104,22 @@ def c_number(value: float, single: bool = False) -> str:
 
 
 def initializer(value: np.ndarray, single: bool, depth: int = 1) -> str:
-    """An array as a brace-enclosed list."""
+    """An array as a brace-enclosed list.
+
+    Parameters
+    ----------
+    value : array
+        Of any number of axes; a scalar gives a bare constant.
+    single : bool
+        Whether entries are rounded to float first.
+    depth : int
+        Levels of indentation of the lines that follow the first.
+
+    Returns
+    -------
+    str
+        With an inner brace for every row; a long row is broken over lines.
+    """
     if value.ndim == 0:
         v = float(np.float32(value)) if single else float(value)
         return c_number(v, single)

@@ -70,6 +70,11 @@ class Exportable:
         -------
         (n, inputs) array
         (n, outputs) array
+
+        Raises
+        ------
+        InputError
+            A simulation that is not finite.
         """
         u = self.excite(samples, np.random.default_rng(seed))
         u = u.astype(np.float32).astype(float) if single else u
@@ -85,6 +90,16 @@ class Exportable:
         """How far rounding of the inputs to single precision moves the simulation, relative to the largest output.
 
         No arithmetic in single precision can be expected to do better: it is the condition of the task times 6e-8.
+
+        Parameters
+        ----------
+        samples : int
+            Length of the random trajectory; its sample time is that of the program.
+
+        Returns
+        -------
+        float
+            Largest over the outputs; 0 where there are none.
         """
         u, y = self.trial(samples, single=True)
         signs = np.random.default_rng(1).choice([-1.0, 1.0], u.shape)
@@ -113,7 +128,22 @@ class Exporter:
 
 
 def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: float = 0.7) -> np.ndarray:
-    """(n, columns) low-passed noise within ±1: a random trajectory that visits the whole range."""
+    """(n, columns) low-passed noise within ±1: a random trajectory that visits the whole range.
+
+    Parameters
+    ----------
+    samples, columns : int
+        Length and number of the trajectories.
+    rng : numpy.random.Generator
+        Source of the white noise.
+    memory : float
+        Pole of the first-order low pass in z, in [0, 1).
+
+    Returns
+    -------
+    (samples, columns) array
+        Every column scaled so that its largest magnitude is 1.
+    """
     raw = rng.standard_normal((samples + 50, columns))
     out = np.zeros_like(raw)
     for k in range(1, len(raw)):
@@ -123,6 +153,21 @@ def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: f
 
 
 def within(samples: int, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(n, k) random trajectories that fill [low, high]."""
+    """(n, k) random trajectories that fill [low, high].
+
+    Parameters
+    ----------
+    samples : int
+        Length of the trajectories.
+    low, high : (k,) arrays
+        Ends of each range, in the unit of the channel.
+    rng : numpy.random.Generator
+        Source of the noise.
+
+    Returns
+    -------
+    (samples, k) array
+        Each trajectory touches one end of its range at least.
+    """
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     return 0.5 * (low + high) + 0.5 * (high - low) * smooth_noise(samples, low.size, rng)

@@ -119,14 +119,14 @@ def to_control(model: Any, at: Sequence[float] | np.ndarray | None = None, *, cl
     """
     if at is None:
         return control_system(model, clamp=clamp, sample_time=sample_time)[0]
-    frozen = frozen_at(model)
+    frozen = _frozen_at(model)
     if frozen is None:
         raise InputError(f"a {type(model).__name__} has no frozen linear system", got=f"at={np.ravel(at).tolist()}",
                          mend="leave at= out for the whole of it, or linearise that with control.linearize")
     return frozen(at)
 
 
-def frozen_at(model: Any) -> Callable[[Any], control.StateSpace] | None:
+def _frozen_at(model: Any) -> Callable[[Any], control.StateSpace] | None:
     """What freezes a model, or the controller of a synthesis; None for a damper and the like."""
     linear = getattr(model, "controller", model)
     return linear.to_control if isinstance(linear, LPVTransferFunction | LPVStateSpace | LFTModel) else None
@@ -152,7 +152,25 @@ def export_control(model: Any, folder: str | os.PathLike, *, name: str = "", cla
 
 
 def control_content(found: Exportable, precision: str = "double") -> Content:
-    """The Python file of a step program, run by python-control against the simulation."""
+    """The Python file of a step program, run by python-control against the simulation.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        One file, ``NAME_control.py``; passed where the relative error is at most `TOLERANCE`.
+
+    Raises
+    ------
+    InputError
+        Another precision.
+    """
     if precision != "double":
         raise InputError("python-control computes in double precision", got=precision, mend="leave --precision out")
     import control
@@ -170,7 +188,7 @@ def control_content(found: Exportable, precision: str = "double") -> Content:
              f"{error:.2g}")
     return Content(
         "control",
-        {f"{program.name}_control.py": control_source(program).encode()},
+        {f"{program.name}_control.py": _control_source(program).encode()},
         program.description,
         (check,),
         program.notes,
@@ -178,7 +196,7 @@ def control_content(found: Exportable, precision: str = "double") -> Content:
     )
 
 
-def control_source(program: StepProgram) -> str:
+def _control_source(program: StepProgram) -> str:
     """The text of the file."""
     def labels(quantities: tuple[Quantity, ...]) -> list[str]:
         return distinct([q.label or q.name for q in quantities])
@@ -202,5 +220,5 @@ def control_source(program: StepProgram) -> str:
 
 def _scope(program: StepProgram) -> dict[str, Any]:
     scope: dict[str, Any] = {}
-    exec(compile(control_source(program), f"<{program.name}_control.py>", "exec"), scope)  # text made above
+    exec(compile(_control_source(program), f"<{program.name}_control.py>", "exec"), scope)  # text made above
     return scope

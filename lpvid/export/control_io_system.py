@@ -139,11 +139,34 @@ def _memory(model: LPVStateSpace) -> _Memory:
 
 
 def labels(signals: Sequence[Signal]) -> list[str]:
-    """Names as python-control takes them: no dots, no two alike."""
+    """Names as python-control takes them: no dots, no two alike.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Channels of a model.
+
+    Returns
+    -------
+    list of str
+        In the same order, made distinct as by `distinct`.
+    """
     return distinct([s.name for s in signals])
 
 
 def distinct(names: Sequence[str]) -> list[str]:
+    """Names with dots replaced by underscores and a number behind those that occurred before.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As in the model; an empty one becomes "_".
+
+    Returns
+    -------
+    list of str
+        In the same order, no two alike.
+    """
     out: list[str] = []
     for name in (n.replace(".", "_") or "_" for n in names):
         out.append(next(c for c in (name, *(f"{name}_{i}" for i in itertools.count(2))) if c not in out)

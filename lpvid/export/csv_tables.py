@@ -37,7 +37,20 @@ def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: 
 
 
 def csv_content(found: Exportable, precision: str = "double") -> Content:
-    """The tables of a step program."""
+    """The tables of a step program.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : str
+        Has no effect: a table holds every digit.
+
+    Returns
+    -------
+    Content
+        Parameters, trajectory and, of an LPV model, frozen matrices; always passed, since nothing is run.
+    """
     program = found.program
     rows = [(q.name, " ".join(str(i + 1) for i in place), float(q.start[place]), q.unit, q.description)
             for q in program.parameters for place in np.ndindex(q.shape)]

@@ -24,6 +24,11 @@ ENTRY_POINTS = "lpvid.exports"
 def exporters() -> Sequence[Exporter]:
     """lpvid's own exporter, then those that installed packages name in the entry-point group ``lpvid.exports``.
 
+    Returns
+    -------
+    sequence of Exporter
+        The first that accepts a noun exports it; those of packages are sorted by name.
+
     Raises
     ------
     InputError
@@ -54,6 +59,11 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
         What `lpvid.load` returns, or an `Exportable` as it is.
     options : Options, optional
 
+    Returns
+    -------
+    Exportable
+        With the inputs of `Options.at` held.
+
     Raises
     ------
     InputError
@@ -73,6 +83,16 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
 def has_step(noun: Any) -> bool:
     """Whether a model, damper or controller can be exported as it is.
 
+    Parameters
+    ----------
+    noun : object
+        What may be exported.
+
+    Returns
+    -------
+    bool
+        False for what needs an option, as a continuous model needs a sample time.
+
     Examples
     --------
     >>> has_step("a text")
@@ -86,7 +106,20 @@ def has_step(noun: Any) -> bool:
 
 
 def flow_of(noun: Any, options: Options | None = None) -> Any:
-    """A continuous model as a `lpvid.export.flow.Flow`; None for what is sampled."""
+    """A continuous model as a `lpvid.export.flow.Flow`; None for what is sampled.
+
+    Parameters
+    ----------
+    noun : object
+        What `lpvid.load` returns; of an `Exportable` there is no flow.
+    options : Options, optional
+        A sample time in it requests a sampled model, and thus no flow.
+
+    Returns
+    -------
+    Flow or None
+        By the first exporter that accepts the noun.
+    """
     for exporter in () if isinstance(noun, Exportable) else exporters():
         if exporter.accepts(noun):
             return exporter.flow(noun, options or Options())
@@ -149,7 +182,20 @@ def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
 
 
 def rewritten(node: Any, change: Callable[[Symbol], Symbol]) -> Any:
-    """Statements and expressions with every scalar replaced by what `change` makes of it."""
+    """Statements and expressions with every scalar replaced by what `change` makes of it.
+
+    Parameters
+    ----------
+    node : object
+        A statement, an expression, or a tuple or list of these; anything else comes back as it is.
+    change : callable
+        Symbol to symbol.
+
+    Returns
+    -------
+    object
+        A copy of the same classes; arrays keep their homes.
+    """
     if isinstance(node, Symbol):
         return change(node)
     if isinstance(node, (tuple, list)):

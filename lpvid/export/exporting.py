@@ -125,7 +125,20 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
 
 
 def c_content(found: Exportable, precision: str = "double") -> Content:
-    """The C files of a step program, compiled and tested where there is a compiler."""
+    """The C files of a step program, compiled and tested where there is a compiler.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : {"double", "float"}
+        Arithmetic of the step.
+
+    Returns
+    -------
+    Content
+        Header, source and self-test; passed where the self-test passes, or where there is no compiler.
+    """
     from lpvid.export.c_build import find_compiler, run_self_test
     from lpvid.export.c_source import c_files
 
@@ -164,6 +177,23 @@ FLOW_FORMS: Mapping[str, tuple[str, str]] = {
 def content(model: Any, form: str, options: Options | None = None, precision: str = "double") -> Content:
     """What an export in one of `FORMS` would write, with its checks, in memory.
 
+    Parameters
+    ----------
+    model : object
+        As for `export_c`.
+    form : str
+        A key of `FORMS`.
+    options : Options, optional
+        Left out, those of `Options()`.
+    precision : {"double", "float"}
+        Arithmetic; C has both, tables have no use for it, other forms refuse "float".
+
+    Returns
+    -------
+    Content
+        Of "fmu2", "fmu3" and "modelica" a continuous one, where the model is continuous and no sample time is
+        requested.
+
     Raises
     ------
     InputError
@@ -184,7 +214,25 @@ def _writer(place: tuple[str, str]) -> Callable[[Any, str], Content]:
 
 
 def written(made: Content, folder: str | os.PathLike) -> Export:
-    """Write every file of an export; each appears complete or not at all."""
+    """Write every file of an export; each appears complete or not at all.
+
+    Parameters
+    ----------
+    made : Content
+        Files by name, in memory.
+    folder : str or path-like
+        Made where it does not exist, with its parents; files of the same names are replaced.
+
+    Returns
+    -------
+    Export
+        With the paths, and checks and notes as in `made`.
+
+    Raises
+    ------
+    InputError
+        A folder that is a file, or that cannot be made.
+    """
     home = Path(folder)
     if home.exists() and not home.is_dir():
         raise InputError(f"'{home}' is a file", mend="name a folder")

@@ -62,14 +62,26 @@ class Expr:
 
 @dataclass(frozen=True, eq=False)
 class RealConstant(Expr):
-    """A real constant."""
+    """A real constant.
+
+    Attributes
+    ----------
+    value : float
+        A printer in single precision rounds it.
+    """
 
     value: float
 
 
 @dataclass(frozen=True, eq=False)
 class ByPrecision(Expr):
-    """A constant that depends on the arithmetic, as a tolerance does."""
+    """A constant that depends on the arithmetic, as a tolerance does.
+
+    Attributes
+    ----------
+    double, single : float
+        Its value in either arithmetic; languages with double alone print the first.
+    """
 
     double: float
     single: float
@@ -91,7 +103,17 @@ class Symbol(Expr):
 
 @dataclass(frozen=True, eq=False)
 class Array:
-    """An array of the program; indexing it gives an `Element`."""
+    """An array of the program; indexing it gives an `Element`.
+
+    Attributes
+    ----------
+    home : {"local", "state", "parameter", "rate"}
+        Where it stands; a tangent program has homes with ``_tangent`` too.
+    name : str
+        Identifier in the program.
+    shape : tuple of int
+        Constant, one length per axis.
+    """
 
     home: str
     name: str
@@ -105,7 +127,15 @@ class Array:
 
 @dataclass(frozen=True, eq=False)
 class ArrayElement(Expr):
-    """One entry of an array."""
+    """One entry of an array.
+
+    Attributes
+    ----------
+    array : Array
+        Where the entry stands.
+    index : tuple of Index
+        One per axis, from zero.
+    """
 
     array: Array
     index: tuple[Index, ...]
@@ -113,7 +143,15 @@ class ArrayElement(Expr):
 
 @dataclass(frozen=True, eq=False)
 class Operation(Expr):
-    """An operator applied to its operands."""
+    """An operator applied to its operands.
+
+    Attributes
+    ----------
+    operator : {"+", "-", "*", "/", "neg", "<", "<=", ">", ">=", "and", "or", "not"}
+        "neg" and "not" have one operand, the others two.
+    operands : tuple of Expr
+        Left operand first.
+    """
 
     operator: str
     operands: tuple[Expr, ...]
@@ -121,7 +159,15 @@ class Operation(Expr):
 
 @dataclass(frozen=True, eq=False)
 class Call(Expr):
-    """A function of `FUNCTIONS`."""
+    """A function of `FUNCTIONS`.
+
+    Attributes
+    ----------
+    function : str
+        One of `FUNCTIONS`, by its name in C.
+    arguments : tuple of Expr
+        In the order of C.
+    """
 
     function: str
     arguments: tuple[Expr, ...]
@@ -129,7 +175,15 @@ class Call(Expr):
 
 @dataclass(frozen=True, eq=False)
 class Select(Expr):
-    """One of two values by a condition; both are defined either way."""
+    """One of two values by a condition; both are defined either way.
+
+    Attributes
+    ----------
+    condition : Expr
+        A comparison, or comparisons combined.
+    then, other : Expr
+        Value where the condition holds, and where it does not.
+    """
 
     condition: Expr
     then: Expr
@@ -152,21 +206,41 @@ class Index:
 
 @dataclass(frozen=True, eq=False)
 class Place(Index):
-    """A constant place."""
+    """A constant place.
+
+    Attributes
+    ----------
+    value : int
+        Counted from zero.
+    """
 
     value: int
 
 
 @dataclass(frozen=True, eq=False)
 class Counter(Index):
-    """A loop's counter, or an index that statements set."""
+    """A loop's counter, or an index that statements set.
+
+    Attributes
+    ----------
+    name : str
+        Identifier in the program.
+    """
 
     name: str
 
 
 @dataclass(frozen=True, eq=False)
 class Offset(Index):
-    """An index moved by a constant."""
+    """An index moved by a constant.
+
+    Attributes
+    ----------
+    base : Index
+        No constant place and no offset of its own: constants are gathered.
+    by : int
+        Added to it; not zero.
+    """
 
     base: Index
     by: int
@@ -174,30 +248,76 @@ class Offset(Index):
 
 @dataclass(frozen=True, eq=False)
 class Rounded(Index):
-    """A real value that is whole already, as an index."""
+    """A real value that is whole already, as an index.
+
+    Attributes
+    ----------
+    value : Expr
+        Whole by construction; languages differ in what they make of a fraction.
+    """
 
     value: Expr
 
 
 @dataclass(frozen=True, eq=False)
 class Real(Expr):
-    """An index as a real number."""
+    """An index as a real number.
+
+    Attributes
+    ----------
+    index : Index
+        Converted to the real type of the program.
+    """
 
     index: Index
 
 
 def as_expr(value: Expr | float) -> Expr:
-    """A number as an expression; an expression as it is."""
+    """A number as an expression; an expression as it is.
+
+    Parameters
+    ----------
+    value : Expr or float
+        A number becomes a `RealConstant`.
+
+    Returns
+    -------
+    Expr
+        Ready as an operand.
+    """
     return value if isinstance(value, Expr) else RealConstant(float(value))
 
 
 def as_index(value: Index | int) -> Index:
-    """A number as an index; an index as it is."""
+    """A number as an index; an index as it is.
+
+    Parameters
+    ----------
+    value : Index or int
+        A number becomes a `Place`.
+
+    Returns
+    -------
+    Index
+        Ready as a subscript.
+    """
     return value if isinstance(value, Index) else Place(int(value))
 
 
 def call(function: str, *arguments: Expr | float) -> Expr:
     """A function's value.
+
+    Parameters
+    ----------
+    function : str
+        One of `FUNCTIONS`.
+    *arguments : Expr or float
+        As many as the function has in C.
+
+    Returns
+    -------
+    Call
+        The function applied to them.
 
     Examples
     --------
@@ -209,10 +329,36 @@ def call(function: str, *arguments: Expr | float) -> Expr:
 
 
 def select(condition: Expr, then: Expr | float, other: Expr | float) -> Expr:
-    """`then` where the condition holds, else `other`."""
+    """`then` where the condition holds, else `other`.
+
+    Parameters
+    ----------
+    condition : Expr
+        A comparison, or comparisons combined.
+    then, other : Expr or float
+        Both must be computable whatever the condition.
+
+    Returns
+    -------
+    Select
+        The choice between them.
+    """
     return Select(condition, as_expr(then), as_expr(other))
 
 
 def clipped(value: Expr | float, low: Expr | float, high: Expr | float) -> Expr:
-    """The value within [low, high]."""
+    """The value within [low, high].
+
+    Parameters
+    ----------
+    value : Expr or float
+        In the unit of the limits.
+    low, high : Expr or float
+        Limits; where low exceeds high, high is the result.
+
+    Returns
+    -------
+    Expr
+        ``fmin(fmax(value, low), high)``.
+    """
     return call("fmin", call("fmax", value, low), high)

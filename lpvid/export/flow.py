@@ -50,6 +50,13 @@ class Flow:
     def trial(self, samples: int = 60, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Inputs at the samples, and the states there by an implicit integration of this package's derivatives.
 
+        Parameters
+        ----------
+        samples : int
+            Length of the trajectory, `step` apart.
+        seed : int
+            Of the random inputs.
+
         Returns
         -------
         (n, inputs) array
@@ -69,7 +76,7 @@ class Flow:
         return u, np.array(states)
 
 
-def state_space_flow(model: LPVStateSpace, options: Options) -> Flow:
+def _state_space_flow(model: LPVStateSpace, options: Options) -> Flow:
     """ẋ = A(p)x + B(p)u + f(p), y = C(p)x + D(p)u + g(p) of a continuous state space.
 
     Raises
@@ -132,11 +139,24 @@ def _with_reference(model: LPVStateSpace, program: StepProgram, clamp: bool) -> 
 
 
 def flow_of(noun: Any, options: Options) -> Flow | None:
-    """The flow of a noun of lpvid; None for what is sampled, or is to be."""
+    """The flow of a noun of lpvid; None for what is sampled, or is to be.
+
+    Parameters
+    ----------
+    noun : object
+        A model, a realisation (its model) or a synthesis (its controller).
+    options : Options
+        A sample time in it requests a sampled model.
+
+    Returns
+    -------
+    Flow or None
+        None for all that is no continuous `LPVStateSpace`.
+    """
     from lpvid.realization import Realization
     from lpvid.synthesis.result import Synthesis
 
     model = noun.required() if isinstance(noun, Synthesis) else noun.model if isinstance(noun, Realization) else noun
     if isinstance(model, LPVStateSpace) and model.sample_time is None and options.sample_time is None:
-        return state_space_flow(model, options)
+        return _state_space_flow(model, options)
     return None

@@ -83,13 +83,51 @@ def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name:
 
 
 def fmi2_content(found: Exportable, precision: str = "double") -> Content:
-    """The FMU of FMI 2.0, in memory."""
+    """The FMU of FMI 2.0, in memory.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        One file, ``NAME.fmu`` for co-simulation; without a C compiler for Linux x86-64 it has sources alone and counts
+        as passed.
+
+    Raises
+    ------
+    InputError
+        Another precision.
+    """
     _double(precision)
     return _content(found, 2)
 
 
 def fmi3_content(found: Exportable, precision: str = "double") -> Content:
-    """The FMU of FMI 3.0, in memory."""
+    """The FMU of FMI 3.0, in memory.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        One file, ``NAME.fmu`` for co-simulation; without a C compiler for Linux x86-64 it has sources alone and counts
+        as passed.
+
+    Raises
+    ------
+    InputError
+        Another precision.
+    """
     _double(precision)
     return _content(found, 3)
 
@@ -102,7 +140,7 @@ def _double(precision: str) -> None:
 
 def _content(found: Exportable, version: int) -> Content:
     program, listed = found.program, variables(found.program)
-    texts, token = fmu_sources(program, listed, version)
+    texts, token = _fmu_sources(program, listed, version)
     notes = list(program.notes)
     archive: dict[str, bytes] = {"modelDescription.xml": model_description(program, listed, version, token).encode()}
     archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
@@ -114,12 +152,12 @@ def _content(found: Exportable, version: int) -> Content:
         checks, passed = ("not run: no library inside",), True
     else:
         archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
-        checks, passed = checked(found, packed(archive))
-    files = {f"{program.name}.fmu": packed(archive)}
+        checks, passed = checked(found, _packed(archive))
+    files = {f"{program.name}.fmu": _packed(archive)}
     return Content(f"fmu{version}", files, program.description, checks, tuple(notes), passed)
 
 
-def fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int) -> tuple[dict[str, str], str]:
+def _fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int) -> tuple[dict[str, str], str]:
     """Every C file of an FMU by its name, and the token that names exactly these."""
     name = program.name
     files = {f"{name}.h": header(program, "double"), f"{name}.c": source(program, "double")}
@@ -172,7 +210,7 @@ def _library(program: StepProgram, files: dict[str, str], version: int) -> bytes
         return target.read_bytes()
 
 
-def packed(archive: dict[str, bytes]) -> bytes:
+def _packed(archive: dict[str, bytes]) -> bytes:
     """A zip file whose bytes depend on its contents alone."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
@@ -229,14 +267,34 @@ def fmi3_flow_content(flow: Flow, precision: str = "double") -> Content:
 
 
 def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
-    """The FMU of a continuous model, for model exchange in FMI 2.0 or 3.0."""
+    """The FMU of a continuous model, for model exchange in FMI 2.0 or 3.0.
+
+    Parameters
+    ----------
+    flow : Flow
+        A continuous model with its derivatives.
+    form : {"fmu2", "fmu3"}
+        Version of the standard.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        One file, ``NAME.fmu``; without a C compiler for Linux x86-64 it has sources alone and counts as passed.
+
+    Raises
+    ------
+    InputError
+        Another precision; a model without states.
+    """
     _double(precision)
     program, version = flow.program, int(form.removeprefix("fmu"))
     if not program.states:
         raise InputError("a model without states has nothing to integrate", got=program.description,
                          mend="discretise it (lpvid.discretise); any period will do")
     listed = variables(program)
-    texts, token = fmu_sources(program, listed, version)
+    texts, token = _fmu_sources(program, listed, version)
     archive = {"modelDescription.xml": model_description(program, listed, version, token, flow.step).encode()}
     archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
     if version == 3:
@@ -245,11 +303,11 @@ def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
     checks, passed = ("not run: no library inside",), True
     if library is not None:
         archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
-        checks, passed = checked_flow(flow, packed(archive))
-    return Content(form, {f"{program.name}.fmu": packed(archive)}, program.description, checks, program.notes, passed)
+        checks, passed = _checked_flow(flow, _packed(archive))
+    return Content(form, {f"{program.name}.fmu": _packed(archive)}, program.description, checks, program.notes, passed)
 
 
-def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
+def _checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
     """FMPy's validation; derivatives and outputs of the FMU along a trajectory against our own at the same points.
 
     An importer integrates; what is compared is what it integrates, so that no solver's error stands in between.
@@ -261,7 +319,7 @@ def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
         path = Path(folder) / f"{flow.program.name}.fmu"
         path.write_bytes(fmu)
         problems = validate_fmu(str(path))
-        error, slope = flow_error(flow, path)
+        error, slope = _flow_error(flow, path)
     stated = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
     text = (f"FMPy {fmpy.__version__}: {stated}; derivatives and outputs for model exchange against our own along a "
             f"trajectory: relative error {error:.2g}")
@@ -269,7 +327,7 @@ def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
     return (text, more), not problems and error <= TOLERANCE and slope <= SLOPE_TOLERANCE
 
 
-def flow_error(flow: Flow, path: Path) -> tuple[float, float]:
+def _flow_error(flow: Flow, path: Path) -> tuple[float, float]:
     """Largest errors of an FMU's derivatives and outputs, and of their directional derivatives, along a trajectory.
 
     The first are relative to the largest of each; the second, along one random direction at every point and against
@@ -347,7 +405,22 @@ def _differences(flow: Flow, u: np.ndarray, states: np.ndarray, ways: np.ndarray
 
 # -- checking --------------------------------------------------------------------------------------------------------
 def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
-    """FMPy's validation, and the largest error of a co-simulation against this package's simulation."""
+    """FMPy's validation, and the largest error of a co-simulation against this package's simulation.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    fmu : bytes
+        The file for co-simulation, with a library for this system.
+
+    Returns
+    -------
+    tuple of str
+        One line: FMPy's verdict and the relative error.
+    bool
+        Whether FMPy finds no problem and the error is at most `TOLERANCE`.
+    """
     import fmpy
     from fmpy.validation import validate_fmu
 
@@ -355,14 +428,14 @@ def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
         path = str(Path(folder) / f"{found.program.name}.fmu")
         Path(path).write_bytes(fmu)
         problems = validate_fmu(path)
-        error = fmu_error(found, path)
+        error = _fmu_error(found, path)
     passed = not problems and error <= TOLERANCE
     stated = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
     text = f"FMPy {fmpy.__version__}: {stated}; co-simulation against our free run: relative error {error:.2g}"
     return (text,), passed
 
 
-def fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
+def _fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
     """Largest difference of an FMU's outputs from the simulation, relative to the largest output."""
     import fmpy
 

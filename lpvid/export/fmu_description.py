@@ -42,7 +42,19 @@ class Variable:
 
 
 def variables(program: StepProgram) -> tuple[Variable, ...]:
-    """Inputs, outputs, states, parameters and (of a continuous model) derivatives; entries are ``name[1,2]``."""
+    """Inputs, outputs, states, parameters and (of a continuous model) derivatives; entries are ``name[1,2]``.
+
+    Parameters
+    ----------
+    program : StepProgram
+        A period of 0 stands for a continuous model.
+
+    Returns
+    -------
+    tuple of Variable
+        One per entry, in this order of kinds, under distinct names; indices in names count from 1, those in `member`
+        from 0.
+    """
     groups = (("input", "u", program.inputs), ("output", "y", program.outputs), ("state", "s", program.states),
               ("parameter", "p", program.parameters))
     used: set[str] = {"time"}
@@ -83,6 +95,11 @@ def model_description(program: StepProgram, listed: tuple[Variable, ...], versio
         What the library compares on instantiation.
     step : float
         Communication step of the default experiment of a continuous model [s].
+
+    Returns
+    -------
+    str
+        Text of modelDescription.xml.
     """
     return _second(program, listed, token, step) if version == 2 else _third(program, listed, token, step)
 
@@ -170,7 +187,18 @@ def _derivatives(listed: tuple[Variable, ...], first: int) -> dict[int, str]:
 
 
 def build_description(program: StepProgram) -> str:
-    """buildDescription.xml of the sources in an FMU of FMI 3.0."""
+    """buildDescription.xml of the sources in an FMU of FMI 3.0.
+
+    Parameters
+    ----------
+    program : StepProgram
+        Its name is that of the model and of its C files.
+
+    Returns
+    -------
+    str
+        Text of the XML file.
+    """
     name = program.name
     return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', '<fmiBuildDescription fmiVersion="3.0">',
                       f'  <BuildConfiguration modelIdentifier="{name}">', '    <SourceFileSet language="C99">',

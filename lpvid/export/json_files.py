@@ -35,6 +35,21 @@ def write_json(data: Mapping, path: str | os.PathLike) -> Path:
 def jsonable(value: Any) -> Any:
     """The same data in JSON's own types, what is not finite as None.
 
+    Parameters
+    ----------
+    value : object
+        Data of nested mappings, sequences, sets, dataclasses, arrays, numbers, paths and text.
+
+    Returns
+    -------
+    None, bool, int, float, str, list or dict
+        Keys as text, sets sorted, a dataclass as a dict of its fields, a complex number as [real, imaginary].
+
+    Raises
+    ------
+    InputError
+        An object of another class.
+
     Examples
     --------
     >>> jsonable({"esr": np.float64("nan"), "at": np.arange(2), "ok": np.True_})
@@ -60,12 +75,43 @@ def jsonable(value: Any) -> Any:
 
 
 def write_text(text: str, path: str | os.PathLike) -> Path:
-    """Write a text file that appears complete or not at all: under another name first, then renamed."""
+    """Write a text file that appears complete or not at all: under another name first, then renamed.
+
+    Parameters
+    ----------
+    text : str
+        Encoded in UTF-8.
+    path : str or path-like
+        File to write, in a folder that exists; one of the same name is replaced.
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
     return write_bytes(text.encode("utf-8"), path)
 
 
 def write_bytes(data: bytes, path: str | os.PathLike) -> Path:
-    """Write a file that appears complete or not at all: under another name first, then renamed."""
+    """Write a file that appears complete or not at all: under another name first, then renamed.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the whole file.
+    path : str or path-like
+        File to write, in a folder that exists; one of the same name is replaced.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InputError
+        A path that is a folder, a folder that does not exist, or a file that the system refuses to write.
+    """
     target = Path(path)
     if target.is_dir():
         raise InputError(f"'{target}' is a folder", mend="name a file in it")

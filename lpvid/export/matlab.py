@@ -56,7 +56,25 @@ def export_matlab(model: Any, folder: str | os.PathLike, *, name: str = "", clam
 
 
 def matlab_content(found: Exportable, precision: str = "double") -> Content:
-    """The MATLAB files of a step program, checked by Octave where it is installed."""
+    """The MATLAB files of a step program, checked by Octave where it is installed.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        ``NAME.mat`` and the M files; without Octave it counts as passed.
+
+    Raises
+    ------
+    InputError
+        Another precision.
+    """
     if precision != "double":
         raise InputError("MATLAB computes in double precision", got=precision, mend="leave --precision out")
     from scipy.io import savemat
@@ -81,7 +99,7 @@ def matlab_content(found: Exportable, precision: str = "double") -> Content:
     target = io.BytesIO()
     savemat(target, {name: held}, do_compression=True, long_field_names=True)
     data = {f"{name}.mat": target.getvalue(), **{n: t.encode() for n, t in files.items()}}
-    checks, passed = octave_checks(found, data)
+    checks, passed = _octave_checks(found, data)
     return Content("matlab", data, program.description, checks, tuple(notes), passed)
 
 
@@ -248,11 +266,17 @@ fprintf('varying: relative error %.3g\\n', max(abs(out(:) - t.outputs(:))) / max
 
 # -- Octave ----------------------------------------------------------------------------------------------------------
 def find_octave() -> str | None:
-    """The path of GNU Octave; None where it is not installed."""
+    """The path of GNU Octave; None where it is not installed.
+
+    Returns
+    -------
+    str or None
+        Path of ``octave-cli``, or else of ``octave``.
+    """
     return shutil.which("octave-cli") or shutil.which("octave")
 
 
-def octave_checks(found: Exportable, files: dict[str, bytes]) -> tuple[tuple[str, ...], bool]:
+def _octave_checks(found: Exportable, files: dict[str, bytes]) -> tuple[tuple[str, ...], bool]:
     """What Octave finds: the error of the step along the trajectory, and of the data function on the grid."""
     octave = find_octave()
     if octave is None:

@@ -49,7 +49,18 @@ class MatlabPrinter(Printer):
 
 
 def matlab_step(program: StepProgram) -> str:
-    """A function ``[s, y] = NAME_step(p, s, u)`` of one sample."""
+    """A function ``[s, y] = NAME_step(p, s, u)`` of one sample.
+
+    Parameters
+    ----------
+    program : StepProgram
+        Sampled; its period stands in the comment at the head.
+
+    Returns
+    -------
+    str
+        Text of ``NAME_step.m``, with the helper ``choose`` behind the function.
+    """
     name = program.name
     description = [
         f"%{name.upper()}_STEP One sample: outputs now, and the states of the next sample.",

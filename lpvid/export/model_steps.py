@@ -30,7 +30,26 @@ NOUNS = (*MODELS, LFTModel, Realization, Synthesis, SaturatedController)
 
 
 def prepare(noun: Any, options: Options) -> Exportable:
-    """A noun of lpvid as a step program; see `lpvid.export.exportable.exportable`."""
+    """A noun of lpvid as a step program; see `lpvid.export.exportable.exportable`.
+
+    Parameters
+    ----------
+    noun : object
+        One of `NOUNS`.
+    options : Options
+        `clamp` left out holds the scheduling in its box for designed controllers alone; `at` is left to `exportable`.
+
+    Returns
+    -------
+    Exportable
+        Its simulation starts from zero past.
+
+    Raises
+    ------
+    InputError
+        A linear fractional form; a sample time other than that of a sampled model; a continuous model without a sample
+        time or with an input stage; a continuous controller, or one with affine terms, behind limits.
+    """
     if isinstance(noun, Realization):
         return prepare(noun.model, options)
     if isinstance(noun, Synthesis):

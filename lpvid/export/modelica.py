@@ -61,14 +61,50 @@ def export_modelica(model: Any, folder: str | os.PathLike, *, name: str = "", cl
 
 
 def modelica_content(found: Exportable, precision: str = "double") -> Content:
-    """The package of a step program; a law without states becomes an algebraic model."""
+    """The package of a step program; a law without states becomes an algebraic model.
+
+    Parameters
+    ----------
+    found : Exportable
+        A step program with its simulation.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        One file, ``NAME.mo``; without rumoca it counts as passed.
+
+    Raises
+    ------
+    InputError
+        Another precision.
+    """
     _double(precision)
     u, y = found.trial()
     return _content(found.program, u, np.zeros((len(u), 0)), y, found.program.sample_time)
 
 
 def modelica_flow_content(flow: Flow, precision: str = "double") -> Content:
-    """The package of a continuous model; the check compares derivatives and outputs along a trajectory."""
+    """The package of a continuous model; the check compares derivatives and outputs along a trajectory.
+
+    Parameters
+    ----------
+    flow : Flow
+        A continuous model with its derivatives.
+    precision : str
+        "double" is the only one.
+
+    Returns
+    -------
+    Content
+        One file, ``NAME.mo``; without rumoca it counts as passed.
+
+    Raises
+    ------
+    InputError
+        Another precision.
+    """
     _double(precision)
     u, x = flow.trial()
     y = np.array([np.concatenate([flow.rates(a, b), flow.outputs(a, b)]) for a, b in zip(x, u, strict=True)])
@@ -82,7 +118,7 @@ def _double(precision: str) -> None:
 
 def _content(program: StepProgram, u: np.ndarray, x: np.ndarray, y: np.ndarray, period: float) -> Content:
     text = package(program, u, x, y, period)
-    check, passed = run_check(program, text, len(u), period)
+    check, passed = _run_check(program, text, len(u), period)
     return Content(
         "modelica", {f"{program.name}.mo": text.encode()}, program.description, (check,), program.notes, passed
     )
@@ -103,6 +139,11 @@ def package(program: StepProgram, u: np.ndarray, x: np.ndarray, y: np.ndarray, p
         What this package's simulation makes of it.
     period : float
         Between the samples [s].
+
+    Returns
+    -------
+    str
+        Text of ``NAME.mo``.
     """
     name = spelled(program.name)
     parts = [step_function(program), _block(program, name), _check(program, name, u, x, y, period)]
@@ -200,6 +241,17 @@ def _unit(q: Quantity) -> str:
 def modelica_unit(unit: str) -> str:
     """A unit in Modelica's spelling (3.6, chapter 19): its SI base units; "" for a pure number and for no SI unit.
 
+    Parameters
+    ----------
+    unit : str
+        As in the model, "N*s/m" for instance.
+
+    Returns
+    -------
+    str
+        Units that Modelica names itself, such as N, Pa and Hz, as they are; any other by base units with whole
+        exponents.
+
     Examples
     --------
     >>> modelica_unit("N*s/m"), modelica_unit("A"), modelica_unit("%"), modelica_unit("m/s")
@@ -214,7 +266,7 @@ def modelica_unit(unit: str) -> str:
 
 
 # -- checking --------------------------------------------------------------------------------------------------------
-def run_check(program: StepProgram, text: str, samples: int, period: float) -> tuple[str, bool]:
+def _run_check(program: StepProgram, text: str, samples: int, period: float) -> tuple[str, bool]:
     """Compile the package with rumoca and run its check; what was found, and whether it passed."""
     try:
         import rumoca

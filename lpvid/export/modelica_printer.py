@@ -115,6 +115,16 @@ class ModelicaPrinter(Printer):
 def spelled(name: str) -> str:
     """A name that is no word of Modelica.
 
+    Parameters
+    ----------
+    name : str
+        Identifier of a step program.
+
+    Returns
+    -------
+    str
+        With an underscore behind a word of `WORDS`; any other as it is.
+
     Examples
     --------
     >>> spelled("force"), spelled("flow")
@@ -126,6 +136,16 @@ def spelled(name: str) -> str:
 def literal(value: np.ndarray) -> str:
     """An array as nested braces, a scalar as a number.
 
+    Parameters
+    ----------
+    value : array
+        Of any number of axes.
+
+    Returns
+    -------
+    str
+        Numbers that are read back bit for bit.
+
     Examples
     --------
     >>> literal(np.array([[1.0, 2.0]])), literal(np.array(0.5))
@@ -135,7 +155,18 @@ def literal(value: np.ndarray) -> str:
 
 
 def description(text: str) -> str:
-    """A comment string."""
+    """A comment string.
+
+    Parameters
+    ----------
+    text : str
+        Any text; backslashes are dropped, double quotes become single ones.
+
+    Returns
+    -------
+    str
+        Between double quotes, as it stands behind a declaration.
+    """
     return '"' + text.replace("\\", "").replace('"', "'") + '"'
 
 
@@ -144,6 +175,16 @@ def step_function(program: StepProgram) -> list[str]:
     """A function of parameters, states and inputs that returns one vector: states or their derivatives, then outputs.
 
     One vector, since a function called in a when-clause returns one value in every tool.
+
+    Parameters
+    ----------
+    program : StepProgram
+        A period of 0 stands for a continuous model, whose function returns derivatives of the states.
+
+    Returns
+    -------
+    list of str
+        Lines of the function ``step``, from its head to its end.
     """
     printer = ModelicaPrinter()
     body = printer.block(program.body, 1)

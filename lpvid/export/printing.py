@@ -71,15 +71,48 @@ class Printer(ABC):
 
     @abstractmethod
     def choice(self, condition: str, then: str, other: str) -> str:
-        """One of two values."""
+        """One of two values.
+
+        Parameters
+        ----------
+        condition, then, other : str
+            Expressions of the language: a condition, and the value where it holds and where it does not.
+
+        Returns
+        -------
+        str
+            An expression that needs no parentheses around it.
+        """
 
     @abstractmethod
     def rounded(self, value: str) -> str:
-        """A whole real number as an index."""
+        """A whole real number as an index.
+
+        Parameters
+        ----------
+        value : str
+            A real expression that is whole.
+
+        Returns
+        -------
+        str
+            An expression that may stand as a subscript.
+        """
 
     @abstractmethod
     def real(self, index: str) -> str:
-        """An index as a real number."""
+        """An index as a real number.
+
+        Parameters
+        ----------
+        index : str
+            An expression of whole numbers.
+
+        Returns
+        -------
+        str
+            A real expression that needs no parentheses around it.
+        """
 
     @abstractmethod
     def zeros(self, array: Array) -> str:
@@ -111,11 +144,33 @@ class Printer(ABC):
 
     # -- alike in most languages -------------------------------------------------------------------------------------
     def number(self, value: float) -> str:
-        """A real constant."""
+        """A real constant.
+
+        Parameters
+        ----------
+        value : float
+            Finite number.
+
+        Returns
+        -------
+        str
+            Digits that are read back bit for bit in the arithmetic of the program.
+        """
         return repr(float(value))
 
     def constant(self, value: ByPrecision) -> str:
-        """A constant by precision."""
+        """A constant by precision.
+
+        Parameters
+        ----------
+        value : ByPrecision
+            Its values in double and in single precision.
+
+        Returns
+        -------
+        str
+            The one of the program's arithmetic, as `number` writes it.
+        """
         return self.number(value.double)
 
     def element(self, element: ArrayElement) -> str:
@@ -133,7 +188,20 @@ class Printer(ABC):
         return f"{self.place(element.array.home, element.array.name)}({places})"
 
     def function(self, name: str, arguments: Sequence[str]) -> str:
-        """A call."""
+        """A call.
+
+        Parameters
+        ----------
+        name : str
+            One of `lpvid.export.expression.FUNCTIONS`.
+        arguments : sequence of str
+            Expressions of the language.
+
+        Returns
+        -------
+        str
+            By the language's own name of the function, from `functions`.
+        """
         return f"{self.functions.get(name, name)}({', '.join(arguments)})"
 
     def declare(self, name: str, value: str) -> str:
@@ -250,11 +318,33 @@ class Printer(ABC):
         return [line for statement in body for line in self.lines(statement, depth)]
 
     def text(self, expr: Expr) -> str:
-        """An expression."""
+        """An expression.
+
+        Parameters
+        ----------
+        expr : Expr
+            A real value or a condition.
+
+        Returns
+        -------
+        str
+            With the parentheses that precedence or the language's rule needs.
+        """
         return self._text(expr)[0]
 
     def index(self, index: Index) -> str:
-        """An index."""
+        """An index.
+
+        Parameters
+        ----------
+        index : Index
+            Counted from zero.
+
+        Returns
+        -------
+        str
+            Counted from zero too; `element` adds the language's first index.
+        """
         if isinstance(index, Place):
             return str(index.value)
         if isinstance(index, Counter):
@@ -303,7 +393,18 @@ class Printer(ABC):
 
 
 def wrapped(line: str) -> list[str]:
-    """A long line broken at spaces."""
+    """A long line broken at spaces.
+
+    Parameters
+    ----------
+    line : str
+        With its indentation.
+
+    Returns
+    -------
+    list of str
+        Lines of at most 110 characters where spaces allow it; those after the first are indented by four more.
+    """
     start = " " * (len(line) - len(line.lstrip()))
     return textwrap.wrap(line.strip(), 110, initial_indent=start, subsequent_indent=start + "    ",
                          break_long_words=False, break_on_hyphens=False)

@@ -253,7 +253,18 @@ class FrozenGrid:
 
 
 def linear_model(model: Any) -> LPVTransferFunction | LPVStateSpace | None:
-    """The LPV model in a noun, where there is one with frozen matrices."""
+    """The LPV model in a noun, where there is one with frozen matrices.
+
+    Parameters
+    ----------
+    model : object
+        A model, a realisation, a synthesis, or a controller that holds a model as its `model`.
+
+    Returns
+    -------
+    LPVTransferFunction, LPVStateSpace or None
+        None for self-scheduled models, dampers and the like.
+    """
     if isinstance(model, Synthesis):
         return model.controller
     if isinstance(model, SaturatedController):
@@ -267,7 +278,18 @@ def linear_model(model: Any) -> LPVTransferFunction | LPVStateSpace | None:
 
 
 def frozen_grid(model: LPVTransferFunction | LPVStateSpace) -> FrozenGrid:
-    """Matrices on an even grid of the box: of the linear part, behind any input stage and scheduling filter."""
+    """Matrices on an even grid of the box: of the linear part, behind any input stage and scheduling filter.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        A model without scheduling has one point.
+
+    Returns
+    -------
+    FrozenGrid
+        `ALONG` points along one scheduling variable; fewer along each of several, about `MOST` in all.
+    """
     count = len(model.box.names)
     along = ALONG if count <= 1 else max(2, int(MOST ** (1 / count)))
     points = model.box.grid(along)
@@ -277,7 +299,18 @@ def frozen_grid(model: LPVTransferFunction | LPVStateSpace) -> FrozenGrid:
 
 
 def varying_state_space(model: LPVTransferFunction | LPVStateSpace) -> LPVStateSpace | None:
-    """A state space of the same free run whose matrices need the present scheduling alone; None where there is none."""
+    """A state space of the same free run whose matrices need the present scheduling alone; None where there is none.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Coefficients at p(k−i) are realised in the observable form, others in the augmented one.
+
+    Returns
+    -------
+    LPVStateSpace or None
+        None where the realisation is refused, or where its basis reads p at other samples.
+    """
     if isinstance(model, LPVStateSpace):
         found = model
     else:

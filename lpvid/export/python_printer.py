@@ -50,12 +50,34 @@ class PythonPrinter(Printer):
 
 
 def python_source(program: StepProgram) -> str:
-    """The program as the text of a function ``step(p, s, u, y)``."""
+    """The program as the text of a function ``step(p, s, u, y)``.
+
+    Parameters
+    ----------
+    program : StepProgram
+        A sampled program.
+
+    Returns
+    -------
+    str
+        The function alone; names of the C library such as ``fmin``, and ``zeros``, must be defined around it.
+    """
     return "\n".join(["def step(p, s, u, y):", *PythonPrinter().block(program.body, 1), ""])
 
 
 def python_step(program: StepProgram) -> Step:
-    """The program as a function of parameters, states, inputs and outputs by name."""
+    """The program as a function of parameters, states, inputs and outputs by name.
+
+    Parameters
+    ----------
+    program : StepProgram
+        A sampled program.
+
+    Returns
+    -------
+    callable
+        As described at `Step`.
+    """
     scope: dict = {"tanh": math.tanh, "exp": math.exp, "sqrt": math.sqrt, "sin": math.sin, "cos": math.cos,
                    "fabs": abs, "floor": math.floor, "pow": math.pow, "fmin": min, "fmax": max, "zeros": np.zeros}
     exec(compile(python_source(program), f"<{program.name}>", "exec"), scope)  # text printed above, from no file
@@ -64,6 +86,13 @@ def python_step(program: StepProgram) -> Step:
 
 def run(program: StepProgram, inputs: np.ndarray) -> np.ndarray:
     """Outputs along (n, inputs) samples, by Python alone.
+
+    Parameters
+    ----------
+    program : StepProgram
+        A sampled program; it starts from the starts of its states.
+    inputs : (n, inputs) array
+        In the order and the units of the program's inputs.
 
     Returns
     -------

@@ -14,7 +14,22 @@ from lpvid.scheduling import Polynomial, Spline
 
 
 def quasi_program(model: QuasiLPVModel, name: str, clamp: bool = False) -> StepProgram:
-    """y(k) = Σ_m φ_m(ρ) Σ_e ψ_e(p) θ_me row(k), ρ from the model's own past; from zero past."""
+    """y(k) = Σ_m φ_m(ρ) Σ_e ψ_e(p) θ_me row(k), ρ from the model's own past; from zero past.
+
+    Parameters
+    ----------
+    model : QuasiLPVModel
+        Single output.
+    name : str
+        Prefix of files and functions.
+    clamp : bool
+        Whether the external scheduling is held inside the model's box.
+
+    Returns
+    -------
+    StepProgram
+        One output; the model's own scheduling ρ is no input.
+    """
     b = _builder(model, name, "quasi-LPV model")
     at = drive(b, model, clamp, model.external)
     psi = vector(b, "outer", at.phi)
@@ -79,7 +94,22 @@ def _own(b: StepBuilder, model: QuasiLPVModel, rho: Expr) -> Array:
 
 
 def compliance_program(model: ComplianceModel, name: str, clamp: bool = False) -> StepProgram:
-    """Implicit Euler steps of each spring in series with its law, and the linear terms in parallel; from rest."""
+    """Implicit Euler steps of each spring in series with its law, and the linear terms in parallel; from rest.
+
+    Parameters
+    ----------
+    model : ComplianceModel
+        Its first input is the velocity [m/s], its output the force [N].
+    name : str
+        Prefix of files and functions.
+    clamp : bool
+        Whether the current is held inside the model's box.
+
+    Returns
+    -------
+    StepProgram
+        With one state per spring: the force of its element [N].
+    """
     b = _builder(model, name, "law in series with a spring")
     at = drive(b, model, clamp, model.current)
     count = len(at.phi)

@@ -61,14 +61,43 @@ class Kind:
         return tuple(dict.fromkeys((*(tag for tag, _, _ in self.classes), *(self.more.names if self.more else ()))))
 
     def holds(self, cls: type) -> bool:
-        """Whether files of this sort can hold objects of this class."""
+        """Whether files of this sort can hold objects of this class.
+
+        Parameters
+        ----------
+        cls : type
+            Compared by module and name, so that nothing is imported.
+
+        Returns
+        -------
+        bool
+            True also for classes of `more`.
+        """
         own = (cls.__module__, cls.__name__)
         if any(own == (module, name) for _, module, name in self.classes):
             return True
         return self.more is not None and self.more.name_of(cls) is not None
 
     def class_of(self, tag: str) -> Any:
-        """The class behind a value of "kind"."""
+        """The class behind a value of "kind".
+
+        Parameters
+        ----------
+        tag : str
+            One of `tags`.
+
+        Returns
+        -------
+        type
+            Imported from its module where it is not yet.
+
+        Raises
+        ------
+        KeyError
+            A value that `classes` does not have, of a kind without `more`.
+        InputError
+            A value that `more` does not have either.
+        """
         place = next(((module, name) for own, module, name in self.classes if own == tag), None)
         if place is None and self.more is not None:
             return self.more.get(tag)
@@ -110,6 +139,11 @@ KINDS: tuple[Kind, ...] = (
 
 def known_kinds() -> tuple[Kind, ...]:
     """`KINDS`, then those that installed packages name in the entry-point group ``lpvid.kinds``.
+
+    Returns
+    -------
+    tuple of Kind
+        lpvid's own first; those of packages sorted by name.
 
     Raises
     ------
@@ -217,6 +251,16 @@ def load(path: str | os.PathLike) -> Any:
 def model_from_dict(data: Mapping) -> Any:
     """The model that a `to_dict` of lpvid's models describes, for files that hold one inside.
 
+    Parameters
+    ----------
+    data : mapping
+        With the model's "kind", as `to_dict` writes it; "schema" is not needed.
+
+    Returns
+    -------
+    LPVTransferFunction, LPVStateSpace, LFTModel, QuasiLPVModel or ComplianceModel
+        By its kind.
+
     Raises
     ------
     InputError, KeyError, ValueError, TypeError
@@ -247,7 +291,13 @@ def model_hash(model: Any) -> str:
 
 
 def package_version() -> str:
-    """Version of the installed package."""
+    """Version of the installed package.
+
+    Returns
+    -------
+    str
+        As in the metadata of the installation; "unknown" where there is none.
+    """
     from importlib.metadata import PackageNotFoundError, version
 
     try:

@@ -25,6 +25,11 @@ def state_space_program(model: LPVStateSpace, name: str, clamp: bool = False,
         Whether the scheduling is held inside the model's box.
     law : SaturatedController, optional
         Limits and anti-windup gain of this controller.
+
+    Returns
+    -------
+    StepProgram
+        From a state of zero.
     """
     assert model.sample_time is not None and model.state_offset is not None and model.output_offset is not None
     kind = "LPV state space" if law is None else "LPV controller with limits and anti-windup"
@@ -54,7 +59,30 @@ def state_space_program(model: LPVStateSpace, name: str, clamp: bool = False,
 
 def mixed(b: StepBuilder, model: LPVStateSpace, phi: Array, x: Array | None, u: Array, by_state: tuple[str, np.ndarray],
           by_input: tuple[str, np.ndarray], offset: tuple[str, np.ndarray], size: int) -> Array:
-    """Σ_m φ_m (M_m x + N_m u + f_m); what is zero throughout is left out."""
+    """Σ_m φ_m (M_m x + N_m u + f_m); what is zero throughout is left out.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Program that the statements and tables are added to.
+    model : LPVStateSpace
+        That of these matrices; it has no effect.
+    phi : (M,) Array
+        Values of the basis at this sample.
+    x : (n,) Array or None
+        States; None for a model without.
+    u : (k,) Array
+        Filter inputs.
+    by_state, by_input, offset : (str, array) pairs
+        Name and value of the (M, size, n) matrices M, the (M, size, k) matrices N and the (M, size) vectors f.
+    size : int
+        Rows of the result.
+
+    Returns
+    -------
+    (size,) Array
+        A local array.
+    """
     out = b.array("sum", size)
     tables = {name: b.table(name, value, "", f"{name}: basis function, row" + (", column" if value.ndim == 3 else ""))
               for name, value in (by_state, by_input, offset) if value.size and np.any(value)}

@@ -38,6 +38,15 @@ RESERVED = frozenset((
 class StepBuilder:
     """Writes a `StepProgram` statement by statement.
 
+    Parameters
+    ----------
+    name : str
+        Prefix of files and functions; made an identifier, with "_model" behind a word of `RESERVED`.
+    description : str
+        One line on what the program computes.
+    sample_time : float
+        Period of the step [s]; 0 for a continuous model.
+
     Examples
     --------
     >>> b = StepBuilder("leak", "a leaking integrator", 0.1)
@@ -65,7 +74,24 @@ class StepBuilder:
     def input(
         self, name: str, unit: str = "", description: str = "", lower: float = -np.inf, upper: float = np.inf
     ) -> Symbol:
-        """A scalar input; one of the same name is the same input."""
+        """A scalar input; one of the same name is the same input.
+
+        Parameters
+        ----------
+        name : str
+            In the model; the identifier in the program may differ.
+        unit : str
+            SI; empty for a pure number.
+        description : str
+            Left out, the name.
+        lower, upper : float
+            Range in this unit, infinite where none is known; those of the first call hold.
+
+        Returns
+        -------
+        Symbol
+            The input as an operand.
+        """
         known = next((q for q in self._inputs if q.label == name), None)
         if known is None:
             known = Quantity(self.fresh(name), unit, description or name, np.zeros(()), lower, upper, name)
@@ -73,89 +99,273 @@ class StepBuilder:
         return Symbol("input", known.name)
 
     def output(self, name: str, value: Expr, unit: str = "", description: str = "") -> None:
-        """A scalar output and its value at this sample."""
+        """A scalar output and its value at this sample.
+
+        Parameters
+        ----------
+        name : str
+            In the model; the identifier in the program may differ.
+        value : Expr
+            Computed where this call stands among the statements.
+        unit : str
+            SI; empty for a pure number.
+        description : str
+            Left out, the name.
+        """
         quantity = Quantity(self.fresh(name), unit, description or name, np.zeros(()), label=name)
         self._outputs.append(quantity)
         self.set(Symbol("output", quantity.name), value)
 
     def state(self, name: str, unit: str = "", description: str = "", start: float = 0.0) -> Symbol:
-        """A scalar state."""
+        """A scalar state.
+
+        Parameters
+        ----------
+        name : str
+            In the model; the identifier in the program may differ.
+        unit : str
+            SI; empty for a pure number.
+        description : str
+            Left out, the name.
+        start : float
+            Value before the first sample, in this unit.
+
+        Returns
+        -------
+        Symbol
+            The state, to read and to set.
+        """
         quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(start)), label=name)
         self._states.append(quantity)
         return Symbol("state", quantity.name)
 
     def states(self, name: str, start: np.ndarray, unit: str = "", description: str = "") -> Array:
-        """An array of states; it must not be empty."""
+        """An array of states; it must not be empty.
+
+        Parameters
+        ----------
+        name : str
+            In the model; the identifier in the program may differ.
+        start : array
+            Values before the first sample; its shape is that of the states.
+        unit : str
+            SI, of all entries; empty for pure numbers or mixed ones.
+        description : str
+            Left out, the name.
+
+        Returns
+        -------
+        Array
+            The states, to read and to set by index.
+        """
         quantity = Quantity(self.fresh(name), unit, description or name, np.array(start, dtype=float), label=name)
         self._states.append(quantity)
         return Array("state", quantity.name, quantity.shape)
 
     def parameter(self, name: str, value: float, unit: str = "", description: str = "") -> Symbol:
-        """A scalar parameter."""
+        """A scalar parameter.
+
+        Parameters
+        ----------
+        name : str
+            In the model; the identifier in the program may differ.
+        value : float
+            In this unit.
+        unit : str
+            SI; empty for a pure number.
+        description : str
+            Left out, the name.
+
+        Returns
+        -------
+        Symbol
+            The parameter as an operand.
+        """
         quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(value)), label=name)
         self._parameters.append(quantity)
         return Symbol("parameter", quantity.name)
 
     def table(self, name: str, value: np.ndarray, unit: str = "", description: str = "") -> Array:
-        """An array of parameters; it must not be empty."""
+        """An array of parameters; it must not be empty.
+
+        Parameters
+        ----------
+        name : str
+            In the model; the identifier in the program may differ.
+        value : array
+            Its shape is that of the table.
+        unit : str
+            SI, of all entries; empty for pure numbers or mixed ones.
+        description : str
+            Left out, the name.
+
+        Returns
+        -------
+        Array
+            The parameters, to read by index.
+        """
         quantity = Quantity(self.fresh(name), unit, description or name, np.array(value, dtype=float), label=name)
         self._parameters.append(quantity)
         return Array("parameter", quantity.name, quantity.shape)
 
     def first(self) -> Expr:
-        """The condition that this is the first sample."""
+        """The condition that this is the first sample.
+
+        Returns
+        -------
+        Expr
+            It reads a state that is added on the first call and set at the end of the step.
+        """
         if self._started is None:
             self._started = self.state("started", "", "0 before the first sample, 1 after it")
         return self._started < 0.5
 
     def note(self, text: str) -> None:
-        """A remark for the user of the program."""
+        """A remark for the user of the program.
+
+        Parameters
+        ----------
+        text : str
+            A sentence; exports print it in their notes and in the files.
+        """
         self._notes.append(text)
 
     # -- statements --------------------------------------------------------------------------------------------------
     def let(self, name: str, value: Expr | float) -> Symbol:
-        """A local scalar with this value."""
+        """A local scalar with this value.
+
+        Parameters
+        ----------
+        name : str
+            Made an identifier that is free where this call stands.
+        value : Expr or float
+            First value; `set` and `add` change it later.
+
+        Returns
+        -------
+        Symbol
+            The local scalar.
+        """
         symbol = Symbol("local", self.fresh(name))
         self._add(Declare(symbol, as_expr(value)))
         return symbol
 
     def array(self, name: str, *shape: int) -> Array:
-        """A local array of zeros."""
+        """A local array of zeros.
+
+        Parameters
+        ----------
+        name : str
+            Made an identifier that is free where this call stands.
+        *shape : int
+            Constant lengths of the axes, at least 1.
+
+        Returns
+        -------
+        Array
+            The local array, to read and to set by index.
+        """
         array = Array("local", self.fresh(name), shape)
         self._add(DeclareArray(array))
         return array
 
     def index(self, name: str, value: Index | int = 0) -> Counter:
-        """A local index."""
+        """A local index.
+
+        Parameters
+        ----------
+        name : str
+            Made an identifier that is free where this call stands.
+        value : Index or int
+            First value, counted from zero; `set_index` changes it later.
+
+        Returns
+        -------
+        Counter
+            The local index, to use as a subscript.
+        """
         counter = Counter(self.fresh(name))
         self._add(DeclareIndex(counter, as_index(value)))
         return counter
 
     def set(self, target: Symbol | ArrayElement, value: Expr | float) -> None:
-        """A new value of a scalar or an entry."""
+        """A new value of a scalar or an entry.
+
+        Parameters
+        ----------
+        target : Symbol or ArrayElement
+            A local, a state or an output.
+        value : Expr or float
+            In the unit of the target.
+        """
         self._add(Assign(target, as_expr(value)))
 
     def rate(self, state: Symbol | ArrayElement, value: Expr | float) -> None:
-        """The time derivative of a state, in a program of a continuous model."""
+        """The time derivative of a state, in a program of a continuous model.
+
+        Parameters
+        ----------
+        state : Symbol or ArrayElement
+            As `state` or `states` returned it.
+        value : Expr or float
+            In the unit of the state per second.
+        """
         place = Symbol("rate", state.name) if isinstance(state, Symbol) else ArrayElement(
             Array("rate", state.array.name, state.array.shape), state.index)
         self.set(place, value)
 
     def set_index(self, counter: Counter, value: Index | int) -> None:
-        """A new value of an index."""
+        """A new value of an index.
+
+        Parameters
+        ----------
+        counter : Counter
+            As `index` returned it.
+        value : Index or int
+            Counted from zero.
+        """
         self._add(AssignIndex(counter, as_index(value)))
 
     def add(self, target: Symbol | ArrayElement, value: Expr | float) -> None:
-        """A value added to a scalar or an entry."""
+        """A value added to a scalar or an entry.
+
+        Parameters
+        ----------
+        target : Symbol or ArrayElement
+            A local, a state or an output.
+        value : Expr or float
+            In the unit of the target.
+        """
         self.set(target, target + value)
 
     def remark(self, text: str) -> None:
-        """A comment."""
+        """A comment.
+
+        Parameters
+        ----------
+        text : str
+            One line, printed as a comment where this call stands.
+        """
         self._add(Remark(text))
 
     @contextmanager
     def loop(self, name: str, last: int, first: int = 0, down: bool = False) -> Iterator[Index]:
-        """Statements for an index from `first` to `last` − 1; one pass needs no loop."""
+        """Statements for an index from `first` to `last` − 1; one pass needs no loop.
+
+        Parameters
+        ----------
+        name : str
+            Of the counter; made an identifier that is free.
+        last, first : int
+            Constants; nothing is written where `last` does not exceed `first`.
+        down : bool
+            Whether the counter starts at `last` − 1 and falls to `first`.
+
+        Yields
+        ------
+        Index
+            The counter, or a constant place for a single pass. Names declared inside are free again behind the loop.
+        """
         if last - first == 1:
             yield Place(first)
             return
@@ -170,7 +380,18 @@ class StepBuilder:
 
     @contextmanager
     def when(self, condition: Expr) -> Iterator[None]:
-        """Statements for where a condition holds."""
+        """Statements for where a condition holds.
+
+        Parameters
+        ----------
+        condition : Expr
+            A comparison, or comparisons combined.
+
+        Yields
+        ------
+        None
+            Statements written inside the block go into the branch.
+        """
         statement = Branch(condition)
         self._blocks.append(statement.then)
         yield
@@ -179,7 +400,13 @@ class StepBuilder:
 
     @contextmanager
     def otherwise(self) -> Iterator[None]:
-        """Statements for where the condition of the `when` just before does not hold."""
+        """Statements for where the condition of the `when` just before does not hold.
+
+        Yields
+        ------
+        None
+            Statements written inside the block go into the other branch.
+        """
         statement = self._blocks[-1][-1]
         assert isinstance(statement, Branch)
         self._blocks.append(statement.other)
@@ -187,11 +414,30 @@ class StepBuilder:
         self._blocks.pop()
 
     def sum(self, name: str, start: Expr | float = 0.0) -> Symbol:
-        """A local scalar that is going to be added to."""
+        """A local scalar that is going to be added to.
+
+        Parameters
+        ----------
+        name : str
+            Made an identifier that is free where this call stands.
+        start : Expr or float
+            First term.
+
+        Returns
+        -------
+        Symbol
+            The local scalar, for `add`.
+        """
         return self.let(name, start)
 
     def program(self) -> StepProgram:
-        """What was written."""
+        """What was written.
+
+        Returns
+        -------
+        StepProgram
+            Complete; called once, outside all loops and branches.
+        """
         assert len(self._blocks) == 1
         if self._started is not None:
             self.set(self._started, 1.0)
@@ -199,7 +445,18 @@ class StepBuilder:
                            tuple(self._states), tuple(self._parameters), tuple(self._blocks[0]), tuple(self._notes))
 
     def fresh(self, name: str) -> str:
-        """An identifier that nothing else here has."""
+        """An identifier that nothing else here has.
+
+        Parameters
+        ----------
+        name : str
+            Any text.
+
+        Returns
+        -------
+        str
+            As `identifier` writes it, with a number behind it where that is used already; from now on it is used.
+        """
         base = identifier(name)
         found, count = base, 2
         while found in self._used:
@@ -243,6 +500,16 @@ def checked_name(name: str) -> str:
 
 def identifier(name: str) -> str:
     """A name as C, Python and MATLAB take it: letters, digits and single underscores, a letter first.
+
+    Parameters
+    ----------
+    name : str
+        Any text.
+
+    Returns
+    -------
+    str
+        At most 40 characters, with an x in front of what does not begin with a letter.
 
     Examples
     --------

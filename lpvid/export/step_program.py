@@ -51,7 +51,15 @@ class Statement:
 
 @dataclass(frozen=True, eq=False)
 class Declare(Statement):
-    """A local scalar with its first value."""
+    """A local scalar with its first value.
+
+    Attributes
+    ----------
+    symbol : Symbol
+        Of the home "local".
+    value : Expr
+        Computed where the statement stands.
+    """
 
     symbol: Symbol
     value: Expr
@@ -59,14 +67,28 @@ class Declare(Statement):
 
 @dataclass(frozen=True, eq=False)
 class DeclareArray(Statement):
-    """A local array of zeros."""
+    """A local array of zeros.
+
+    Attributes
+    ----------
+    array : Array
+        Of the home "local".
+    """
 
     array: Array
 
 
 @dataclass(frozen=True, eq=False)
 class DeclareIndex(Statement):
-    """A local index with its first value."""
+    """A local index with its first value.
+
+    Attributes
+    ----------
+    counter : Counter
+        No loop's counter.
+    value : Index
+        Counted from zero.
+    """
 
     counter: Counter
     value: Index
@@ -74,7 +96,15 @@ class DeclareIndex(Statement):
 
 @dataclass(frozen=True, eq=False)
 class Assign(Statement):
-    """A new value of a scalar or of an entry."""
+    """A new value of a scalar or of an entry.
+
+    Attributes
+    ----------
+    target : Symbol or ArrayElement
+        A local, a state, an output or a rate.
+    value : Expr
+        It may read the target.
+    """
 
     target: Symbol | ArrayElement
     value: Expr
@@ -82,7 +112,15 @@ class Assign(Statement):
 
 @dataclass(frozen=True, eq=False)
 class AssignIndex(Statement):
-    """A new value of an index."""
+    """A new value of an index.
+
+    Attributes
+    ----------
+    counter : Counter
+        Of a `DeclareIndex`.
+    value : Index
+        Counted from zero.
+    """
 
     counter: Counter
     value: Index
@@ -90,7 +128,19 @@ class AssignIndex(Statement):
 
 @dataclass(eq=False)
 class LoopStatement(Statement):
-    """Statements for counter = first … last − 1, or downwards from last − 1; both are constants."""
+    """Statements for counter = first … last − 1, or downwards from last − 1; both are constants.
+
+    Attributes
+    ----------
+    counter : Counter
+        Declared by the loop itself.
+    first, last : int
+        Ends, counted from zero.
+    down : bool
+        Whether it falls from last − 1 to first.
+    body : list of Statement
+        Executed for each value.
+    """
 
     counter: Counter
     first: int
@@ -101,7 +151,15 @@ class LoopStatement(Statement):
 
 @dataclass(eq=False)
 class Branch(Statement):
-    """Statements where a condition holds, and others where it does not."""
+    """Statements where a condition holds, and others where it does not.
+
+    Attributes
+    ----------
+    condition : Expr
+        A comparison, or comparisons combined.
+    then, other : list of Statement
+        Where it holds, and where it does not; `other` empty for no second branch.
+    """
 
     condition: Expr
     then: list[Statement] = field(default_factory=list)
@@ -110,7 +168,13 @@ class Branch(Statement):
 
 @dataclass(frozen=True, eq=False)
 class Remark(Statement):
-    """A comment."""
+    """A comment.
+
+    Attributes
+    ----------
+    text : str
+        One line, without the language's marks.
+    """
 
     text: str
 
@@ -147,17 +211,41 @@ class StepProgram:
     notes: tuple[str, ...] = ()
 
     def assigned(self) -> set[str]:
-        """Names of local scalars that are assigned after their declaration."""
+        """Names of local scalars that are assigned after their declaration.
+
+        Returns
+        -------
+        set of str
+            Loops and branches included; all other locals are constant.
+        """
         return {s.target.name for s in walk(self.body) if isinstance(s, Assign) and isinstance(s.target, Symbol)
                 and s.target.home == "local"}
 
     def operations(self) -> int:
-        """Statements that one step executes at most."""
+        """Statements that one step executes at most.
+
+        Returns
+        -------
+        int
+            Declarations of scalars and indices, assignments and conditions; of a branch the longer side, of a loop all
+            passes.
+        """
         return _count(self.body)
 
 
 def walk(body: Sequence[Statement]) -> Iterator[Statement]:
-    """Every statement, those inside loops and branches included."""
+    """Every statement, those inside loops and branches included.
+
+    Parameters
+    ----------
+    body : sequence of Statement
+        Of a program, a loop or a branch.
+
+    Yields
+    ------
+    Statement
+        In the order of the text, a loop or branch before what is inside.
+    """
     for statement in body:
         yield statement
         if isinstance(statement, LoopStatement):

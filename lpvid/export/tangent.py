@@ -84,7 +84,13 @@ def tangent(program: StepProgram) -> StepProgram:
 
 
 class Differentiation:
-    """Statements and expressions of one program with their tangents."""
+    """Statements and expressions of one program with their tangents.
+
+    Parameters
+    ----------
+    program : StepProgram
+        Its names and assignments decide which locals move and how tangents are named.
+    """
 
     def __init__(self, program: StepProgram) -> None:
         taken = {s.symbol.name for s in walk(program.body) if isinstance(s, Declare)}
@@ -107,7 +113,18 @@ class Differentiation:
         return name in self._moving if home == "local" else home in HOMES
 
     def body(self, statements: Sequence[Statement]) -> list[Statement]:
-        """Each statement behind its tangent, which reads the values before it."""
+        """Each statement behind its tangent, which reads the values before it.
+
+        Parameters
+        ----------
+        statements : sequence of Statement
+            Of the program, a loop or a branch.
+
+        Returns
+        -------
+        list of Statement
+            Constants have no tangent; loops and branches hold both kinds.
+        """
         return [found for s in statements for found in self._statement(s)]
 
     def _statement(self, s: Statement) -> Iterator[Statement]:
@@ -137,7 +154,18 @@ class Differentiation:
         return ArrayElement(self._array(element.array), element.index)
 
     def of(self, expr: Expr) -> Expr:
-        """The tangent of an expression; `ZERO` where it is constant."""
+        """The tangent of an expression; `ZERO` where it is constant.
+
+        Parameters
+        ----------
+        expr : Expr
+            A real expression; comparisons have none.
+
+        Returns
+        -------
+        Expr
+            It reads locals of both kinds and the homes of `HOMES`.
+        """
         if isinstance(expr, (RealConstant, ByPrecision, Real)):
             return ZERO
         if isinstance(expr, Symbol):

@@ -45,6 +45,11 @@ def drive(b: StepBuilder, model: Any, clamp: bool, own: Basis | None = None) -> 
         Whether the scheduling is held inside the box.
     own : Basis, optional
 
+    Returns
+    -------
+    LinearPartInput
+        Filter inputs, scheduling behind its filter, and basis values.
+
     Raises
     ------
     InputError
@@ -82,7 +87,22 @@ def _history(b: StepBuilder, name: str, value: Expr, depth: int, first: Expr | N
 
 
 def vector(b: StepBuilder, name: str, values: list[Expr]) -> Array:
-    """Values in a local array, for loops."""
+    """Values in a local array, for loops.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Program that the statements are added to.
+    name : str
+        Of the array.
+    values : list of Expr
+        Entries in order.
+
+    Returns
+    -------
+    (k,) Array
+        With one entry of 0 where there are no values.
+    """
     array = b.array(name, max(len(values), 1))
     for i, v in enumerate(values):
         b.set(array[i], v)
@@ -90,7 +110,28 @@ def vector(b: StepBuilder, name: str, values: list[Expr]) -> Array:
 
 
 def rows(b: StepBuilder, name: str, values: list[Expr], depth: int, description: str, fill: bool = False) -> Array:
-    """(depth + 1, k) the values of this sample in row 0 and those of the last samples below."""
+    """(depth + 1, k) the values of this sample in row 0 and those of the last samples below.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Program that the statements and states are added to.
+    name : str
+        Of the array.
+    values : list of Expr
+        The k values of this sample.
+    depth : int
+        Earlier samples to keep; with 0 the array is a local one, else it is a state.
+    description : str
+        Of that state.
+    fill : bool
+        Whether the rows below start with the first sample's values; left out, with 0.
+
+    Returns
+    -------
+    (depth + 1, k) Array
+        The newest sample in row 0.
+    """
     k = len(values)
     if not depth:
         array = b.array(name, 1, k)
@@ -115,6 +156,11 @@ def transfer_function_program(model: LPVTransferFunction, name: str, clamp: bool
     name : str
     clamp : bool
         Whether the scheduling is held inside the model's box.
+
+    Returns
+    -------
+    StepProgram
+        Of one sample.
     """
     b = StepBuilder(name, f"LPV transfer function {', '.join(map(str, model.inputs))} -> "
                     f"{', '.join(map(str, model.outputs))}", model.sample_time)
@@ -135,6 +181,11 @@ def equation(b: StepBuilder, model: LPVTransferFunction, at: LinearPartInput, pa
         Filter inputs and basis at this sample.
     past_outputs : (na, n_outputs) array
         Outputs before the first sample, the newest first.
+
+    Returns
+    -------
+    (n_outputs,) Array
+        A local array, in the unit of each output; the log of past outputs has moved on by one sample.
     """
     assert model.c is not None
     ny, nu, na, lags, m = model.n_outputs, model.n_filter_inputs, model.na, model.n_lags, model.basis.size

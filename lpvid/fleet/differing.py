@@ -183,7 +183,18 @@ def differing_parameters(shifts: Mapping[str, np.ndarray], fdr: float = 0.05) ->
 
 
 def residual_level(own: Factor) -> float:
-    """Mean square of the residual that a file's own model of the structure leaves, outputs summed."""
+    """Mean square of the residual that a file's own model of the structure leaves, outputs summed.
+
+    Parameters
+    ----------
+    own : Factor
+        Triangular factor of the file's own regression, outputs behind the regressors.
+
+    Returns
+    -------
+    float
+        Per degree of freedom, in the square of the output's unit.
+    """
     k = own.columns
     return float(np.sum(own.r[k:, k:] ** 2)) / max(own.rows - k, 1)
 
@@ -224,7 +235,18 @@ def differing_residuals(levels: Mapping[str, float], fdr: float = 0.05) -> Diffe
 
 
 def either(first: Differing, second: Differing) -> Differing:
-    """Files that differ by one of two tests: p = min(1, 2 min(p₁, p₂)) (Bonferroni), with the score of the smaller."""
+    """Files that differ by one of two tests: p = min(1, 2 min(p₁, p₂)) (Bonferroni), with the score of the smaller.
+
+    Parameters
+    ----------
+    first, second : Differing
+        Of the same files; the rate of false discoveries is that of the first.
+
+    Returns
+    -------
+    Differing
+        `first` as it is where one of them judged no file.
+    """
     if not first.p or not second.p:
         return first
     names = list(first.p)

@@ -72,7 +72,18 @@ class FleetPlan:
     retries: int = 2
 
     def key(self, step: str) -> str:
-        """Hash of what the result of a step depends on beside its file."""
+        """Hash of what the result of a step depends on beside its file.
+
+        Parameters
+        ----------
+        step : str
+            "audit", "scan", "identify" or "diagnose".
+
+        Returns
+        -------
+        str
+            16 hexadecimal digits: of the roles, of the structure but for the audit, of the baseline for a diagnosis.
+        """
         about: dict[str, Any] = {"step": step, "roles": dict(self.roles)}
         if step != "audit":
             about["structure"] = self.structure.to_dict()

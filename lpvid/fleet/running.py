@@ -79,7 +79,18 @@ class FleetResult:
         return {name: found.names for name, found in self.diagnoses.items()}
 
     def esr(self, name: str) -> float:
-        """Free-run ESR of the fleet's model along a file, training; infinite where it diverges or was not run."""
+        """Free-run ESR of the fleet's model along a file, training; infinite where it diverges or was not run.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, as in `Job.name`.
+
+        Returns
+        -------
+        float
+            [1]; 0 is a perfect fit.
+        """
         value = self.errors.get(name, {}).get("esr")
         return np.inf if value is None else float(value)
 
@@ -116,7 +127,13 @@ class FleetResult:
         return f"{stated}; {who}{more}, at a false discovery rate of {self.differing.fdr:g}."
 
     def to_dict(self) -> dict:
-        """fleet.json."""
+        """fleet.json.
+
+        Returns
+        -------
+        dict
+            Verdict and settings, and under "files" one row per file.
+        """
         def stated(job: Job) -> dict | None:
             return self.diagnoses[job.name].to_dict() if job.name in self.diagnoses else None
 
@@ -290,7 +307,25 @@ def _version(found: Identification) -> str:
 # -- cluster -----------------------------------------------------------------------------------------------------------
 @contextmanager
 def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
-    """A client of the scheduler at an address, or of a cluster on this machine that ends with it."""
+    """A client of the scheduler at an address, or of a cluster on this machine that ends with it.
+
+    Parameters
+    ----------
+    scheduler : str or None
+        Address, "tcp://host:8786" for instance; None for a cluster on this machine.
+    workers : int or None
+        Processes of that cluster; None leaves it to Dask. Without effect where a scheduler is named.
+
+    Yields
+    ------
+    distributed.Client
+        Closed at the end; a scheduler at an address goes on.
+
+    Raises
+    ------
+    InputError
+        Dask is not installed, or the scheduler does not answer.
+    """
     try:
         from dask import config
         from distributed import Client, LocalCluster

@@ -42,7 +42,20 @@ class StepOutcome:
 
 
 def stamp(path: Path, key: str) -> str:
-    """Key of a step with the version of the file that it reads."""
+    """Key of a step with the version of the file that it reads.
+
+    Parameters
+    ----------
+    path : Path
+        File that the step reads.
+    key : str
+        Of step and settings, from `FleetPlan.key`.
+
+    Returns
+    -------
+    str
+        The key with size [byte] and time of modification [ns] of the file.
+    """
     about = path.stat()
     return f"{key}-{about.st_size}-{about.st_mtime_ns}"
 
@@ -63,13 +76,41 @@ def short_hash(about: object) -> str:
 
 
 def outcome(job: Job, step: str, key: str) -> StepOutcome | None:
-    """What stands on disk for a step of the same file and settings; None where there is nothing."""
+    """What stands on disk for a step of the same file and settings; None where there is nothing.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results.
+    step : str
+        Name of the step.
+    key : str
+        From `stamp`, with what else the step depends on.
+
+    Returns
+    -------
+    StepOutcome or None
+        None also where the file or a setting has changed since.
+    """
     found = _read(job.folder).get(step)
     return StepOutcome(**found) if found is not None and found["key"] == key else None
 
 
 def keep(job: Job, found: StepOutcome) -> StepOutcome:
-    """Write an outcome beside those of the other steps."""
+    """Write an outcome beside those of the other steps.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results; that is made where it does not exist.
+    found : StepOutcome
+        It replaces an earlier outcome of the same step.
+
+    Returns
+    -------
+    StepOutcome
+        The same.
+    """
     job.folder.mkdir(parents=True, exist_ok=True)
     steps = {**_read(job.folder), found.step: asdict(found)}
     write_text(json.dumps(steps, indent=1) + "\n", job.folder / FILE)

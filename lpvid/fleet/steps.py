@@ -29,13 +29,40 @@ ROWS = 500_000
 
 
 def audit(job: Job, plan: FleetPlan) -> StepOutcome:
-    """`lpvid inspect` in a process of its own, and the range of the channels in use."""
+    """`lpvid inspect` in a process of its own, and the range of the channels in use.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results.
+    plan : FleetPlan
+        Its roles, limit and retries are used.
+
+    Returns
+    -------
+    StepOutcome
+        The audit itself stands in the folder ``audit``.
+    """
     words = ["inspect", str(job.path), "--out", str(job.folder / "audit"), "--json", *_roles(plan)]
     return _command("audit", job, plan, words, stamp(job.path, plan.key("audit")))
 
 
 def scan(job: Job, plan: FleetPlan) -> StepOutcome:
-    """Range of the scheduling variables, period and length: what all files must agree on before a common fit."""
+    """Range of the scheduling variables, period and length: what all files must agree on before a common fit.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results.
+    plan : FleetPlan
+        Its structure states the channels.
+
+    Returns
+    -------
+    StepOutcome
+        Its message holds as JSON: low, high and units of each variable, samples, duration [s] and sample_time [s].
+        Refused for a record without a uniform clock or without a channel.
+    """
 
     def work() -> str:
         names = plan.structure.basis.names
@@ -60,7 +87,26 @@ def scan(job: Job, plan: FleetPlan) -> StepOutcome:
 
 
 def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) -> StepOutcome:
-    """R of the file's regression, as factor.npz."""
+    """R of the file's regression, as factor.npz.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results.
+    plan : FleetPlan
+        With the structure of the common model.
+    box : Scheduling
+        Of all files together.
+    rate : float
+        Of all files [Hz].
+    tag : str
+        Hash of box and rate: another one makes the step run again.
+
+    Returns
+    -------
+    StepOutcome
+        Its message is the number of samples.
+    """
 
     def work() -> str:
         found = stream_factor(records(job, plan, rate), plan.structure, box)
@@ -74,7 +120,26 @@ def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) ->
 
 
 def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> StepOutcome:
-    """Free run of the fleet's model along the file: error, power of the output."""
+    """Free run of the fleet's model along the file: error, power of the output.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results.
+    plan : FleetPlan
+        Its roles and channels are used.
+    model : Path
+        File of the fleet's model.
+    rate : float
+        Of all files [Hz].
+    tag : str
+        Hashes of box, rate and model: another one makes the step run again.
+
+    Returns
+    -------
+    StepOutcome
+        Its message holds as JSON: esr, rmse, unit, mean_error and whether the run diverged.
+    """
 
     def work() -> str:
         from lpvid.export.serialise import load
@@ -90,7 +155,24 @@ def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Step
 
 
 def diagnose(job: Job, plan: FleetPlan, baseline: str | Path, tag: str) -> StepOutcome:
-    """`lpvid diagnose` against a law or a model, in a process of its own."""
+    """`lpvid diagnose` against a law or a model, in a process of its own.
+
+    Parameters
+    ----------
+    job : Job
+        One file with the folder of its results.
+    plan : FleetPlan
+        Its roles, limit and retries are used.
+    baseline : str or Path
+        Name of a law, or file of a law or model.
+    tag : str
+        Version of the baseline, "own" or hashes: another one makes the step run again.
+
+    Returns
+    -------
+    StepOutcome
+        The diagnosis itself stands in the folder ``diagnosis``.
+    """
     return _diagnosis("diagnose", job, plan, [job.path], str(baseline), tag)
 
 
@@ -177,7 +259,22 @@ def _diagnosis(step: str, job: Job, plan: FleetPlan, paths: Sequence[Path], base
 
 
 def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:
-    """The file's records at one rate; a large file in parts where its rate is right already."""
+    """The file's records at one rate; a large file in parts where its rate is right already.
+
+    Parameters
+    ----------
+    job : Job
+        The file.
+    plan : FleetPlan
+        With roles, and the channels of its structure.
+    rate : float or None
+        Rate to resample to [Hz]; None for the file's own.
+
+    Returns
+    -------
+    iterable of Record
+        Of a file above `LARGE` its parts as they are: neither resampled nor with derived channels.
+    """
     from lpvid.condition import segments, with_derived
     from lpvid.files import read
     from lpvid.files.streaming import read_chunks
@@ -190,7 +287,18 @@ def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:
 
 
 def read_factor(job: Job) -> Factor:
-    """What `factor` left."""
+    """What `factor` left.
+
+    Parameters
+    ----------
+    job : Job
+        A file whose step `factor` is done.
+
+    Returns
+    -------
+    Factor
+        Read from ``factor.npz`` in its folder.
+    """
     with np.load(job.folder / "factor.npz") as data:
         return Factor(data["r"], int(data["rows"]), int(data["columns"]))
 

@@ -246,7 +246,18 @@ def loops(shown: Sequence[Comparison], against: Sequence[str], ax: Ax = None) ->
 
 
 def worst_stretch(error: np.ndarray) -> slice:
-    """The window of `WINDOW` samples with the largest mean square error; the first one when the run diverged."""
+    """The window of `WINDOW` samples with the largest mean square error; the first one when the run diverged.
+
+    Parameters
+    ----------
+    error : (n,) array
+        Measured less simulated; not finite from where the run diverged.
+
+    Returns
+    -------
+    slice
+        The whole error, where it is shorter than the window.
+    """
     size = min(WINDOW, error.size)
     squares = np.where(np.isfinite(error), error, 0.0) ** 2
     if not np.isfinite(error[-1]):

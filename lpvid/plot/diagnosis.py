@@ -78,7 +78,18 @@ class BeforeAfter:
     origin: str = "measured"
 
     def unit_of(self, role: str) -> str:
-        """Unit of a driving channel; the role's own where the record gives none."""
+        """Unit of a driving channel; the role's own where the record gives none.
+
+        Parameters
+        ----------
+        role : str
+            A key of `ROLES_UNITS`.
+
+        Returns
+        -------
+        str
+            SI, without brackets.
+        """
         return self.units.get(role) or ROLES_UNITS[role]
 
     @property
@@ -102,6 +113,11 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> D
         Whether anything was added, so that an after differs from the before.
     ax : matplotlib.axes.Axes or sequence of them, optional
         Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or array of them, or None
+        One row per pair, one column per stage; None where no pair was recorded and moves.
     """
     pairs = [p for p in (("velocity", "current"), ("velocity", "displacement"), ("unsprung", "road"))
              if all(n in s.channels for n in p for s in shown) and all(np.ptp(_joined(shown, n)) > 0 for n in p)]
@@ -153,6 +169,11 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) ->
     extended : bool
     ax : matplotlib.axes.Axes or sequence of them, optional
         Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or array of them, or None
+        One panel per input, at most three; None where no input moves.
     """
     names = [n for n in ("velocity", "displacement", "current", "unsprung", "temperature")
              if all(n in s.channels for s in shown) and np.ptp(_joined(shown, n)) > 0][:3]
@@ -180,7 +201,24 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) ->
 
 
 def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: bool, ax: Ax = None) -> Drawn:
-    """Error over time (rms of stretches) and over frequency, before and after, with the noise level where known."""
+    """Error over time (rms of stretches) and over frequency, before and after, with the noise level where known.
+
+    Parameters
+    ----------
+    shown : sequence of BeforeAfter
+        The course over time is that of the first, the spectrum that of the longest.
+    floor : float or None
+        Noise [unit of the output]; None where it is not known.
+    extended : bool
+        Whether anything was added, so that an after differs from the before.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw, two axes; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+        Time, then frequency.
+    """
     first = shown[0]
     with look():
         axes = panels(1, 2, height=2.9, ax=ax)[1]
@@ -227,6 +265,11 @@ def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16, ax: Ax = No
     most : int
     ax : matplotlib.axes.Axes or sequence of them, optional
         Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or None
+        None without rows.
     """
     kept = sorted(rows, key=lambda r: -r[1])[:most]
     if not kept:
@@ -251,7 +294,22 @@ def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16, ax: Ax = No
 
 
 def loops(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn | None:
-    """Output over velocity, measured and simulated: the baseline on the left, the extended model on the right."""
+    """Output over velocity, measured and simulated: the baseline on the left, the extended model on the right.
+
+    Parameters
+    ----------
+    shown : sequence of BeforeAfter
+        Records without a velocity are passed over.
+    extended : bool
+        Whether anything was added, so that an after differs from the before.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or array of them, or None
+        None where no record has a velocity.
+    """
     having = [s for s in shown if "velocity" in s.channels]
     if not having:
         return None
@@ -283,7 +341,22 @@ def _loop_axes(ax: Axes, s: BeforeAfter, limits: tuple[float, float]) -> None:
 
 
 def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn:
-    """The stretch in which the baseline is most wrong: measured, baseline, extended model, and what moves."""
+    """The stretch in which the baseline is most wrong: measured, baseline, extended model, and what moves.
+
+    Parameters
+    ----------
+    shown : sequence of BeforeAfter
+        The record with the largest mean square error of the baseline is drawn.
+    extended : bool
+        Whether anything was added, so that an after differs from the before.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw, two axes and one for current and velocity each where they move; left out, in a new figure.
+
+    Returns
+    -------
+    array of matplotlib.axes.Axes
+        Output, error, then what moves.
+    """
     s = max(shown, key=lambda one: float(np.mean(one.errors[0] ** 2)))
     window = _worst(s.errors[0])
     t = s.times[window]

@@ -30,6 +30,16 @@ def svg(figure: Figure | Drawn) -> bytes:
     """The figure, or that of these axes, as SVG: lines as lines, dense clouds as embedded pixels.
 
     The same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure, Axes or array of Axes
+        Drawn completely.
+
+    Returns
+    -------
+    bytes
+        UTF-8.
     """
     buffer = io.BytesIO()
     with look():
@@ -39,6 +49,16 @@ def svg(figure: Figure | Drawn) -> bytes:
 
 def shortened(drawing: bytes) -> bytes:
     """The same SVG with coordinates of `PLACES` decimals, clouds of `COLOURS` colours, and nothing that draws nothing.
+
+    Parameters
+    ----------
+    drawing : bytes
+        SVG as matplotlib writes it.
+
+    Returns
+    -------
+    bytes
+        Looks the same to within a hundredth of a point.
 
     Examples
     --------
@@ -91,7 +111,18 @@ def _fewer_colours(found: re.Match[bytes]) -> bytes:
 
 
 def png(figure: Figure | Drawn) -> bytes:
-    """The figure, or that of these axes, as PNG."""
+    """The figure, or that of these axes, as PNG.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure, Axes or array of Axes
+        Drawn completely.
+
+    Returns
+    -------
+    bytes
+        At the resolution of `lpvid.plot.style.SETTINGS`.
+    """
     buffer = io.BytesIO()
     with look():
         figure_of(figure).savefig(buffer, format="png", metadata={"Software": "lpvid"})

@@ -75,7 +75,20 @@ def plot(noun: Any, ax: Any = None, drawing: Callable[[Any], Drawing | None] | N
 
 
 def card(noun: Any, drawing: Callable[[Any], Drawing | None] | None = None) -> str:
-    """A noun as a small piece of HTML: its text and, where it has one, its figure; for dark and light pages."""
+    """A noun as a small piece of HTML: its text and, where it has one, its figure; for dark and light pages.
+
+    Parameters
+    ----------
+    noun : object
+        Anything with a text of its own.
+    drawing : callable, optional
+        From a noun to its `Drawing` or None; left out, `drawing_of`.
+
+    Returns
+    -------
+    str
+        Safe inside a page: text is escaped, the figure embedded as PNG.
+    """
     found, picture = (drawing or drawing_of)(noun), ""
     if found is not None:
         axes = np.atleast_1d(np.asarray(plot(noun, None, drawing), dtype=object))
@@ -91,7 +104,18 @@ def card(noun: Any, drawing: Callable[[Any], Drawing | None] | None = None) -> s
 
 @singledispatch
 def drawing_of(noun: Any) -> Drawing | None:
-    """What a noun looks like; None for one that is text only."""
+    """What a noun looks like; None for one that is text only.
+
+    Parameters
+    ----------
+    noun : object
+        Dispatched by its class.
+
+    Returns
+    -------
+    (int, callable) or None
+        Number of axes, and what draws on a sequence of so many.
+    """
     return None
 
 

@@ -103,7 +103,22 @@ def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: FrozenResponse,
 
 def steps(time: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[str], units: Sequence[str], output: str,
           level: float = 0.95, ax: Ax = None) -> Drawn:
-    """Responses to a unit step in each input, with their bands, one panel each; other arguments as for `bode`."""
+    """Responses to a unit step in each input, with their bands, one panel each; other arguments as for `bode`.
+
+    Parameters
+    ----------
+    time : (n,) array
+        From the step on [s].
+    shown : sequence of FrozenResponse
+        Their values are (n, inputs) arrays of step responses.
+    inputs, units, output, level, ax
+        As for `bode`; units are those of the response per unit of the input.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or array of them
+        One per input.
+    """
     foreign = ax is not None
     with look():
         figure, axes = panels(1, len(inputs), height=2.7, width=WIDTH if len(inputs) > 1 else 8.0, ax=ax)

@@ -44,7 +44,13 @@ SETTINGS: Mapping[str, Any] = {
 
 @contextmanager
 def look() -> Iterator[None]:
-    """The house style inside the block."""
+    """The house style inside the block.
+
+    Yields
+    ------
+    None
+        Figures that are made or saved inside have `SETTINGS`; those of the caller are as before behind it.
+    """
     import matplotlib as mpl
 
     with mpl.rc_context(dict(SETTINGS)):  # type: ignore[arg-type]
@@ -97,25 +103,70 @@ def panels(rows: int, columns: int = 1, *, height: float = 2.2, width: float = W
 
 
 def drawn(axes: np.ndarray, count: int | None = None) -> Drawn:
-    """One Axes where there is one, else the array of them as `plt.subplots` has it, or the first `count` in a row."""
+    """One Axes where there is one, else the array of them as `plt.subplots` has it, or the first `count` in a row.
+
+    Parameters
+    ----------
+    axes : (rows, columns) array of Axes
+        As `panels` returns it.
+    count : int, optional
+        How many are used; left out, all.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or array of them
+        Without axes of length 1.
+    """
     kept = axes if count is None or count == axes.size else axes.ravel()[:count]
     return kept.ravel()[0] if kept.size == 1 else np.squeeze(kept)
 
 
 def figure_of(shown: Any) -> Figure:
-    """The figure of what a drawing function returns; a figure is its own."""
+    """The figure of what a drawing function returns; a figure is its own.
+
+    Parameters
+    ----------
+    shown : Figure, Axes or array of Axes
+        What a drawing function returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        That of the first, where there are several.
+    """
     from matplotlib.figure import Figure
 
     return shown if isinstance(shown, Figure) else np.atleast_1d(np.asarray(shown, dtype=object)).ravel()[0].figure
 
 
 def label(name: str, unit: str) -> str:
-    """Axis label with its unit."""
+    """Axis label with its unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the quantity.
+    unit : str
+        Empty for a pure number, printed as 1.
+
+    Returns
+    -------
+    str
+        Unit in square brackets.
+    """
     return f"{name} [{unit or '1'}]"
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:
-    """A legend between title and plot, right-aligned: it never covers data."""
+    """A legend between title and plot, right-aligned: it never covers data.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        With labelled curves.
+    columns : int
+        Entries beside each other at most.
+    """
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=columns, borderaxespad=0.0, handlelength=1.6,
                 columnspacing=1.4)
 
@@ -176,7 +227,20 @@ def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray
 
 
 def robust_limits(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:
-    """Axis limits around all finite values with a margin; a constant gets room as well."""
+    """Axis limits around all finite values with a margin; a constant gets room as well.
+
+    Parameters
+    ----------
+    values : array
+        NaN and infinities are passed over.
+    margin : float
+        Share of the range that is added at each end.
+
+    Returns
+    -------
+    low, high : float
+        (−1, 1) where no value is finite.
+    """
     finite = values[np.isfinite(values)]
     if not finite.size:
         return -1.0, 1.0
@@ -187,7 +251,22 @@ def robust_limits(values: np.ndarray, margin: float = 0.06) -> tuple[float, floa
 
 def limits_of(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:
     """Limits that show both signals whole; a model that leaves the measured range by more than its width, as one that
-    diverges, is cut off there, so that the measurement stays readable."""
+    diverges, is cut off there, so that the measurement stays readable.
+
+    Parameters
+    ----------
+    measured : (n,) array
+        It is always shown whole.
+    model : (m,) array
+        In the same unit; values that are not finite are passed over.
+    margin : float
+        Share of the range that is added at each end.
+
+    Returns
+    -------
+    low, high : float
+        In the unit of the signals.
+    """
     low, high = robust_limits(measured, margin)
     width = high - low
     known = model[np.isfinite(model)]

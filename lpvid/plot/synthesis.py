@@ -134,6 +134,18 @@ def step_responses(loop: LPVStateSpace, ax: Ax = None) -> Drawn:
     """Responses of every performance signal to a unit step in each disturbance, at the corners of the box.
 
     Of a single scheduling variable some values in between are shown too.
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        Closed loop; its first six outputs and first four inputs are drawn.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw, one for each output and input; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or array of them
+        One row per performance signal, one column per disturbance.
     """
     from matplotlib import colormaps
 

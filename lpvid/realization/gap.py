@@ -134,6 +134,11 @@ def measure_gap(realization: StateSpaceForm, records: Sequence[Record], label: s
     Returns
     -------
     Gap
+
+    Raises
+    ------
+    InputError
+        No record, or one of fewer than two samples.
     """
     if not records:
         raise InputError("a gap is measured on at least one record", got="none")

@@ -69,12 +69,42 @@ def overlay_traces(shown: Sequence[tuple[str, Comparison]], caption: str) -> Tra
 
 
 def record_traces(record: Record, channels: Sequence[str], caption: str) -> Traces:
-    """Channels of a record over time, one panel each, as read."""
+    """Channels of a record over time, one panel each, as read.
+
+    Parameters
+    ----------
+    record : Record
+        As read: gaps stay gaps.
+    channels : sequence of str
+        Names; those that the record lacks are passed over.
+    caption : str
+        Below the figure.
+
+    Returns
+    -------
+    Traces
+        Panels in the order of the names.
+    """
     return Traces(channel_panels(record, channels, 110), caption, f"Channels of {record.name} over time")
 
 
 def channel_panels(record: Record, channels: Sequence[str], height: int = LOW) -> tuple[Panel, ...]:
-    """A panel for each channel; one that moves in few steps is drawn as steps."""
+    """A panel for each channel; one that moves in few steps is drawn as steps.
+
+    Parameters
+    ----------
+    record : Record
+        As read: gaps stay gaps.
+    channels : sequence of str
+        Names; those that the record lacks are passed over.
+    height : int
+        Of each panel [pixel].
+
+    Returns
+    -------
+    tuple of Panel
+        Labelled with name and unit.
+    """
     return tuple(Panel(label(name, record.unit(name)),
                        (Curve(name, record.times, record[name], "input", stepped=_steps(record[name])),),
                        height=height) for name in channels if record.has(name))
@@ -94,6 +124,11 @@ def signal_traces(time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray
         Colours in the order in which names come up.
     height : int
         Of each panel [pixel].
+
+    Returns
+    -------
+    Traces
+        Panels in the order of the mapping.
     """
     names = list(dict.fromkeys(n for signals in panels.values() for n in signals))
     colour = {n: roles[i % len(roles)] for i, n in enumerate(names)}

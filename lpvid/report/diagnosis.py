@@ -90,7 +90,20 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
 
 
 def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]:
-    """The records with the free runs of the baseline and of the extended model, in the records' sense."""
+    """The records with the free runs of the baseline and of the extended model, in the records' sense.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        Its baseline's refitted parameters are used where it holds them.
+    question : Question
+        What was diagnosed, with its prepared records.
+
+    Returns
+    -------
+    list of BeforeAfter
+        Training records, then held-out ones; without an extended model its run is that of the baseline.
+    """
     values = np.array([p["value"] for p in found.baseline.get("parameters", [])], dtype=float)
     baseline = question.baseline if found.extended is None else found.extended.composition.baseline
     baseline = baseline.with_vector(values) if values.size == baseline.vector.size else baseline
@@ -193,18 +206,18 @@ def _cause_row(c: Cause) -> list[tuple[str, ...]]:
         interval = "a choice" if p.choice is not None else "at a bound" if p.std is None else \
             f"{number(p.value - NORMAL * p.std)} … {number(p.value + NORMAL * p.std)}"
         head = (c.name,) if k == 0 else ("",)
-        tail = (p_text(c.p_value), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
+        tail = (_p_text(c.p_value), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
                 percent(c.share_given_others)) if k == 0 else ("",) * 5
         rows.append((*head, p.name, p.choice or number(p.value, 4, p.unit), interval, *tail))
     return rows
 
 
-def p_text(p: float | None) -> str:
+def _p_text(p: float | None) -> str:
     """A p-value; below what double precision resolves a bound, never 0.
 
     Examples
     --------
-    >>> p_text(0.0), p_text(0.0123), p_text(None)
+    >>> _p_text(0.0), _p_text(0.0123), _p_text(None)
     ('< 2.2e-308', '0.012', '–')
     """
     return "–" if p is None else probability(p).removeprefix("p ") if p < TINY else number(p, 2)
@@ -254,11 +267,11 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
     drawn = draw.loops(shown, True)
     if drawn is not None:
         items.append(PageFigure.of(drawn, "Measured and simulated output over velocity, before and after."))
-    items.append(before_after_traces(shown))
+    items.append(_before_after_traces(shown))
     return items
 
 
-def before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
+def _before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
     """Measured output, baseline and extended model over the record on which the baseline is most wrong."""
     worst = max(shown, key=lambda s: float(np.nanmean((s.measured - s.before) ** 2)))
     unit = worst.unit or "1"
@@ -311,7 +324,7 @@ def _suspects(found: Diagnosis) -> list[Item]:
                 (
                     n,
                     number(r, 4),
-                    p_text(found.evidence[n]["p_value"]),
+                    _p_text(found.evidence[n]["p_value"]),
                     number(found.evidence[n]["smallest_detectable"], 3),
                     f,
                 )

@@ -45,21 +45,54 @@ def comparisons(model: Model, records: Sequence[Record], label: str) -> list[Com
 
 
 def grade(esr: float | None) -> Mark:
-    """Colour of a free-run figure."""
+    """Colour of a free-run figure.
+
+    Parameters
+    ----------
+    esr : float or None
+        Free-run ESR [1]; None for a run that diverged or has no figure.
+
+    Returns
+    -------
+    {"good", "warn", "bad"}
+        Limits are `GOOD` and `FAIR`; None is bad.
+    """
     if esr is None:
         return "bad"
     return "good" if esr <= GOOD else "warn" if esr <= FAIR else "bad"
 
 
 def verdict_grade(found: Validation) -> Mark:
-    """Colour of a validation: that of the pooled figure, but never good where one record's is bad."""
+    """Colour of a validation: that of the pooled figure, but never good where one record's is bad.
+
+    Parameters
+    ----------
+    found : Validation
+        On one data set.
+
+    Returns
+    -------
+    {"good", "warn", "bad"}
+        Records whose output does not move are passed over.
+    """
     pooled = grade(found.overall.free_run.esr)
     worst = [grade(r.free_run.esr) for r in found.records if r.free_run.esr is not None or r.free_run.diverged_at]
     return "warn" if pooled == "good" and "bad" in worst else pooled
 
 
 def overall_table(found: Sequence[Validation]) -> PageTable:
-    """Pooled figures, one row per data set and kind of run."""
+    """Pooled figures, one row per data set and kind of run.
+
+    Parameters
+    ----------
+    found : sequence of Validation
+        One per data set.
+
+    Returns
+    -------
+    PageTable
+        Free runs, one-step and k-step predictions; free runs are coloured.
+    """
     rows, marks = [], []
     for v in found:
         for f in (v.overall.free_run, v.overall.one_step, *v.k_steps):
@@ -72,7 +105,18 @@ def overall_table(found: Sequence[Validation]) -> PageTable:
 
 
 def records_table(found: Validation) -> PageTable:
-    """Figures of every record of one data set."""
+    """Figures of every record of one data set.
+
+    Parameters
+    ----------
+    found : Validation
+        On one data set.
+
+    Returns
+    -------
+    PageTable
+        Folded where it has more rows than `OPEN_ROWS` states for this data set.
+    """
     rows, marks = [], []
     for r in found.records:
         diverged = "" if r.free_run.diverged_at is None else f" (diverged at {r.free_run.diverged_at})"
@@ -89,7 +133,7 @@ def records_table(found: Validation) -> PageTable:
     )
 
 
-def tests_table(found: Validation) -> PageTable | None:
+def _tests_table(found: Validation) -> PageTable | None:
     """Residual tests of one data set, or None where nothing could be tested."""
     if not found.residual_tests:
         return None
@@ -102,7 +146,18 @@ def tests_table(found: Validation) -> PageTable | None:
 
 
 def regimes_table(found: Validation) -> PageTable | None:
-    """Where the free run is wrong, or None where that was not worked out."""
+    """Where the free run is wrong, or None where that was not worked out.
+
+    Parameters
+    ----------
+    found : Validation
+        On one data set.
+
+    Returns
+    -------
+    PageTable or None
+        One row per regime, in the order of the validation.
+    """
     if not found.regimes:
         return None
     rows = tuple((r.where.replace("<=", "≤").replace(">=", "≥"), f"{100 * r.share:.3g} %",
@@ -114,7 +169,20 @@ def regimes_table(found: Validation) -> PageTable | None:
 
 
 def run_figures(shown: Sequence[Comparison], signals: Sequence[str]) -> list[Item]:
-    """Free run of the worst and of the middling record, with signals over the same time, then the loops."""
+    """Free run of the worst and of the middling record, with signals over the same time, then the loops.
+
+    Parameters
+    ----------
+    shown : sequence of Comparison
+        Of one data set; empty for no figures.
+    signals : sequence of str
+        Channels in panels of their own below each run.
+
+    Returns
+    -------
+    list of Item
+        One or two time traces, and the loops over `LOOP_CHANNELS` where these were recorded.
+    """
     if not shown:
         return []
     by_error = sorted(shown, key=_relative_error, reverse=True)
@@ -132,8 +200,23 @@ def run_figures(shown: Sequence[Comparison], signals: Sequence[str]) -> list[Ite
 
 
 def residual_items(shown: Sequence[Comparison], found: Sequence[Validation], inputs: Sequence[str]) -> list[Item]:
-    """Tests on the one-step residuals of every data set, and their histogram and correlations on the data shown."""
-    items: list[Item] = [t for v in found if (t := tests_table(v)) is not None]
+    """Tests on the one-step residuals of every data set, and their histogram and correlations on the data shown.
+
+    Parameters
+    ----------
+    shown : sequence of Comparison
+        Of one data set, for the drawing.
+    found : sequence of Validation
+        One per data set, for the tables.
+    inputs : sequence of str
+        Channels to correlate the residuals with.
+
+    Returns
+    -------
+    list of Item
+        Empty where nothing could be tested or drawn.
+    """
+    items: list[Item] = [t for v in found if (t := _tests_table(v)) is not None]
     drawn = plot.residuals(shown, inputs=inputs)
     if drawn is not None:
         items.append(PageFigure.of(drawn, f"One-step residuals, {shown[0].label} data: histogram about their own mean, "
@@ -144,7 +227,18 @@ def residual_items(shown: Sequence[Comparison], found: Sequence[Validation], inp
 
 
 def driving(model: Model) -> tuple[str, ...]:
-    """Scheduling variables, then inputs: what is drawn below a free run."""
+    """Scheduling variables, then inputs: what is drawn below a free run.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Any model with a box and inputs.
+
+    Returns
+    -------
+    tuple of str
+        Names, each once.
+    """
     return tuple(dict.fromkeys((*model.box.names, *(s.name for s in model.inputs))))
 
 

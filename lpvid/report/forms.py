@@ -18,7 +18,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FormGap:
-    """One form: its gap, or why there is none."""
+    """One form: its gap, or why there is none.
+
+    Attributes
+    ----------
+    form : str
+        One of `lpvid.realization.realization.FORMS`.
+    order : int or None
+        States of the realisation; None where there is none.
+    gap : Gap or None
+        Between realisation and transfer function on the records.
+    why_not : str
+        Reason that there is no realisation; empty where there is one.
+    """
 
     form: str
     order: int | None
@@ -74,7 +86,19 @@ def form_gaps(model: LPVTransferFunction, records: Sequence[Record], label: str 
 
 
 def forms_table(gaps: Sequence[FormGap]) -> PageTable:
-    """One row for each form."""
+    """One row for each form.
+
+    Parameters
+    ----------
+    gaps : sequence of FormGap
+        As `form_gaps` returns them.
+
+    Returns
+    -------
+    PageTable
+        Green for a causal form that is safe or, without a verdict, has an ESR of the gap below 1e-4 on every output;
+        amber for any other, no colour where there is none.
+    """
     rows, marks = [], []
     for g in gaps:
         if g.gap is None:
@@ -90,7 +114,18 @@ def forms_table(gaps: Sequence[FormGap]) -> PageTable:
 
 
 def form_section(refit: FormRefit) -> Section:
-    """The transfer function, the form as realised and the form re-estimated beside each other."""
+    """The transfer function, the form as realised and the form re-estimated beside each other.
+
+    Parameters
+    ----------
+    refit : FormRefit
+        With figures of all three on each data set.
+
+    Returns
+    -------
+    Section
+        Advice and a table of free-run ESR.
+    """
     rows = tuple(refit.rows())
     heads = ("model", *(f"free-run ESR, {v.label}" for v in next(iter(refit.figures.values()))))
     table = PageTable(heads, rows, "", tuple(range(1, len(heads))))

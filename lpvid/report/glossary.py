@@ -70,6 +70,16 @@ _FOUND = re.compile(r"(?<![\w/|^-])(" + "|".join([_FIGURE, *(
 def term_of(text: str) -> str:
     """The term that a word or a whole cell is, or "".
 
+    Parameters
+    ----------
+    text : str
+        In any case, with plural or hyphen as in the aliases; spaces around it are dropped.
+
+    Returns
+    -------
+    str
+        A key of `TERMS`, or "".
+
     Examples
     --------
     >>> term_of("free-run"), term_of("esr"), term_of("other")
@@ -81,6 +91,16 @@ def term_of(text: str) -> str:
 
 def split_terms(text: str) -> list[tuple[str, str]]:
     """A text in pieces: (words, term or ""), each term marked once.
+
+    Parameters
+    ----------
+    text : str
+        A sentence, heading or caption.
+
+    Returns
+    -------
+    list of (str, str)
+        The pieces put together give the text; a term that comes again is left inside the plain text.
 
     Examples
     --------

@@ -54,7 +54,18 @@ def _steps(audit: Audit) -> tuple[NextStep, ...]:
 
 
 def findings_table(audit: Audit) -> Item:
-    """Findings with their evidence and mend, gravest first; of one kind at most `SHOWN_ALIKE` are spelled out."""
+    """Findings with their evidence and mend, gravest first; of one kind at most `SHOWN_ALIKE` are spelled out.
+
+    Parameters
+    ----------
+    audit : Audit
+        Of one data set.
+
+    Returns
+    -------
+    PageTable
+        One row states that nothing was found, where nothing was.
+    """
     rows: list[tuple[str, ...]] = []
     marks: list[Mark] = []
     kinds = dict.fromkeys((f.severity, f.name) for f in audit.findings)

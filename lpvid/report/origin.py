@@ -26,7 +26,15 @@ DESCRIPTIONS = {"model.json": "the model, for lpvid validate, simulate, stabilit
 
 @dataclass(frozen=True)
 class Source:
-    """A file that was read: its name and the first digits of its SHA-256."""
+    """A file that was read: its name and the first digits of its SHA-256.
+
+    Attributes
+    ----------
+    name : str
+        Path, as it was given.
+    digest : str
+        `DIGITS` hexadecimal digits.
+    """
 
     name: str
     digest: str
@@ -68,12 +76,29 @@ class Origin:
         return "" if self.when is None else f"{self.when.day} {self.when:%B %Y, %H:%M %Z}"
 
     def listed(self) -> list[tuple[str, str]]:
-        """Files with what they hold."""
+        """Files with what they hold.
+
+        Returns
+        -------
+        list of (str, str)
+            Name and description, by `DESCRIPTIONS`; "" for a file that is not described there.
+        """
         return [(name, DESCRIPTIONS.get(name, "")) for name in self.files]
 
 
 def sources_of(paths: Iterable[Path]) -> tuple[Source, ...]:
-    """Files with their hashes; those that are gone are left out."""
+    """Files with their hashes; those that are gone are left out.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Files that were read; one that comes twice counts once.
+
+    Returns
+    -------
+    tuple of Source
+        In the same order; files that cannot be read are left out too.
+    """
     found = []
     for path in dict.fromkeys(paths):
         digest = hashlib.sha256()
@@ -88,7 +113,18 @@ def sources_of(paths: Iterable[Path]) -> tuple[Source, ...]:
 
 
 def shown_names(sources: Sequence[Source]) -> list[tuple[str, str]]:
-    """(name, digest), with as much of the path as separates the files."""
+    """(name, digest), with as much of the path as separates the files.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        Files that were read.
+
+    Returns
+    -------
+    list of (str, str)
+        The file's name, with its folder in front where another file has the same name.
+    """
     paths = [Path(s.name) for s in sources]
     names = [p.name for p in paths]
     short = [name if names.count(name) == 1 else str(Path(*p.parts[-2:])) for name, p in zip(names, paths, strict=True)]

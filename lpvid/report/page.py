@@ -19,7 +19,15 @@ Mark = Literal["good", "warn", "bad", "plain"]
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Plain text; `strong` for what must not be missed."""
+    """Plain text; `strong` for what must not be missed.
+
+    Attributes
+    ----------
+    text : str
+        Plain, without markup.
+    strong : bool
+        Printed in bold.
+    """
 
     text: str
     strong: bool = False
@@ -28,7 +36,13 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Notes:
-    """A list of remarks."""
+    """A list of remarks.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        One per remark, plain.
+    """
 
     lines: tuple[str, ...]
     kind: ClassVar[str] = "notes"
@@ -36,7 +50,23 @@ class Notes:
 
 @dataclass(frozen=True)
 class PageTable:
-    """Columns and rows of text; `numeric` columns are right-aligned, `marks` colour rows, `folded` labels a fold."""
+    """Columns and rows of text; `numeric` columns are right-aligned, `marks` colour rows, `folded` labels a fold.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        Headings; empty for a table without a head.
+    rows : tuple of tuple of str
+        Cells, as many in each row as there are columns.
+    caption : str
+        One sentence or more; empty for none.
+    numeric : tuple of int
+        Columns that are right-aligned, from zero.
+    marks : tuple of {"good", "warn", "bad", "plain"}
+        One per row; empty for no colours.
+    folded : str
+        Label under which the table is folded; empty for an open one.
+    """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -49,7 +79,17 @@ class PageTable:
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A drawing as a data address, with what it shows in words."""
+    """A drawing as a data address, with what it shows in words.
+
+    Attributes
+    ----------
+    source : str
+        Address of the image, its data inside.
+    caption : str
+        Below the figure.
+    alternative : str
+        What it shows, for who cannot see it.
+    """
 
     source: str
     caption: str
@@ -58,7 +98,22 @@ class PageFigure:
 
     @classmethod
     def of(cls, drawing: Drawing, caption: str, alternative: str = "") -> PageFigure:
-        """A matplotlib figure, embedded as SVG."""
+        """A matplotlib figure, embedded as SVG.
+
+        Parameters
+        ----------
+        drawing : matplotlib.figure.Figure
+            Drawn completely.
+        caption : str
+            Below the figure.
+        alternative : str
+            What it shows, for who cannot see it; the caption by default.
+
+        Returns
+        -------
+        PageFigure
+            With the SVG in base64.
+        """
         from lpvid.plot import svg
 
         data = base64.b64encode(svg(drawing)).decode("ascii")
@@ -73,7 +128,15 @@ OUT = "OUT"
 
 @dataclass(frozen=True)
 class NextStep:
-    """Something to do next: why, and the command that does it; `OUT` there becomes the folder of the results."""
+    """Something to do next: why, and the command that does it; `OUT` there becomes the folder of the results.
+
+    Attributes
+    ----------
+    text : str
+        A sentence.
+    command : str
+        As typed in a shell; empty for a step without one.
+    """
 
     text: str
     command: str = ""
@@ -81,7 +144,15 @@ class NextStep:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands below it."""
+    """A heading with what stands below it.
+
+    Attributes
+    ----------
+    title : str
+        Its heading.
+    items : tuple of Item
+        From top to bottom.
+    """
 
     title: str
     items: tuple[Item, ...]
@@ -123,6 +194,20 @@ class Page:
 def number(value: float | None, digits: int = 4, unit: str = "") -> str:
     """A number for a reader: `digits` significant, its unit behind a narrow space, a dash for none.
 
+    Parameters
+    ----------
+    value : float or None
+        A dash stands for None, NaN and infinities.
+    digits : int
+        Significant digits.
+    unit : str
+        Empty for none.
+
+    Returns
+    -------
+    str
+        Digits and unit.
+
     Examples
     --------
     >>> number(0.0123456), number(None), number(float("nan")), number(1234567.0), number(3.0, unit="A")
@@ -141,6 +226,18 @@ def number(value: float | None, digits: int = 4, unit: str = "") -> str:
 def percent(share: float | None, digits: int = 3) -> str:
     """A share as percent.
 
+    Parameters
+    ----------
+    share : float or None
+        Fraction, 1 for all; a dash stands for None, NaN and infinities.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        With the sign "%".
+
     Examples
     --------
     >>> percent(0.1234), percent(None)
@@ -150,6 +247,19 @@ def percent(share: float | None, digits: int = 3) -> str:
 
 
 def listing(words: Sequence[str], most: int = 6) -> str:
-    """Words with commas; a long list ends in how many more there are."""
+    """Words with commas; a long list ends in how many more there are.
+
+    Parameters
+    ----------
+    words : sequence of str
+        In the order to print.
+    most : int
+        Words that are written out.
+
+    Returns
+    -------
+    str
+        On one line.
+    """
     shown = ", ".join(words[:most])
     return shown if len(words) <= most else f"{shown} and {len(words) - most} more"

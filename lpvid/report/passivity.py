@@ -20,6 +20,17 @@ def energy_statement(model: Any) -> PassivityMargin | None:
     """Damping in steady motion of a model from a velocity to a force; None for every other model.
 
     A model whose metadata state that its polarity is reversed is judged with the sign of its force turned.
+
+    Parameters
+    ----------
+    model : object
+        A model of any class; judged where it is an `LPVTransferFunction` with one input in m/s or named velocity, and
+        one output in N or named force.
+
+    Returns
+    -------
+    PassivityMargin or None
+        Its damping is in the sense of positive polarity.
     """
     if not isinstance(model, LPVTransferFunction) or len(model.inputs) != 1 or model.n_outputs != 1:
         return None
@@ -35,7 +46,18 @@ def energy_statement(model: Any) -> PassivityMargin | None:
 
 
 def passivity_lines(found: Identification) -> list[str]:
-    """What is printed of a model's energy: its certificate and cost with --passive, else where it is active."""
+    """What is printed of a model's energy: its certificate and cost with --passive, else where it is active.
+
+    Parameters
+    ----------
+    found : Identification
+        With "passive" in its model's metadata where the constraint was in force.
+
+    Returns
+    -------
+    list of str
+        Empty for a model that takes energy throughout, and for one that is no damper.
+    """
     data = found.model.metadata.get("passive")
     if isinstance(data, Mapping):
         return [*str(_certificate(data)).splitlines(), *cost_lines(found)]
@@ -45,7 +67,19 @@ def passivity_lines(found: Identification) -> list[str]:
 
 
 def cost_lines(found: Identification) -> list[str]:
-    """What the constraint costs in free run, held-out and training."""
+    """What the constraint costs in free run, held-out and training.
+
+    Parameters
+    ----------
+    found : Identification
+        With the figures of the unconstrained estimate.
+
+    Returns
+    -------
+    list of str
+        Free-run ESR without and with the constraint, and a remark on a training record that is simulated no better than
+        by its mean; empty where there is no unconstrained figure.
+    """
     after = [v for v in (found.training, found.held_out) if v is not None]
     pairs = list(zip(found.unconstrained_figures, after, strict=False))
     stated = [
@@ -61,7 +95,18 @@ def cost_lines(found: Identification) -> list[str]:
 
 
 def passivity_section(found: Identification) -> tuple[Section, ...]:
-    """The section of a report; empty for a model that is no damper."""
+    """The section of a report; empty for a model that is no damper.
+
+    Parameters
+    ----------
+    found : Identification
+        With or without the constraint.
+
+    Returns
+    -------
+    tuple of Section
+        One or none.
+    """
     margin = energy_statement(found.model)
     if margin is None:
         return ()

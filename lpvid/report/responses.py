@@ -60,7 +60,24 @@ def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.n
 
 def overlaid_figures(models: Mapping[str, Linear], at: Mapping[str, np.ndarray], stated: str,
                      longest: int) -> list[Item]:
-    """Bode plot and step response of models over each other, each at its own scheduling value; `stated`: whose."""
+    """Bode plot and step response of models over each other, each at its own scheduling value; `stated`: whose.
+
+    Parameters
+    ----------
+    models : mapping of str to LPVTransferFunction or LPVStateSpace
+        Discrete, by name; signals are those of the first.
+    at : mapping of str to (n_scheduling,) array
+        Scheduling value of each model, in its units.
+    stated : str
+        Whose responses these are, for the captions.
+    longest : int
+        Samples of the longest record: below its frequency nothing is drawn.
+
+    Returns
+    -------
+    list of Item
+        Bode plot and step response, up to the Nyquist frequency of the fastest model.
+    """
     shown = [(name, model, [], at[name]) for name, model in models.items()]
     return _figures(shown, longest, f" of {stated}.")
 
@@ -99,7 +116,22 @@ def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], lo
 
 
 def drawn_models(model: Linear, seed: int = 0, count: int = DRAWS) -> list[Linear]:
-    """Models drawn from the covariance that a model carries; none where it carries none that is of use."""
+    """Models drawn from the covariance that a model carries; none where it carries none that is of use.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With or without a covariance in its metadata.
+    seed : int
+        Of the draws.
+    count : int
+        Models to draw.
+
+    Returns
+    -------
+    list of LPVTransferFunction or LPVStateSpace
+        Empty where the covariance is missing, zero, not finite, or cannot be drawn from.
+    """
     from lpvid.errors import InputError
 
     cloud = ParameterCloud.of(model)
@@ -112,7 +144,22 @@ def drawn_models(model: Linear, seed: int = 0, count: int = DRAWS) -> list[Linea
 
 
 def scheduling_places(box: Scheduling, shown: Sequence[Comparison]) -> tuple[list[np.ndarray], list[str]]:
-    """Three scheduling values that occur: at quantiles of the first variable, with the others as they were then."""
+    """Three scheduling values that occur: at quantiles of the first variable, with the others as they were then.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Scheduling variables of the model.
+    shown : sequence of Comparison
+        Runs whose records hold these variables.
+
+    Returns
+    -------
+    list of (n_scheduling,) arrays
+        At the quantiles `SHARES`, each once; one empty array where nothing schedules the model.
+    list of str
+        The same in words, with units.
+    """
     if not box.names:
         return [np.zeros(0)], ["time-invariant"]
     p = np.vstack([c.record.matrix(list(box.names)) for c in shown])

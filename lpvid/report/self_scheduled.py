@@ -99,7 +99,13 @@ class SelfScheduledStudy:
         return "\n".join(lines)
 
     def rows(self) -> list[tuple[str, str]]:
-        """The bounds in words."""
+        """The bounds in words.
+
+        Returns
+        -------
+        list of (str, str)
+            Amplitude of the inputs and bound of the output, with units; empty where nothing is bounded.
+        """
         units = {s.unit or "1" for s in _bounded_inputs(self.model)}
         unit = units.pop() if len(units) == 1 else "SI"
         names = ", ".join(s.name for s in _bounded_inputs(self.model))

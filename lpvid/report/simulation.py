@@ -41,7 +41,18 @@ def simulation_page(found: FreeRuns, name: str) -> Page:
 
 
 def verdict(found: FreeRuns) -> str:
-    """The runs in one sentence."""
+    """The runs in one sentence.
+
+    Parameters
+    ----------
+    found : FreeRuns
+        Runs along one set of records.
+
+    Returns
+    -------
+    str
+        Diverging records come first, at most four by name.
+    """
     diverged = [r.record.name for r in found.runs if r.run.diverged_at is not None]
     if diverged:
         return f"The free run diverges on {', '.join(diverged[:4])}."

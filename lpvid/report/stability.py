@@ -173,7 +173,20 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
 
 
 def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, PoleBand | None], ...]:
-    """A locus with its band along each scheduling variable that moves, the others in the middle of the box."""
+    """A locus with its band along each scheduling variable that moves, the others in the middle of the box.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With the range of interest as its box.
+    drawn : list of models or None
+        From the covariance of its parameters; None or empty for no bands.
+
+    Returns
+    -------
+    tuple of (PoleLocus, PoleBand or None)
+        At most `MOST_LOCI`, in the order of the box.
+    """
     found = []
     for name, low, high in zip(model.box.names, model.box.lower, model.box.upper, strict=True):
         if low < high and len(found) < MOST_LOCI:
@@ -189,7 +202,20 @@ def _locus_notes(found: Sequence[PoleLocus]) -> list[str]:
 
 
 def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:
-    """Figures of the frozen poles, for other reports; none for a model that schedules itself."""
+    """Figures of the frozen poles, for other reports; none for a model that schedules itself.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
+        One without scheduling has its poles in a single figure.
+    seed : int
+        Of the models drawn from the covariance of the parameters.
+
+    Returns
+    -------
+    list of Item
+        One figure per scheduling variable that moves.
+    """
     if isinstance(model, SelfScheduled):
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
@@ -316,7 +342,25 @@ def _drawn(model: Model, seed: int, draws: int = DRAWS) -> list[Model]:
 
 
 def narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:
-    """The box with other ends for the variables named."""
+    """The box with other ends for the variables named.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges of a model.
+    range : mapping of str to (float, float)
+        Low and high end, in the unit of the variable; it may also widen. What is not named keeps its own.
+
+    Returns
+    -------
+    Scheduling
+        With names, units and rates as before.
+
+    Raises
+    ------
+    InputError
+        A name that is no scheduling variable of the box.
+    """
     for name in range:
         _checks.known_name(name, list(box.names), "scheduling variable")
     ends = [range.get(n, old) for n, old in zip(box.names, zip(box.lower, box.upper, strict=True), strict=True)]

@@ -39,7 +39,21 @@ class Questions:
 
 @dataclass(frozen=True, eq=False)
 class StabilityAnswers:
-    """Answers to `Questions`; None where there was no question, or no answer (see `notes`)."""
+    """Answers to `Questions`; None where there was no question, or no answer (see `notes`).
+
+    Attributes
+    ----------
+    largest_range : LargestRange or None
+        Widest range of the scheduling for which a certificate was found.
+    largest_rate : LargestRate or None
+        Fastest scheduling for which one was found.
+    draws : StabilityProbability or None
+        Share of drawn models that the same certificate covers.
+    l2_gain : Gain or None
+        Induced gain, bounded from both sides.
+    notes : tuple of str
+        Why a question has no answer.
+    """
 
     largest_range: LargestRange | None = None
     largest_rate: LargestRate | None = None
@@ -59,24 +73,36 @@ class StabilityAnswers:
                 for name in ("largest_range", "largest_rate", "draws", "l2_gain")}
 
     def lines(self) -> list[str]:
-        """One line for each answer."""
+        """One line for each answer.
+
+        Returns
+        -------
+        list of str
+            For the terminal, the notes last; the induced gain may take two.
+        """
         found: list[str] = [str(x) for x in (self.largest_range, self.largest_rate) if x is not None]
         if self.draws is not None:
-            found.append(share_in_words(self.draws))
+            found.append(_share_in_words(self.draws))
         if self.l2_gain is not None:
             found.append("induced gain: " + str(self.l2_gain).splitlines()[0])
             found += [line.strip() for line in str(self.l2_gain).splitlines()[1:2]]
         return [*found, *self.notes]
 
     def items(self) -> list[Item]:
-        """For the page."""
+        """For the page.
+
+        Returns
+        -------
+        list of Item
+            A table of the answers, then the notes; empty without questions.
+        """
         rows: list[tuple[str, str]] = []
         if self.largest_range is not None:
             rows.append(("largest certified range", str(self.largest_range).removeprefix("largest certified range: ")))
         if self.largest_rate is not None:
             rows.append(("largest certified rate", str(self.largest_rate).removeprefix("largest certified rate: ")))
         if self.draws is not None:
-            rows.append(("certificate under the parameters' uncertainty", share_in_words(self.draws)))
+            rows.append(("certificate under the parameters' uncertainty", _share_in_words(self.draws)))
         if self.l2_gain is not None:
             gain = self.l2_gain
             rows += [("induced gain, certified", f"{number(gain.upper, 6)} ({gain.verdict})"),
@@ -89,7 +115,7 @@ NOTHING = StabilityAnswers()
 """No question."""
 
 
-def share_in_words(draws: StabilityProbability) -> str:
+def _share_in_words(draws: StabilityProbability) -> str:
     """The share with its interval."""
     return (f"the same matrices prove stability for {percent(draws.probability, 4)} of {draws.draws} drawn models "
             f"({draws.level:.0%} interval {percent(draws.interval[0], 4)} … {percent(draws.interval[1], 4)})")
@@ -111,6 +137,11 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, questions
         Of the draws.
     report_progress : callable
         Receives what is being done.
+
+    Returns
+    -------
+    StabilityAnswers
+        With None where there was no question.
     """
     notes: list[str] = []
     moves = any(up > low for low, up in zip(model.box.lower, model.box.upper, strict=True))

@@ -46,6 +46,11 @@ def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str,
         What to call the plant.
     weights : mapping of str to LPVStateSpace or float, optional
         Of the performance signals, where they are known apart from the plant.
+
+    Returns
+    -------
+    Page
+        Without closed loop and controller where the design failed.
     """
     facts = [("verdict", result.verdict), ("verified gain", number(result.gamma_verified, 5)),
              ("promised by the inequalities", number(result.gamma, 5)),
@@ -62,7 +67,20 @@ def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str,
 
 
 def verdict(result: Synthesis, plant: GeneralizedPlant) -> str:
-    """The verified gain in a sentence, or why there is no controller."""
+    """The verified gain in a sentence, or why there is no controller.
+
+    Parameters
+    ----------
+    result : Synthesis
+        Solved or not.
+    plant : GeneralizedPlant
+        With the names of its disturbances and performance signals.
+
+    Returns
+    -------
+    str
+        With what to do where the result states it.
+    """
     stated = f"{result.verdict.capitalize()}: {result.why or result.method}."
     if result.gamma_verified is not None:
         where = "on the whole scheduling box" if result.between_grid else "at the points of a grid only"
@@ -255,6 +273,18 @@ def modes(poles: np.ndarray, sample_time: float | None) -> list[str]:
     """Poles as natural frequency [Hz] and damping ratio, slowest first.
 
     s = −ζω₀ ± jω₀√(1−ζ²), f = ω₀/2π; poles z of discrete time by s = ln(z)/T.
+
+    Parameters
+    ----------
+    poles : (n,) complex array
+        Conjugate pairs complete; of a pair one is kept.
+    sample_time : float or None
+        Period [s]; None for poles of continuous time [rad/s].
+
+    Returns
+    -------
+    list of str
+        One per pair or real pole; an unstable one has a negative ζ.
 
     Examples
     --------

@@ -160,7 +160,7 @@ def _curve(curve: Curve, low: float, high: float, most: int) -> dict[str, Any]:
     values = np.asarray(curve.values, dtype=float)
     kept, size = extremes(values, most)
     data: dict[str, Any] = {"name": curve.name, "role": curve.role, "bin": size, "n": int(kept.size),
-                            "values": _deflated(quantised(values[kept], low, high))}
+                            "values": _deflated(_quantised(values[kept], low, high))}
     if curve.stepped:
         data["stepped"] = True
     clock = _clock(times)
@@ -217,7 +217,7 @@ def extremes(values: np.ndarray, most: int) -> tuple[np.ndarray, int]:
     return np.minimum(places, values.size - 1), size
 
 
-def quantised(values: np.ndarray, low: float, high: float) -> np.ndarray:
+def _quantised(values: np.ndarray, low: float, high: float) -> np.ndarray:
     """(n,) int16 codes of values between the ends: −32767 … 32767, and `MISSING` where a value is not finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         codes = np.rint((np.clip(values, low, high) - low) / (high - low) * LEVELS - LEVELS / 2)
@@ -232,7 +232,20 @@ def _deflated(codes: np.ndarray) -> str:
 
 
 def unpacked(curve: Mapping[str, Any], panel: Mapping[str, Any]) -> np.ndarray:
-    """(n,) values of a packed curve, as traces.js decodes them."""
+    """(n,) values of a packed curve, as traces.js decodes them.
+
+    Parameters
+    ----------
+    curve : mapping of str to object
+        As `pack` writes it: "values" holds the codes.
+    panel : mapping of str to object
+        As `pack` writes it: "low" and "high" are the ends of the codes.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the panel, within half a step of the code; NaN for a missing sample.
+    """
     planes = np.frombuffer(zlib.decompress(base64.b64decode(curve["values"])), dtype=np.uint8).astype(np.uint16)
     steps = planes[: planes.size // 2] | (planes[planes.size // 2:] << 8)
     codes = np.cumsum(steps, dtype=np.uint16).view(np.int16).astype(float)

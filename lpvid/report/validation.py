@@ -101,7 +101,18 @@ def _steps(found: Validation, name: str) -> tuple[NextStep, ...]:
 
 
 def verdict(found: Validation) -> str:
-    """The free run in one sentence."""
+    """The free run in one sentence.
+
+    Parameters
+    ----------
+    found : Validation
+        On one data set.
+
+    Returns
+    -------
+    str
+        With a second sentence on the worst record, where there are several.
+    """
     run = found.overall.free_run
     if run.diverged_at is not None:
         return (f"The free run diverges on {found.label} data, at sample {run.diverged_at}: the model cannot simulate "
@@ -112,10 +123,10 @@ def verdict(found: Validation) -> str:
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
     return (f"In free run on {found.label} data the model explains {explained} "
             f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
-            f"{number(run.mean_error, 3, run.rmse_unit)}).{worst_record(found)}")
+            f"{number(run.mean_error, 3, run.rmse_unit)}).{_worst_record(found)}")
 
 
-def worst_record(found: Validation) -> str:
+def _worst_record(found: Validation) -> str:
     """The record with the largest free-run ESR in a sentence, where there are several; empty for one."""
     worst = found.worst
     if worst is None:
@@ -128,7 +139,18 @@ def worst_record(found: Validation) -> str:
 
 
 def facts(found: Validation) -> tuple[tuple[str, str], ...]:
-    """Key numbers."""
+    """Key numbers.
+
+    Parameters
+    ----------
+    found : Validation
+        On one data set.
+
+    Returns
+    -------
+    tuple of (str, str)
+        Label with the data set, and figure with its unit.
+    """
     free, one = found.overall.free_run, found.overall.one_step
     return ((f"free-run ESR, {found.label}", number(free.esr)),
             (f"free-run fit, {found.label}", number(free.fit_percent, 3, "%")),

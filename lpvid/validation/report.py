@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition import segments, with_derived
+from lpvid.condition.band_limited import IN_BAND, with_quiet_velocity
 from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
@@ -37,6 +38,18 @@ __all__ = ["Validation", "acting_model", "along", "figures", "validate"]
 
 def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rate: float | None = None) -> Model:
     """What stands for a model on these records: itself, or what an `Adaptable` gives for its own or the data's rate.
+
+    Parameters
+    ----------
+    model : model or Adaptable
+    records : sequence of Record
+        The first one's mean rate counts where nothing else is known.
+    sample_rate : float, optional
+        [Hz], for an `Adaptable` without a rate of its own.
+
+    Returns
+    -------
+    model
 
     Raises
     ------
@@ -90,8 +103,11 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *outputs)), *model.box.names)))
     listed = recalled(listed, model.metadata)
     listed = derived(with_derived(listed, channels), channels)
-    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
-    notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
+    in_band = IN_BAND.items() <= model.metadata.items() and all(r.has("displacement") for r in listed)
+    kept = tuple(dict.fromkeys((*channels, "displacement"))) if in_band else channels
+    pieces = segments(listed, kept, sample_rate=rate if foreign else None, minimum=model.start + 2)
+    pieces = [with_quiet_velocity(r) for r in pieces] if in_band else pieces
+    notes = tuple(dict.fromkeys(n for r in (pieces or listed) for n in r.notes if "velocity" in n))
     if foreign:
         count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
         notes += (f"{count} resampled to the model's {rate:.6g} Hz",)
@@ -150,7 +166,25 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
 
 def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str, ...] = (),
             horizons: Sequence[int] = ()) -> Validation:
-    """As `validate`, for uniform finite records at the model's rate."""
+    """As `validate`, for uniform finite records at the model's rate.
+
+    Parameters
+    ----------
+    model : model
+        In discrete time.
+    pieces : sequence of Record
+        From `segments`.
+    label : {"training", "held-out", "partly training"}
+        What these data are to the model.
+    notes : tuple of str
+        Remarks for the result.
+    horizons : sequence of int
+        Further prediction horizons [samples], at least 2.
+
+    Returns
+    -------
+    Validation
+    """
     assert model.sample_time is not None
     steps = [_checks.count(h, "a prediction horizon", at_least=2) for h in horizons]
     rows, free, one = [], Pool(), Pool()

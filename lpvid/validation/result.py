@@ -53,7 +53,12 @@ class Validation(Shown):
         return max(judged, key=lambda r: np.inf if r.free_run.esr is None else r.free_run.esr)
 
     def summary(self) -> str:
-        """One line of figures."""
+        """One line of figures.
+
+        Returns
+        -------
+        str
+        """
         return "; ".join(map(str, (self.overall.free_run, self.overall.one_step, *self.k_steps)))
 
     def to_dict(self) -> dict:

@@ -27,6 +27,12 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     parameters : path, Damper or mapping, optional
         A parameter set as `quartercar.dampers.read_parameters` reads it, a damper, or what `to_dict` gave.
 
+    Returns
+    -------
+    Baseline
+        At the parameters that are given; without any, a law at its defaults, still to be fitted, or another model
+        fitted to the records.
+
     Raises
     ------
     InputError
@@ -80,6 +86,17 @@ def car_baseline(records: Sequence[Record], parameters: Any = None) -> Baseline:
 
     A file holds ``{"model": "quarter-car", "parameters": {"sprung_mass": "2.45 kg", …}}``; parameters left out are
     those of `quartercar.parameters.BENCH`.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Prepared; with an actuator where all of them have one.
+    parameters : path, CarParameters or mapping, optional
+        A file, a car, or what `to_dict` gave.
+
+    Returns
+    -------
+    Baseline
     """
     from quartercar.baselines.quarter_car import UNITS, QuarterCarBaseline
     from quartercar.parameters import BENCH, CarParameters

@@ -137,7 +137,17 @@ class QuarterCarBaseline(Coded, Baseline):
                 return found
 
     def holding(self, name: str) -> QuarterCarBaseline:
-        """The same with one parameter at its given value, and no longer free."""
+        """The same with one parameter at its given value, and no longer free.
+
+        Parameters
+        ----------
+        name : str
+            Of `free`.
+
+        Returns
+        -------
+        QuarterCarBaseline
+        """
         assert self.given is not None
         return replace(self, car=self.car.replace(**{name: getattr(self.given, name)}),
                        free=tuple(n for n in self.free if n != name))

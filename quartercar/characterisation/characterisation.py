@@ -102,7 +102,12 @@ class Characterisation:
         return to_dict(self)
 
     def page(self) -> Any:
-        """The report, as a `lpvid.report.Page`."""
+        """The report, as a `lpvid.report.Page`.
+
+        Returns
+        -------
+        lpvid.report.Page
+        """
         from quartercar.characterisation.page import characterisation_page
 
         return characterisation_page(self)

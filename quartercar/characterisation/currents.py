@@ -65,6 +65,16 @@ def spreads_of(forces: Sequence[StandardForce]) -> tuple[CurrentSpread, ...]:
 
     Soft and hard are the currents of least and largest force in this direction at this speed. The standard error counts
     the errors of the three forces.
+
+    Parameters
+    ----------
+    forces : sequence of StandardForce
+        Those without a force or a current are left out.
+
+    Returns
+    -------
+    tuple of CurrentSpread
+        Of rising current within each; none where force or current is the same at both ends.
     """
     rows = []
     for specimen, direction, speed in dict.fromkeys((f.specimen, f.direction, f.speed) for f in forces):
@@ -95,6 +105,10 @@ def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tupl
     gas : mapping of specimen to float
         Gas force outwards [N] at its softest creep test, where it has one: damping that differs between the directions
         is in it, and least there.
+
+    Returns
+    -------
+    tuple of ReboundRatio
     """
     rows = []
     found = {(f.specimen, f.current, f.speed, f.direction): f for f in forces if f.force is not None}
@@ -113,5 +127,15 @@ def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tupl
 
 
 def worst_off_line(spreads: Sequence[CurrentSpread]) -> CurrentSpread | None:
-    """The spread that lies furthest from a straight line over the current."""
+    """The spread that lies furthest from a straight line over the current.
+
+    Parameters
+    ----------
+    spreads : sequence of CurrentSpread
+
+    Returns
+    -------
+    CurrentSpread or None
+        None of none.
+    """
     return max(spreads, key=lambda s: abs(s.off_line), default=None)

@@ -119,6 +119,10 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
     interpolated: turning points are flat and their time is not sharp. Cycles whose periods and amplitudes differ by
     less than 5 % from the median of the fifteen before belong to the same block.
 
+    Parameters
+    ----------
+    run : RecordPiece
+
     Returns
     -------
     tuple of Block
@@ -139,6 +143,15 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
 
 def noise_of(x: np.ndarray) -> float:
     """Standard deviation of white noise on a smooth signal, from the median of its fourth differences.
+
+    Parameters
+    ----------
+    x : (n,) array
+
+    Returns
+    -------
+    float
+        In the unit of x; 0 for fewer than five samples.
 
     Examples
     --------

@@ -56,7 +56,20 @@ class Drift:
 
 
 def drift_of(block: Block, direction: int) -> Drift | None:
-    """Trend of the peak-velocity force over the settled cycles; None with fewer than five."""
+    """Trend of the peak-velocity force over the settled cycles; None with fewer than five.
+
+    Parameters
+    ----------
+    block : Block
+        With a force.
+    direction : {1, −1}
+        1 in rebound.
+
+    Returns
+    -------
+    Drift or None
+        None also where a cycle has no point in this direction, or the mean force is zero.
+    """
     point = peak_point(block, direction)
     if point is None or len(block.settled) < ENOUGH or len(point.by_cycle) != len(block.cycles):
         return None

@@ -27,7 +27,15 @@ MOST_CURVES = 8
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A figure with its file name and caption."""
+    """A figure with its file name and caption.
+
+    Attributes
+    ----------
+    name : str
+        Without the ending.
+    figure : matplotlib.figure.Figure
+    caption : str
+    """
 
     name: str
     figure: Figure
@@ -35,15 +43,24 @@ class Drawn:
 
 
 def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
-    """Every figure for which the records hold something, in the order of the page."""
+    """Every figure for which the records hold something, in the order of the page.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    tuple of Drawn
+    """
     import matplotlib as mpl
 
     with look(), mpl.rc_context({"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT,
                                  "xtick.labelsize": FONT - 1, "ytick.labelsize": FONT - 1,
                                  "legend.fontsize": FONT - 1.5, "lines.linewidth": 1.5}):
-        made = [peak_velocity(found), continuous_velocity(found), displacement_loops(found), by_current(found),
-                static_line(found), stiffness(found), switching(found), drift(found), histogram(found),
-                specimens(found)]
+        made = [_peak_velocity(found), _continuous_velocity(found), _displacement_loops(found), _by_current(found),
+                _static_line(found), _stiffness(found), _switching(found), _drift(found), _histogram(found),
+                _specimens(found)]
     return tuple(m for m in made if m is not None)
 
 
@@ -99,7 +116,7 @@ def _steady(found: Characterisation) -> list[Block]:
     return [b for b in found.blocks if b.run.has_force and b.run.current != "varies"]
 
 
-def peak_velocity(found: Characterisation) -> Drawn | None:
+def _peak_velocity(found: Characterisation) -> Drawn | None:
     """PVP: force at mid stroke over the peak speed."""
     if not found.peaks:
         return None
@@ -137,13 +154,13 @@ def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
     return _spread_over(steady), "every test" if len(steady) <= MOST_CURVES else f"{MOST_CURVES} of {len(steady)} tests"
 
 
-def continuous_velocity(found: Characterisation) -> Drawn | None:
+def _continuous_velocity(found: Characterisation) -> Drawn | None:
     """CVP: force over velocity along the last complete cycle."""
     return _last_cycles(found, "continuous_velocity", "velocity [mm/s]", lambda c: 1e3 * c.velocity,
                         "Continuous velocity", "Continuous-velocity plot: force over velocity")
 
 
-def displacement_loops(found: Characterisation) -> Drawn | None:
+def _displacement_loops(found: Characterisation) -> Drawn | None:
     """Force over displacement along the last complete cycle."""
     return _last_cycles(found, "force_displacement", "displacement from mid stroke [mm]",
                         lambda c: 1e3 * (c.displacement - c.centre), "Force-displacement loops",
@@ -176,7 +193,7 @@ def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, tit
     return Drawn(name, figure, f"{stated}, last complete cycle of {which}.")
 
 
-def by_current(found: Characterisation) -> Drawn | None:
+def _by_current(found: Characterisation) -> Drawn | None:
     """(F − F_soft)/(F_hard − F_soft) over the current."""
     if len({s.current for s in found.spreads}) < 3:
         return None
@@ -203,7 +220,7 @@ def by_current(found: Characterisation) -> Drawn | None:
                  "errors; off the dotted line the setting is not linear in the current.")
 
 
-def static_line(found: Characterisation) -> Drawn | None:
+def _static_line(found: Characterisation) -> Drawn | None:
     """The slowest test over displacement, with the mean of its two directions."""
     if not found.static:
         return None
@@ -226,7 +243,7 @@ def static_line(found: Characterisation) -> Drawn | None:
                  "difference the friction" + ("." if slow.creep else ", here with the damping at this speed in it."))
 
 
-def stiffness(found: Characterisation) -> Drawn | None:
+def _stiffness(found: Characterisation) -> Drawn | None:
     """Dynamic and elastic stiffness and loss angle over frequency."""
     rows = [x for x in found.loops if x.loss_angle is not None]
     if len({round(x.frequency, 2) for x in rows}) < 2:
@@ -261,7 +278,7 @@ def stiffness(found: Characterisation) -> Drawn | None:
                  "between tests (table). 90° is a damper without elasticity.")
 
 
-def switching(found: Characterisation) -> Drawn | None:
+def _switching(found: Characterisation) -> Drawn | None:
     """Mean response to a step of the current."""
     if not found.switching:
         return None
@@ -285,7 +302,7 @@ def switching(found: Characterisation) -> Drawn | None:
                  "dot is at 90 %.")
 
 
-def drift(found: Characterisation) -> Drawn | None:
+def _drift(found: Characterisation) -> Drawn | None:
     """Force at mid stroke cycle by cycle of the longest block."""
     if not found.drifts:
         return None
@@ -313,7 +330,7 @@ def drift(found: Characterisation) -> Drawn | None:
                  + (", and the temperature." if temperature is not None else "; no temperature was recorded."))
 
 
-def histogram(found: Characterisation) -> Drawn | None:
+def _histogram(found: Characterisation) -> Drawn | None:
     """Share of the time by velocity."""
     if not found.histograms:
         return None
@@ -329,7 +346,7 @@ def histogram(found: Characterisation) -> Drawn | None:
     return Drawn("velocity_histogram", figure, "Share of the time in classes of 10 mm/s.")
 
 
-def specimens(found: Characterisation) -> Drawn | None:
+def _specimens(found: Characterisation) -> Drawn | None:
     """Every specimen's force against the mean, with the band where there is one."""
     if not found.specimens and not found.checks:
         return None

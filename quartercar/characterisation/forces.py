@@ -68,7 +68,7 @@ Key = tuple[str, float | None]
 """Specimen and held current (None where it was not recorded)."""
 
 
-def keys_of(runs: Sequence[RecordPiece]) -> list[Key]:
+def _keys_of(runs: Sequence[RecordPiece]) -> list[Key]:
     """Specimens and currents of the runs with a force at one current, in order."""
     found = dict.fromkeys((r.specimen, r.level) for r in runs if r.has_force and r.current != "varies")
     return sorted(found, key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
@@ -91,9 +91,15 @@ def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds
         [m/s].
     models : mapping
         Simulated force along a run, by the run's `id`; may be empty.
+
+    Returns
+    -------
+    tuple of StandardForce
+        One for every specimen, current, direction and speed, in this order; without a force where the records hold
+        none.
     """
     rows = []
-    for specimen, level in keys_of(runs):
+    for specimen, level in _keys_of(runs):
         own = [b for b in blocks if (b.run.specimen, b.run.level) == (specimen, level) and b.run.current != "varies"]
         loose = [r for r in runs if (r.specimen, r.level) == (specimen, level) and r.current != "varies"
                  and r.has_force and not any(b.run is r for b in own)]
@@ -181,6 +187,16 @@ def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, spe
 
 def propose_sine(speed: float) -> str:
     """The test that gives a speed.
+
+    Parameters
+    ----------
+    speed : float
+        [m/s], above zero.
+
+    Returns
+    -------
+    str
+        Of at most 50 mm amplitude.
 
     Examples
     --------

@@ -64,6 +64,15 @@ def static_force(block: Block) -> StaticForce | None:
 
     the first as a straight line over x, F_out and F_in the means of the samples there. F_f is taken over the central
     quarter. None where a direction has no sample in a bin.
+
+    Parameters
+    ----------
+    block : Block
+        With a force.
+
+    Returns
+    -------
+    StaticForce or None
     """
     rows = [row for c in block.cycles if (row := _cycle(block, c)) is not None]
     if not rows:
@@ -102,7 +111,17 @@ def _cycle(block: Block, cycle) -> tuple[float, ...] | None:
 
 
 def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
-    """Of each specimen and current: every creep test, or else the slowest test."""
+    """Of each specimen and current: every creep test, or else the slowest test.
+
+    Parameters
+    ----------
+    found : sequence of StaticForce
+
+    Returns
+    -------
+    list of StaticForce
+        The slowest first, one specimen and current after the other.
+    """
     rows: list[StaticForce] = []
     for key in dict.fromkeys((f.specimen, f.current) for f in found):
         own = sorted((f for f in found if (f.specimen, f.current) == key), key=lambda f: f.speed)

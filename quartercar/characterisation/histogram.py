@@ -55,7 +55,7 @@ class VelocityHistogram:
     duration: float
 
 
-def histogram_of(run: RecordPiece) -> VelocityHistogram:
+def _histogram_of(run: RecordPiece) -> VelocityHistogram:
     """Count the velocity of a run in classes of 10 mm/s."""
     v = run.velocity
     edges = np.linspace(-HISTOGRAM, HISTOGRAM, round(2 * HISTOGRAM / WIDTH) + 1)
@@ -69,5 +69,16 @@ def histogram_of(run: RecordPiece) -> VelocityHistogram:
 
 
 def histograms_of(runs: Sequence[RecordPiece], periodic: set[int]) -> tuple[VelocityHistogram, ...]:
-    """One for every run, but for those (by `id`) that are periodic."""
-    return tuple(histogram_of(r) for r in runs if id(r) not in periodic)
+    """One for every run, but for those (by `id`) that are periodic.
+
+    Parameters
+    ----------
+    runs : sequence of RecordPiece
+    periodic : set of int
+
+    Returns
+    -------
+    tuple of VelocityHistogram
+        In the order of the runs.
+    """
+    return tuple(_histogram_of(r) for r in runs if id(r) not in periodic)

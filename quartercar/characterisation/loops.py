@@ -64,6 +64,16 @@ def loop_of(block: Block) -> ForceLoop:
 
     The energy is ∮F dx by the trapezoidal rule between the two crossings of mid stroke, whatever the shape. For a pure
     sine it equals π |x_1|² K''.
+
+    Parameters
+    ----------
+    block : Block
+        With a force.
+
+    Returns
+    -------
+    ForceLoop
+        Means over the settled cycles; errors NaN or None from a single one.
     """
     run = block.run
     work = np.concatenate([[0.0], np.cumsum(0.5 * (run.force[1:] + run.force[:-1]) * np.diff(run.displacement))])

@@ -43,6 +43,11 @@ def missing_of(found: Characterisation, refused: tuple[str, ...]) -> tuple[Missi
     found : Characterisation
     refused : tuple of str
         Why runs with moving current gave no switching time.
+
+    Returns
+    -------
+    tuple of Missing
+        In the order of the page; empty where it holds everything.
     """
     rows = [*_forces(found), *_static(found), *_loops(found), *_currents(found), *_switching(found, refused)]
     if not found.histograms:

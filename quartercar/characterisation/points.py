@@ -84,6 +84,11 @@ def peak_point(block: Block, direction: int, force: np.ndarray | None = None) ->
     direction : {1, −1}
     force : (n,) array, optional
         Another force along the same run, e.g. that of a model [N].
+
+    Returns
+    -------
+    PeakPoint or None
+        None where no cycle has samples enough in this direction.
     """
     values = block.run.force if force is None else force
     rows = [r for c in block.cycles if (r := _centre(c, values[c.span], direction)) is not None]
@@ -119,6 +124,21 @@ def branch_force(block: Block, direction: int, speed: float, force: np.ndarray |
 
     The branch of rising speed lies before mid stroke, that of falling speed behind it; their mean is free of the
     displacement's part and, to first order, of delays. None where the cycle is slower than 95 % of the speed.
+
+    Parameters
+    ----------
+    block : Block
+    direction : {1, −1}
+        1 in rebound.
+    speed : float
+        [m/s].
+    force : (n,) array, optional
+        Another force along the same run, e.g. that of a model [N].
+
+    Returns
+    -------
+    BranchForce or None
+        None also where a branch has too few samples about the speed.
     """
     values = block.run.force if force is None else force
     both = [_branch(block.settled, values, direction, speed, side) for side in (-1, 1)]

@@ -120,6 +120,17 @@ class RecordPieces:
 def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> RecordPieces:
     """Cut, resample and sort records.
 
+    Parameters
+    ----------
+    records : sequence of Record
+        As read, each at its own rate.
+    settings : CharacteriseSettings
+
+    Returns
+    -------
+    RecordPieces
+        Those that move, in the order of the records.
+
     Raises
     ------
     InputError
@@ -181,6 +192,7 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
                                                                      tuple[str, ...]]:
     """(working piece, raw piece, specimen, integrated) of one record, and what was done."""
     from lpvid.condition import segments
+    from lpvid.condition.band_limited import quiet_pieces
     from lpvid.condition.preparing import decimation, with_motion
     from lpvid.condition.resampling import resample
 
@@ -198,6 +210,7 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
         if integrated:
             piece = piece.with_channel("displacement", integral(piece["velocity"], float(piece.sample_time or 1)), "m")
         (piece,), stated = with_motion([piece])
+        ((piece,),), stated = quiet_pieces([[piece]], stated)
         notes = (*notes, *stated)
         found.append((piece, raw, specimen, integrated))
     return found, (*notes, *(w.replace("all records ", "") for w in why))

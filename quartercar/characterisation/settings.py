@@ -76,6 +76,20 @@ class CharacteriseSettings:
     def specimen_of(self, name: str) -> str:
         """The specimen that a record of this name is of.
 
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str
+            "" where there is one specimen.
+
+        Raises
+        ------
+        InputError
+            A name that the expression does not match.
+
         Examples
         --------
         >>> CharacteriseSettings(specimen=r"(S\\d+)_").specimen_of("S07_10mm")

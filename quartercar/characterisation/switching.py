@@ -46,7 +46,7 @@ class CurrentStep:
     sharp: bool
 
 
-def steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
+def _steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
     """Usable steps of a run, and where there are none, why."""
     raw = run.raw
     current = raw["current"]
@@ -201,10 +201,21 @@ def switching_of(run: RecordPiece) -> tuple[list[SwitchingSteps], str]:
     instant of y = 0.9 is that of a parabola through each step's samples between 75 and 97 % of the mean response. Where
     the current jumps from one sample to the next, I10 lies halfway between them. The samples are those of the
     measurement, whatever rate the rest of the page works at.
+
+    Parameters
+    ----------
+    run : RecordPiece
+
+    Returns
+    -------
+    found : list of SwitchingSteps
+        Like steps together.
+    why : str
+        Empty where there are some.
     """
     if not run.has_force:
         return [], "no force"
-    steps, why = steps_of(run)
+    steps, why = _steps_of(run)
     if not steps:
         return [], why
     force, period = run.polarity * run.raw["force"], float(run.raw.sample_time or 0.0)

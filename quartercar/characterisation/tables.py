@@ -17,7 +17,17 @@ SCHEMA = "quartercar/characterisation/1"
 
 
 def forces_csv(found: Characterisation) -> str:
-    """The force table; forces in the sign that was chosen. An earlier one serves as --nominal."""
+    """The force table; forces in the sign that was chosen. An earlier one serves as --nominal.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+        With a header; columns of the model and of the band only where there are these.
+    """
     unit, sign = found.data.current_unit, found.settings.sign
     header = ["specimen", f"current [{unit}]", "direction", "speed [m/s]", "force [N]", "std_error [N]",
               "last_cycle [N]", "branch_difference [N]", "cycles", "method", "source", "why_none"]
@@ -41,7 +51,17 @@ def forces_csv(found: Characterisation) -> str:
 
 
 def characteristics_csv(found: Characterisation) -> str:
-    """Everything else, one quantity a row: group, where it was read, name, value, standard error, unit."""
+    """Everything else, one quantity a row: group, where it was read, name, value, standard error, unit.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+        With a header; in SI.
+    """
     header = ["group", "specimen", f"current [{found.data.current_unit}]", "source", "quantity", "value", "std_error",
               "unit", "remark"]
     rows: list[list[Any]] = []
@@ -83,7 +103,17 @@ def characteristics_csv(found: Characterisation) -> str:
 
 
 def histogram_csv(found: Characterisation) -> str:
-    """Classes of the velocity histograms."""
+    """Classes of the velocity histograms.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+        With a header; velocities in m/s.
+    """
     rows = [[h.record, low, high, share] for h in found.histograms
             for low, high, share in zip(h.edges[:-1], h.edges[1:], h.share, strict=True)]
     return _csv(["record", "from [m/s]", "to [m/s]", "share of time"], rows)
@@ -112,13 +142,33 @@ def write_tables(found: Characterisation, folder: str | Path) -> list[Path]:
 
 
 def named_tables(found: Characterisation) -> dict[str, str]:
-    """CSV text by file name."""
+    """CSV text by file name.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    dict of str to str
+        Histograms only where there are some.
+    """
     named = {"forces.csv": forces_csv(found), "characteristics.csv": characteristics_csv(found)}
     return {**named, "velocity_histogram.csv": histogram_csv(found)} if found.histograms else named
 
 
 def to_dict(found: Characterisation) -> dict[str, Any]:
-    """Plain data for JSON."""
+    """Plain data for JSON.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    dict
+        In SI, forces positive in tension; those against a tolerance band in the sign that was chosen.
+    """
     return {
         "schema": SCHEMA, "verdict": found.verdict, "convention": "SI; displacement positive in extension, force "
         "positive in tension; direction 1 rebound, -1 compression", "caveats": list(found.data.caveats),

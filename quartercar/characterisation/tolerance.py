@@ -24,7 +24,21 @@ _TEXT = re.compile(r"^\s*(?:([\d.]+)\s*%)?\s*\+?\s*(?:([\d.]+)\s*N?)?\s*$")
 
 @dataclass(frozen=True)
 class Nominal:
-    """One row of a nominal table: force and band as shown (sign of `rebound` applied) [N]; None where not given."""
+    """One row of a nominal table: force and band as shown (sign of `rebound` applied) [N]; None where not given.
+
+    Attributes
+    ----------
+    speed : float
+        [m/s].
+    direction : {1, −1}
+        1 in rebound.
+    current : float or None
+        [A]; None for all currents.
+    force : float or None
+        Nominal force.
+    lower, upper : float or None
+        Ends of the band.
+    """
 
     speed: float
     direction: int
@@ -58,7 +72,23 @@ class Tolerance:
 
     @classmethod
     def parse(cls, text: str, nominal: str | Path | None = None) -> Tolerance:
-        """From ``10%+20N``, ``10%``, ``20N``, or the path of a table with its own lower and upper."""
+        """From ``10%+20N``, ``10%``, ``20N``, or the path of a table with its own lower and upper.
+
+        Parameters
+        ----------
+        text : str
+        nominal : str or Path, optional
+            A table of nominal forces (`read_nominal`), about which percentage and newtons lie.
+
+        Returns
+        -------
+        Tolerance
+
+        Raises
+        ------
+        InputError
+            Text that is neither; a table without columns of the band; a table that cannot be read.
+        """
         rows = read_nominal(nominal) if nominal is not None else ()
         if Path(text).suffix.lower() in (".csv", ".tsv", ".txt"):
             table = read_nominal(text)
@@ -128,7 +158,24 @@ class SpecimenSpread:
 
 
 def read_nominal(path: str | Path) -> tuple[Nominal, ...]:
-    """Rows of a nominal table; `forces.csv` of an earlier characterisation is one."""
+    """Rows of a nominal table; `forces.csv` of an earlier characterisation is one.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with columns ``speed``, ``direction`` and at least one of ``force``, ``lower``, ``upper``; units in the
+        header.
+
+    Returns
+    -------
+    tuple of Nominal
+        In SI.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, no rows, a missing column, a number or a direction that is none.
+    """
     path = Path(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -167,7 +214,20 @@ def read_nominal(path: str | Path) -> tuple[Nominal, ...]:
 
 
 def checks_of(forces: Sequence[StandardForce], tolerance: Tolerance, sign: int) -> tuple[Check, ...]:
-    """Every force that has a band, against it."""
+    """Every force that has a band, against it.
+
+    Parameters
+    ----------
+    forces : sequence of StandardForce
+    tolerance : Tolerance
+    sign : {1, −1}
+        In which rebound is shown.
+
+    Returns
+    -------
+    tuple of Check
+        In the order of the forces; those without a band are left out.
+    """
     rows = []
     reach = max((abs(f.current) for f in forces if f.current is not None), default=0.0)
     for f in forces:
@@ -211,7 +271,17 @@ def _band(f: StandardForce, tolerance: Tolerance, forces: Sequence[StandardForce
 
 
 def specimen_spreads(forces: Sequence[StandardForce]) -> tuple[SpecimenSpread, ...]:
-    """Mean and scatter over specimens wherever two or more have a force."""
+    """Mean and scatter over specimens wherever two or more have a force.
+
+    Parameters
+    ----------
+    forces : sequence of StandardForce
+
+    Returns
+    -------
+    tuple of SpecimenSpread
+        One for each current, direction and speed.
+    """
     rows = []
     for key in dict.fromkeys((f.current, f.direction, f.speed) for f in forces):
         own = [f for f in forces if f.force is not None and (f.current, f.direction, f.speed) == key]

@@ -14,6 +14,18 @@ if TYPE_CHECKING:
 def amps(current: float | None, unit: str) -> str:
     """A current for a reader.
 
+    Parameters
+    ----------
+    current : float or None
+        None where it was not recorded.
+    unit : str
+        "1" for a number without one.
+
+    Returns
+    -------
+    str
+        To a thousandth and three digits.
+
     Examples
     --------
     >>> amps(1.20002, "A"), amps(None, "A")
@@ -24,6 +36,17 @@ def amps(current: float | None, unit: str) -> str:
 
 def shortened(name: str, most: int = 20) -> str:
     """A long name with its middle left out.
+
+    Parameters
+    ----------
+    name : str
+    most : int
+        Characters that are left.
+
+    Returns
+    -------
+    str
+        The name itself where it is no longer.
 
     Examples
     --------
@@ -36,6 +59,15 @@ def shortened(name: str, most: int = 20) -> str:
 def speed_said(speed: float) -> str:
     """A speed in mm/s, whole from 100 on.
 
+    Parameters
+    ----------
+    speed : float
+        [m/s], at least zero.
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> speed_said(1.0499), speed_said(0.0023)
@@ -45,7 +77,7 @@ def speed_said(speed: float) -> str:
     return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
 
 
-def currents_said(data: RecordPieces) -> str:
+def _currents_said(data: RecordPieces) -> str:
     """Which currents were held."""
     if not data.levels:
         return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
@@ -56,7 +88,16 @@ def currents_said(data: RecordPieces) -> str:
 
 
 def verdict(found: Characterisation) -> str:
-    """What was measured, over which range, and whether it is inside its tolerance."""
+    """What was measured, over which range, and whether it is inside its tolerance.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+    """
     names = dict.fromkeys(r.name for r in found.data.runs)
     given = found.given
     count = f"{len(names)} record{'s' if len(names) > 1 else ''}"
@@ -64,11 +105,11 @@ def verdict(found: Characterisation) -> str:
     if specimens > 1:
         count += f" of {specimens} specimens"
     if not given:
-        text = f"{count}, {currents_said(found.data)}: none of the standard speeds is reached at constant current."
+        text = f"{count}, {_currents_said(found.data)}: none of the standard speeds is reached at constant current."
     else:
         low, high = min(f.speed for f in given), max(f.speed for f in given)
         range_ = f"{high:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
-        text = (f"{count}, {currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
+        text = (f"{count}, {_currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
                 f"{len(found.settings.speeds)} standard speeds, {range_}." + _key_figures(found))
     if found.checks:
         out = sum(c.inside is False for c in found.checks)
@@ -103,7 +144,17 @@ def _key_figures(found: Characterisation) -> str:
 
 
 def summary(found: Characterisation) -> str:
-    """Verdict, key numbers, what is missing."""
+    """Verdict, key numbers, what is missing.
+
+    Parameters
+    ----------
+    found : Characterisation
+
+    Returns
+    -------
+    str
+        Lines.
+    """
     sign, unit = found.settings.sign, found.data.current_unit
     lines = [found.verdict]
     lines += [f"  caveat: {c}" for c in found.data.caveats]

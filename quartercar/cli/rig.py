@@ -55,5 +55,18 @@ def rig(plan: PlanFile = None,
 
 
 def writer(write: Callable[[Record, Path], Path], record: Record) -> Callable[[Path], Path]:
-    """`write` bound to its record, as `Results.add` wants it."""
+    """`write` bound to its record, as `Results.add` wants it.
+
+    Parameters
+    ----------
+    write : callable
+        From a record and a path to the path that was written.
+    record : Record
+        What is written.
+
+    Returns
+    -------
+    callable
+        From a path to the path that was written.
+    """
     return lambda path: write(record, path)

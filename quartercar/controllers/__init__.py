@@ -50,7 +50,22 @@ __all__ = ["CONTROLLERS", "LAWS", "law_class", "law_names", "register", *_export
 
 
 def law_class(name: str) -> type[Controller]:
-    """The class behind a name of `CONTROLLERS`; InputError with the nearest name where there is none.
+    """The class behind a name of `CONTROLLERS`.
+
+    Parameters
+    ----------
+    name : str
+        Name on the command line, as in `law_names`.
+
+    Returns
+    -------
+    type
+        Class derived from `Controller`; its parameters still take their defaults.
+
+    Raises
+    ------
+    InputError
+        A name that no law has, with the nearest known one; an entry point that does not load.
 
     Examples
     --------
@@ -61,7 +76,13 @@ def law_class(name: str) -> type[Controller]:
 
 
 def law_names() -> tuple[str, ...]:
-    """Names of every law that is known, the package's own first."""
+    """Names of every law that is known, the package's own first.
+
+    Returns
+    -------
+    tuple of str
+        In the order of `LAWS`, then those of other packages, then those that `register` added.
+    """
     return CONTROLLERS.names
 
 

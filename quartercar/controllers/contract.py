@@ -110,7 +110,13 @@ class Law(ABC):
 
 
 class Memoryless(Law):
-    """A demand that is a function of the present signals."""
+    """A demand that is a function of the present signals.
+
+    Parameters
+    ----------
+    demand : callable
+        From `Signals` of one sample, SI, to the (cars,) demand, in the unit of what the law demands.
+    """
 
     def __init__(self, demand: Callable[[Signals], np.ndarray]) -> None:
         self._demand = demand

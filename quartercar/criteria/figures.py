@@ -41,6 +41,11 @@ def comfort_transfer() -> tuple[np.ndarray, np.ndarray]:
     W_k = H_h H_l H_t H_s with the factor (ω_5/ω_6)² in H_s that puts its high-frequency gain at one (ISO 2631-1,
     annex A; equation sheet 4.7).
 
+    Returns
+    -------
+    tuple of two arrays
+        Six and nine coefficients, s in rad/s; the denominator begins with one.
+
     Examples
     --------
     >>> numerator, denominator = comfort_transfer()
@@ -55,7 +60,13 @@ def comfort_transfer() -> tuple[np.ndarray, np.ndarray]:
 
 
 def comfort_transition() -> tuple[np.ndarray, np.ndarray]:
-    """H_t H_s of W_k, which shape it between its band limits H_h H_l; as `comfort_transfer`."""
+    """H_t H_s of W_k, which shape it between its band limits H_h H_l; as `comfort_transfer`.
+
+    Returns
+    -------
+    tuple of two arrays
+        Four and five coefficients, s in rad/s; the denominator begins with one.
+    """
     w3, w4, w5, w6 = (2 * np.pi * f for f in (F3, F4, F5, F6))
     ratio = (w5 / w6) ** 2
     top = np.polymul([1 / w3, 1.0], [ratio / w5**2, ratio / (Q5 * w5), ratio])
@@ -65,6 +76,16 @@ def comfort_transition() -> tuple[np.ndarray, np.ndarray]:
 
 def comfort_weighting(frequency: np.ndarray) -> np.ndarray:
     """(n,) complex W_k at frequencies [Hz].
+
+    Parameters
+    ----------
+    frequency : (n,) array
+        [Hz].
+
+    Returns
+    -------
+    (n,) complex array
+        Dimensionless.
 
     Examples
     --------
@@ -78,6 +99,18 @@ def comfort_weighting(frequency: np.ndarray) -> np.ndarray:
 
 def weighted(acceleration: np.ndarray, sample_time: float) -> np.ndarray:
     """(n,) acceleration behind W_k, from rest: convolution by the discrete Fourier transform, exact in phase and gain.
+
+    Parameters
+    ----------
+    acceleration : (n,) array
+        Vertical [m/s²]; finite.
+    sample_time : float
+        [s].
+
+    Returns
+    -------
+    (n,) array
+        a_w [m/s²].
 
     Raises
     ------
@@ -95,12 +128,35 @@ def weighted(acceleration: np.ndarray, sample_time: float) -> np.ndarray:
 
 
 def rms(signal: np.ndarray) -> float:
-    """Root mean square about zero."""
+    """Root mean square about zero.
+
+    Parameters
+    ----------
+    signal : array
+        Of any shape.
+
+    Returns
+    -------
+    float
+        In the unit of the signal.
+    """
     return float(np.sqrt(np.mean(np.square(signal))))
 
 
 def vibration_dose(weighted_acceleration: np.ndarray, sample_time: float) -> float:
     """VDV = (∫ a_w⁴ dt)^¼ [m/s^1.75].
+
+    Parameters
+    ----------
+    weighted_acceleration : (n,) array
+        As `weighted` returns it [m/s²].
+    sample_time : float
+        [s].
+
+    Returns
+    -------
+    float
+        Over all samples.
 
     Examples
     --------
@@ -111,7 +167,20 @@ def vibration_dose(weighted_acceleration: np.ndarray, sample_time: float) -> flo
 
 
 def transient_maximum(weighted_acceleration: np.ndarray, sample_time: float) -> float:
-    """MTVV: largest rms over one second of the weighted acceleration [m/s²]; over all of a shorter one."""
+    """MTVV: largest rms over one second of the weighted acceleration [m/s²]; over all of a shorter one.
+
+    Parameters
+    ----------
+    weighted_acceleration : (n,) array
+        As `weighted` returns it [m/s²].
+    sample_time : float
+        [s].
+
+    Returns
+    -------
+    float
+        [m/s²].
+    """
     square = np.concatenate([[0.0], np.cumsum(np.asarray(weighted_acceleration, dtype=float) ** 2)])
     width = min(max(round(RUNNING / sample_time), 1), square.size - 1)
     return float(np.sqrt(np.max(square[width:] - square[:-width]) / width))
@@ -119,6 +188,16 @@ def transient_maximum(weighted_acceleration: np.ndarray, sample_time: float) -> 
 
 def comfort_classes(weighted_rms: float) -> tuple[str, ...]:
     """Likely reactions to a weighted rms acceleration [m/s²]; the ranges overlap.
+
+    Parameters
+    ----------
+    weighted_rms : float
+        [m/s²].
+
+    Returns
+    -------
+    tuple of str
+        One or two of the names in `COMFORT`, mildest first.
 
     Examples
     --------
@@ -184,6 +263,11 @@ def judge(run: CarRun, settle: float = 0.0) -> RideFigures:
     settle : float
         Time at the start that is left out [s]; the weighting filter has then run in.
 
+    Returns
+    -------
+    RideFigures
+        Over the samples from `settle` on.
+
     Examples
     --------
     >>> from quartercar.vehicle.nonlinear import QuarterCar
@@ -207,6 +291,20 @@ def band_gain(frequency: np.ndarray, gain: np.ndarray, low: float, high: float) 
     """√∫|X(f)|² df over a band, trapezoidal, with the band's ends interpolated (Poussot-Vassal 2008).
 
     A band from 0 begins at the lowest frequency there is.
+
+    Parameters
+    ----------
+    frequency : (n,) array
+        Rising [Hz].
+    gain : (n,) array
+        X, complex or its modulus.
+    low, high : float
+        Ends of the band [Hz].
+
+    Returns
+    -------
+    float
+        In the unit of the gain times √Hz.
 
     Raises
     ------
@@ -242,7 +340,13 @@ class FrequencyGains:
     amplitude: float
 
     def criteria(self) -> dict[str, float]:
-        """Band criteria of `BANDS`, as far as the frequencies reach."""
+        """Band criteria of `BANDS`, as far as the frequencies reach.
+
+        Returns
+        -------
+        dict of str to float
+            By the names of `BANDS`; a band whose signal is missing or whose upper end is not reached is left out.
+        """
         return {name: band_gain(self.frequency, self.gains[signal], low, high)
                 for name, (signal, low, high) in BANDS.items() if signal in self.gains and high <= self.frequency[-1]}
 
@@ -268,6 +372,11 @@ def frequency_gains(car: QuarterCar, frequency: Sequence[float] | np.ndarray, am
     -------
     FrequencyGains
         Each sine runs for at least 6 s and 4 periods to settle, then over 4 periods (at least 1 s) that count.
+
+    Raises
+    ------
+    InputError
+        No frequencies, or some that are not positive or do not rise.
     """
     f = checks.finite(checks.frozen_array(frequency, "frequency", ndim=1), "frequency")
     if f.size < 1 or f[0] <= 0 or np.any(np.diff(f) <= 0):

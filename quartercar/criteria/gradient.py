@@ -17,7 +17,16 @@ SIGNALS = ("acceleration", "tyre_force", "deflection", "speed", "force")
 
 @dataclass(frozen=True, eq=False)
 class RideFigure:
-    """A figure and its (n,) gradients by the signals that it reads."""
+    """A figure and its (n,) gradients by the signals that it reads.
+
+    Attributes
+    ----------
+    value : float
+        In the unit of the figure.
+    slopes : mapping of str to (n,) array
+        By the names of `SIGNALS`, in the unit of the figure per SI unit of the signal; signals that do not count are
+        left out.
+    """
 
     value: float
     slopes: Mapping[str, np.ndarray]
@@ -46,7 +55,18 @@ class RideGradient:
         self._weight = comfort_weighting(np.fft.rfftfreq(self._padded, self._time))
 
     def of(self, run: GradientRun) -> dict[str, RideFigure]:
-        """comfort [m/s²], tyre_load [N], stroke [m], room (share used, where there are stops), given [J]."""
+        """comfort [m/s²], tyre_load [N], stroke [m], room (share used, where there are stops), given [J].
+
+        Parameters
+        ----------
+        run : GradientRun
+            Of `car`.
+
+        Returns
+        -------
+        dict of str to RideFigure
+            By name.
+        """
         found = {"comfort": self._comfort(run.acceleration),
                  "tyre_load": self._spread(run.tyre_force, "tyre_force"),
                  "stroke": self._spread(run.deflection, "deflection"), "given": self._given(run)}
@@ -89,11 +109,39 @@ class RideGradient:
         return RideFigure(float(shares[k]), {"deflection": by})
 
     def gradient(self, run: GradientRun, figures: Mapping[str, RideFigure], weights: Mapping[str, float]) -> np.ndarray:
-        """(n,) gradient by the command of Σ weight·figure."""
+        """(n,) gradient by the command of Σ weight·figure.
+
+        Parameters
+        ----------
+        run : GradientRun
+            The run of the figures.
+        figures : mapping of str to RideFigure
+            As `of` returns them.
+        weights : mapping of str to float
+            By the names of figures, per unit of each.
+
+        Returns
+        -------
+        (n,) array
+            Per unit of current; zero at the last sample.
+        """
         return self.car.gradient(run, *self.bars(figures, weights))
 
     def bars(self, figures: Mapping[str, RideFigure], weights: Mapping[str, float]) -> list[np.ndarray]:
-        """(n,) gradients of Σ weight·figure by the signals, in the order of `SIGNALS`."""
+        """(n,) gradients of Σ weight·figure by the signals, in the order of `SIGNALS`.
+
+        Parameters
+        ----------
+        figures : mapping of str to RideFigure
+            As `of` returns them.
+        weights : mapping of str to float
+            By the names of figures, per unit of each; a figure without a weight does not count.
+
+        Returns
+        -------
+        list of (n,) arrays
+            One for each of `SIGNALS`, per SI unit of the signal.
+        """
         bars = {s: np.zeros(self._size) for s in SIGNALS}
         for name, weight in weights.items():
             for signal, slope in figures[name].slopes.items() if weight else ():

@@ -83,7 +83,18 @@ STORED = (*MODELS, ("identified", "quartercar.dampers.blackbox.identified", "Ide
 
 
 def stored_damper(data: Mapping[str, Any]) -> Damper:
-    """The damper that `Damper.to_dict` described, of any kind in `STORED`."""
+    """The damper that `Damper.to_dict` described, of any kind in `STORED`.
+
+    Parameters
+    ----------
+    data : mapping
+        Plain data of a damper: ``kind``, ``settings``, ``parameters`` and the fields common to all dampers.
+
+    Returns
+    -------
+    Damper
+        Of the class that stands behind its ``kind``.
+    """
     kind, (name, module, cls) = str(data["kind"]), STORED[-1]
     found = getattr(importlib.import_module(module), cls) if kind == name else model_class(kind)
     return found.from_dict(data)
@@ -91,6 +102,16 @@ def stored_damper(data: Mapping[str, Any]) -> Damper:
 
 def model_class(name: str) -> type[Damper]:
     """The class behind a name of `DAMPERS`; InputError with the nearest name where there is none.
+
+    Parameters
+    ----------
+    name : str
+        Name on the command line, e.g. ``"bouc-wen"``.
+
+    Returns
+    -------
+    type
+        Class derived from `Damper`.
 
     Examples
     --------
@@ -101,7 +122,13 @@ def model_class(name: str) -> type[Damper]:
 
 
 def model_names() -> tuple[str, ...]:
-    """Names of every damper model that is known, the package's own first."""
+    """Names of every damper model that is known, the package's own first.
+
+    Returns
+    -------
+    tuple of str
+        Names in kebab case, those of other packages and of `register` after the package's own.
+    """
     return DAMPERS.names
 
 

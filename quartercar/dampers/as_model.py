@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lpvid.condition.band_limited import IN_BAND
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled
@@ -44,7 +45,20 @@ class DamperModel(SelfScheduled):
 
     @classmethod
     def of(cls, damper: Damper, sample_time: float) -> DamperModel:
-        """The adaptor of a damper at a period."""
+        """The adaptor of a damper at a period.
+
+        Parameters
+        ----------
+        damper : Damper
+            A law of physical parameters.
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        DamperModel
+            Its box is the fitted range of the current, wider by the damper's `slack` at either end.
+        """
         if "current" not in damper.reads:
             return cls(damper, sample_time, Scheduling((), (), ()))
         low, high = damper.current_range or (-OPEN, OPEN)
@@ -65,7 +79,7 @@ class DamperModel(SelfScheduled):
     @property
     def metadata(self) -> Mapping[str, Any]:  # type: ignore[override]
         """The damper's; lpvid recognises training data by it."""
-        return with_polarity(self.damper)
+        return _with_polarity(self.damper)
 
     @property
     def start(self) -> int:
@@ -80,6 +94,18 @@ class DamperModel(SelfScheduled):
         return self.damper.vector
 
     def with_vector(self, vector: np.ndarray) -> DamperModel:
+        """The same model with other parameters of the damper.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            In the order of `parameter_names`, SI.
+
+        Returns
+        -------
+        DamperModel
+            A copy.
+        """
         return self.replace(damper=self.damper.with_vector(vector))
 
     @property
@@ -103,6 +129,24 @@ class DamperModel(SelfScheduled):
         return y, _first_outside(y, limit)
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        """The free run from the first `start` samples: no later output is read.
+
+        Parameters
+        ----------
+        u : (n, m) array
+            Velocity [m/s] and displacement [m], as `inputs` names them.
+        p : (n, 1) or (n, 0) array
+            Current, where the law reads it.
+        y : (n,) array
+            Force as measured; its first `start` samples are read [N].
+        horizon : int
+            Not read: the same from any past.
+
+        Returns
+        -------
+        (n,) array
+            In the polarity of the records [N].
+        """
         return self.free_run(u, p, y[: self.start], np.inf)[0]
 
     def __repr__(self) -> str:
@@ -170,6 +214,18 @@ class Turned(SelfScheduled):
         return self.inner.vector
 
     def with_vector(self, vector: np.ndarray) -> Turned:
+        """The same model with other parameters of the inner one.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            In the order of `parameter_names`.
+
+        Returns
+        -------
+        Turned
+            A copy.
+        """
         return self.replace(inner=self.inner.with_vector(vector))
 
     @property
@@ -181,6 +237,24 @@ class Turned(SelfScheduled):
         return self.polarity * y, diverged
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        """The prediction of the inner model, with the force's sign and the displacement's zero of the records.
+
+        Parameters
+        ----------
+        u : (n, m) array
+            Velocity [m/s] and displacement [m], as `inputs` names them.
+        p : (n, 1) or (n, 0) array
+            Current, where the model is scheduled by it.
+        y : (n,) array
+            Force as measured [N].
+        horizon : int
+            Samples from the last output that is read to the predicted one.
+
+        Returns
+        -------
+        (n,) array
+            In the polarity of the records; the first `start` are `y` [N].
+        """
         return self.polarity * self.inner.predict(self._moved(u), p, self.polarity * y, horizon)
 
     def _moved(self, u: np.ndarray) -> np.ndarray:
@@ -195,16 +269,30 @@ class Turned(SelfScheduled):
 
 
 def turned(model: Movable, damper: Damper) -> Movable:
-    """A model of the damper itself as one of the records: their polarity, and their zero of the displacement."""
-    metadata = with_polarity(damper)
+    """A model of the damper itself as one of the records: their polarity, and their zero of the displacement.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+        In the damper's own sense.
+    damper : Damper
+        Gives polarity, centre and metadata.
+
+    Returns
+    -------
+    LPVTransferFunction, LPVStateSpace or SelfScheduled
+        Of the same kind where that has an exact form (`quartercar.dampers.moved`); a `Turned` for a compliance model of
+        reversed polarity.
+    """
+    metadata = _with_polarity(damper)
     if damper.polarity < 0 and isinstance(model, ComplianceModel):
         return Turned(model, damper.polarity, damper.centre, metadata)
     return moved(model, damper.polarity, -damper.centre).replace(metadata=metadata)
 
 
-def with_polarity(damper: Damper) -> dict[str, Any]:
-    """A damper's metadata, with lpvid's word for a record whose force is measured against the motion."""
-    return {**damper.metadata, **({"polarity": "reversed"} if damper.polarity < 0 else {})}
+def _with_polarity(damper: Damper) -> dict[str, Any]:
+    """A damper's metadata, with lpvid's words for how it reads a record: the sense of the force, a derived velocity."""
+    return {**damper.metadata, **IN_BAND, **({"polarity": "reversed"} if damper.polarity < 0 else {})}
 
 
 def _first_outside(y: np.ndarray, limit: float) -> int | None:

@@ -263,6 +263,11 @@ class Damper(Parametrised, Adaptable, Shown):
         step : float
             [s]; a model with a clock of its own wants that.
 
+        Returns
+        -------
+        DamperStepper
+            Its `begin` is yet to be called.
+
         Raises
         ------
         InputError

@@ -36,7 +36,18 @@ class LawDamper(Damper):
         return 0
 
     def to_model(self, sample_time: float) -> SelfScheduled:
-        """As a model of lpvid at this period; its predictions are its free run."""
+        """As a model of lpvid at this period; its predictions are its free run.
+
+        Parameters
+        ----------
+        sample_time : float
+            Period of the model [s].
+
+        Returns
+        -------
+        SelfScheduled
+            Velocity (and displacement, where the law reads it) to force, the current as scheduling.
+        """
         from quartercar.dampers.as_model import DamperModel
 
         return DamperModel.of(self, sample_time)
@@ -53,7 +64,20 @@ class LawDamper(Damper):
 
     @abstractmethod
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        """(n, P) derivative of `response` in every parameter, exact."""
+        """(n, P) derivative of `response` in every parameter, exact.
+
+        Parameters
+        ----------
+        drive : Drive
+            Motion and current of one record.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        (n, P) array
+            [N per unit of the parameter].
+        """
 
     @abstractmethod
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
@@ -73,7 +97,22 @@ class LawDamper(Damper):
 
     @abstractmethod
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
-        """At most `count` starting vectors, the most promising first, drawn from what the measured forces look like."""
+        """At most `count` starting vectors, the most promising first, drawn from what the measured forces look like.
+
+        Parameters
+        ----------
+        drives : sequence of Drive
+            Training data with measured force.
+        count : int
+            Most vectors to return.
+        rng : numpy.random.Generator
+            Scatters the starts of a law that draws them; others do not read it.
+
+        Returns
+        -------
+        list of (P,) array
+            Starting vectors, SI, in the order of `names`.
+        """
 
 
 class StaticDamper(LawDamper):
@@ -84,16 +123,59 @@ class StaticDamper(LawDamper):
     @abstractmethod
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
-        """(n,) force [N]."""
+        """(n,) force [N].
+
+        Parameters
+        ----------
+        displacement : (n,) array
+            From the damper's centre [m].
+        velocity : (n,) array
+            [m/s].
+        current : (n,) array
+            In the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        (n,) array
+            Force [N].
+        """
 
     @abstractmethod
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
-        """(n, P) derivative of `law` in every parameter, analytic."""
+        """(n, P) derivative of `law` in every parameter, analytic.
+
+        Parameters
+        ----------
+        displacement, velocity, current, vector : array
+            As in `law`.
+
+        Returns
+        -------
+        (n, P) array
+            [N per unit of the parameter].
+        """
 
     def force(self, displacement: np.ndarray | float, velocity: np.ndarray | float,
               current: np.ndarray | float = 0.0) -> np.ndarray:
-        """Force at displacements [m], velocities [m/s] and currents, broadcast against each other [N]."""
+        """Force at displacements [m], velocities [m/s] and currents, broadcast against each other [N].
+
+        Parameters
+        ----------
+        displacement : array or float
+            From the damper's centre [m].
+        velocity : array or float
+            [m/s].
+        current : array or float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        array
+            Force [N], of the common shape of the arguments; (1,) where all are numbers.
+        """
         x, v, i = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float))
                                         for a in (displacement, velocity, current)))
         return self.law(x.ravel(), v.ravel(), i.ravel(), self.vector).reshape(v.shape)
@@ -147,15 +229,62 @@ class DynamicDamper(LawDamper):
     @abstractmethod
     def rest(self, displacement: float, velocity: float, current: float, force: float | None,
              vector: np.ndarray) -> np.ndarray:
-        """(s,) state at the start of a run: one that agrees with the measured `force`, settled where there is none."""
+        """(s,) state at the start of a run: one that agrees with the measured `force`, settled where there is none.
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Motion at the first sample [m], [m/s].
+        current : float
+            At the first sample, in the damper's `current_unit`.
+        force : float or None
+            Measured force at the first sample [N].
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        (s,) array
+            State, in the order of `states`.
+        """
 
     @abstractmethod
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
-        """(s,) time derivative of the state."""
+        """(s,) time derivative of the state.
+
+        Parameters
+        ----------
+        state : (s,) array
+            In the order of `states`.
+        displacement, velocity : float
+            [m], [m/s].
+        current : float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        (s,) array
+            [unit of the state per second].
+        """
 
     @abstractmethod
     def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
-        """Force at a state [N]."""
+        """Force at a state [N].
+
+        Parameters
+        ----------
+        state : (s,) array
+            In the order of `states`.
+        displacement, velocity : float
+            [m], [m/s].
+        current : float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        float
+            Force [N].
+        """
 
     def stepper(self, step: float) -> DamperStepper:
         return StateStepper(self, rates_move(self, step))

@@ -34,6 +34,11 @@ def moved(model: Movable, polarity: int, zero: float) -> Movable:
     zero : float
         x_0, value of the old displacement that the new one calls zero [m].
 
+    Returns
+    -------
+    LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
+        Of the kind of `model`; `model` itself where neither sign nor zero changes.
+
     Raises
     ------
     InputError

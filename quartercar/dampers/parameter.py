@@ -61,7 +61,23 @@ class Parameter:
                              got=f"default {self.default}, bounds {self.lower} to {self.upper}")
 
     def checked(self, value: object) -> float:
-        """`value`, a number in SI or text such as "0.6 kN", as a float inside the bounds, or an InputError."""
+        """`value`, a number in SI or text such as "0.6 kN", as a float inside the bounds, or an InputError.
+
+        Parameters
+        ----------
+        value : object
+            Number in SI, or text with a unit.
+
+        Returns
+        -------
+        float
+            In SI.
+
+        Raises
+        ------
+        InputError
+            No finite number, text with a unit of another dimension, or a value outside the physical bounds.
+        """
         number = checks.real(self._read(value) if isinstance(value, str) else value, self.name)
         if not self.lower <= number <= self.upper:
             raise InputError(f"{self.name} lies outside its physical bounds", got=f"{number:g} {self.unit}".strip(),

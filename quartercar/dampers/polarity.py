@@ -48,6 +48,16 @@ def polarity_of(record: Record) -> Polarity:
     The mean is over whole strokes, from the first to the last reversal of the motion; with less than two of them, about
     a cycle, nothing is decided: a spring then gives or takes more than the damping.
 
+    Parameters
+    ----------
+    record : Record
+        With force, and displacement or velocity.
+
+    Returns
+    -------
+    Polarity
+        Undecided, with power 0, where the record is too short to decide.
+
     Examples
     --------
     >>> import numpy as np
@@ -70,6 +80,16 @@ def polarity_of(record: Record) -> Polarity:
 
 def common_polarity(records: Sequence[Record]) -> int:
     """1, −1, or 0 where no record decides.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With force, and displacement or velocity.
+
+    Returns
+    -------
+    {1, −1, 0}
+        1 passive, −1 reversed; records that do not decide do not count.
 
     Raises
     ------

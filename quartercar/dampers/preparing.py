@@ -45,8 +45,8 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
             sample_rate: float | None = None) -> Prepared:
     """Find the roles, derive what is missing, bring all records to one rate and look at their polarity.
 
-    A velocity that was not measured is derived from displacement. Where no record has a current, a voltage stands for
-    it. A common rate above 1024 Hz is decimated (`lpvid.condition.preparing.decimation`).
+    A velocity that was not measured is derived from displacement, in the band in which it moves. Where no record has a
+    current, a voltage stands for it. A common rate above 1024 Hz is decimated (`lpvid.condition.preparing.decimation`).
 
     Parameters
     ----------
@@ -76,6 +76,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     (anti-aliased); --sample-rate HZ chooses another rate')
     """
     from lpvid.condition import segments
+    from lpvid.condition.band_limited import quiet_pieces
     from lpvid.condition.preparing import decimation, losses, one_clock
 
     records = [*training, *held_out]
@@ -86,7 +87,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     channels = [r for r in ("velocity", "force", "displacement", "current") if records[0].has(r)]
     cut = [segments(part, channels, sample_rate=rate, minimum=SHORTEST) if part else []
            for part in (records[: len(training)], records[len(training):])]
-    cut = one_clock(cut, channels)
+    cut, notes = quiet_pieces(one_clock(cut, channels), notes)
     _need_signals(cut[0])
     polarity, stated = sense_of([*cut[0], *cut[1]])
     return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*stated, *notes, *why, *losses([*cut[0], *cut[1]])))
@@ -126,7 +127,20 @@ def _need_signals(training: Sequence[Record]) -> None:
 
 
 def sense_of(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:
-    """The sense in which the force is measured, the same in all records, and notes on it."""
+    """The sense in which the force is measured, the same in all records, and notes on it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With force, and displacement or velocity.
+
+    Returns
+    -------
+    polarity : {1, −1}
+        −1 where the force is measured against the velocity; 1 where no record decides.
+    notes : tuple of str
+        On a reversed or an undecided polarity; empty for a passive one.
+    """
     sense = common_polarity(records)
     if sense < 0:
         return -1, ("reversed polarity: the force opposes the velocity in these records (mean F·v < 0). Parameters are "

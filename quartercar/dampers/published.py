@@ -70,13 +70,45 @@ def read_parameters(path: str | Path, like: Damper | None = None) -> Damper:
 
 
 def model_of(path: str | Path) -> str | None:
-    """Name of the model that a parameter set belongs to; None for a file of `lpvid.save`, which holds its own."""
+    """Name of the model that a parameter set belongs to; None for a file of `lpvid.save`, which holds its own.
+
+    Parameters
+    ----------
+    path : str or Path
+        A JSON file.
+
+    Returns
+    -------
+    str or None
+        Name on the command line, e.g. ``"bouc-wen"``, as the file states it.
+    """
     name = _object(Path(path)).get("model")
     return name if isinstance(name, str) else None
 
 
 def read_values(path: str | Path, model: str, units: Mapping[str, str]) -> dict[str, float]:
-    """Parameters [SI] of a set for something that is no damper, e.g. a car; `units` names all that it may hold."""
+    """Parameters [SI] of a set for something that is no damper, e.g. a car; `units` names all that it may hold.
+
+    Parameters
+    ----------
+    path : str or Path
+        A JSON file of the form that `read_parameters` reads.
+    model : str
+        Name that the file must state as its ``model``.
+    units : mapping of str to str
+        SI unit by parameter name.
+
+    Returns
+    -------
+    dict of str to float
+        Values in SI, of the parameters in the file only.
+
+    Raises
+    ------
+    InputError
+        No such file, no JSON, a set of something else, an unknown parameter, a value without number or with a wrong
+        unit.
+    """
     path = Path(path)
     data = _object(path)
     if data.get("model") != model or not isinstance(data.get("parameters"), Mapping):

@@ -68,7 +68,20 @@ class RealTime:
         return force
 
     def peek(self, displacement: float, velocity: float, current: float = 0.0) -> float:
-        """The force that a call would give [N]; the call is yet to come."""
+        """The force that a call would give [N]; the call is yet to come.
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Of the damper from its `centre` [m], [m/s].
+        current : float
+            Command, in the model's `current_unit`.
+
+        Returns
+        -------
+        float
+            Force [N]; the state stays as it is.
+        """
         kept, k, x, v = self._state.copy(), self._k, self._x, self._v
         slot = k % self._buffer.size
         command = self._buffer[slot]

@@ -33,23 +33,67 @@ class DamperStepper(ABC):
 
     @abstractmethod
     def begin(self, displacement: float, velocity: float, current: float) -> float:
-        """Start settled; the force [N]."""
+        """Start settled; the force [N].
+
+        Parameters
+        ----------
+        displacement : float
+            From the damper's centre [m].
+        velocity : float
+            [m/s].
+        current : float
+            Held so far, in the damper's `current_unit`.
+
+        Returns
+        -------
+        float
+            Force [N].
+        """
 
     @abstractmethod
     def approach(self, current: float) -> None:
-        """The current at the end of the coming step."""
+        """The current at the end of the coming step.
+
+        Parameters
+        ----------
+        current : float
+            In the damper's `current_unit`.
+        """
 
     @abstractmethod
     def trial(self, displacement: float, velocity: float) -> float:
-        """Force at the end of the step, were this the motion there [N]."""
+        """Force at the end of the step, were this the motion there [N].
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Motion at the end of the step [m], [m/s].
+
+        Returns
+        -------
+        float
+            Force [N]; the state stays as it is.
+        """
 
     @abstractmethod
     def commit(self, displacement: float, velocity: float) -> None:
-        """Take the step."""
+        """Take the step.
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Motion at the end of the step [m], [m/s].
+        """
 
 
 class StaticStepper(DamperStepper):
-    """A law without memory."""
+    """A law without memory.
+
+    Parameters
+    ----------
+    damper : StaticDamper
+        At its own parameters.
+    """
 
     memory = False
 
@@ -76,7 +120,15 @@ Move = Callable[[np.ndarray, tuple[float, float, float], tuple[float, float, flo
 
 
 class StateStepper(DamperStepper):
-    """A damper with states, advanced by a function from one end of a step to the other."""
+    """A damper with states, advanced by a function from one end of a step to the other.
+
+    Parameters
+    ----------
+    damper : DynamicDamper
+        At its own parameters: its `rest` starts the run, its `output` is the force.
+    move : callable
+        One step: (state, motion and current at its start, the same at its end) -> (state, force [N]) at its end.
+    """
 
     def __init__(self, damper: DynamicDamper, move: Move) -> None:
         self._damper, self._move = damper, move
@@ -102,7 +154,15 @@ class StateStepper(DamperStepper):
 
 
 class RealTimeStepper(DamperStepper):
-    """A semi-active damper through its own real-time stepper."""
+    """A semi-active damper through its own real-time stepper.
+
+    Parameters
+    ----------
+    damper : SemiActiveDamper
+        A damper with a `real_time` stepper.
+    step : float
+        Length of a step [s].
+    """
 
     def __init__(self, damper, step: float) -> None:
         self._stepper = damper.real_time(step)
@@ -123,7 +183,20 @@ class RealTimeStepper(DamperStepper):
 
 
 def rates_move(damper: DynamicDamper, step: float) -> Move:
-    """Steps of any damper with states, from its `rates` alone: two implicit stages, L-stable, order 2."""
+    """Steps of any damper with states, from its `rates` alone: two implicit stages, L-stable, order 2.
+
+    Parameters
+    ----------
+    damper : DynamicDamper
+        Its `rates` are integrated, with a Jacobian by differences in Newton's method.
+    step : float
+        Length of a step [s].
+
+    Returns
+    -------
+    callable
+        (state, motion and current at the step's start, the same at its end) -> (state, force [N]) at its end.
+    """
     def stage(base: np.ndarray, guess: np.ndarray, motion: tuple[float, float, float]) -> np.ndarray:
         z = guess.copy()
         for _ in range(12):

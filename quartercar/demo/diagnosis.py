@@ -54,11 +54,23 @@ class HiddenCause(Encoded):
                 f"{self.found.gain_percent:.1f} % of the squared free-run error on a record it has not seen.")
 
     def lines(self) -> list[str]:
-        """For the terminal."""
+        """For the terminal.
+
+        Returns
+        -------
+        list of str
+            The verdict and the first six lines of the diagnosis.
+        """
         return [self.verdict, *repr(self.found).splitlines()[:6]]
 
     def section(self) -> Section:
-        """For the report."""
+        """For the report.
+
+        Returns
+        -------
+        Section
+            With the verdict, the parameters found, loops before and after, and where the baseline is most wrong.
+        """
         from lpvid.plot import diagnosis as draw
         from lpvid.report import Item, PageFigure, Paragraph
         from lpvid.report.diagnosis import before_after
@@ -88,6 +100,11 @@ def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda
         Of the rig, and of what it hides.
     report_progress : callable
         Receives what is being done.
+
+    Returns
+    -------
+    HiddenCause
+        The same for the same seed.
     """
     from lpvid.diagnosis.facade import answer, pose
     from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect

@@ -66,6 +66,11 @@ def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> 
     shown : sequence of Comparison
     experiments : mapping of str to str
         What moves, by name.
+
+    Returns
+    -------
+    list of Item
+        Figures that the records do not allow are left out.
     """
     from lpvid import plot
     from lpvid.report.courses import free_run_traces
@@ -75,11 +80,11 @@ def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> 
     for name, description in experiments.items():
         of_test = [c for c in shown if c.record.name.startswith(f"{name}-")]
         if of_test:
-            worst = max(of_test, key=run_esr)
+            worst = max(of_test, key=_run_esr)
             which = ("its only held-out record, free-run ESR" if len(of_test) == 1 else
                      f"the one of {len(of_test)} held-out records with the largest free-run ESR")
             items.append(free_run_traces(worst, ("current", "velocity"), f"{name} ({description}): the whole of "
-                                         f"{worst.record.name}, {which}, {run_esr(worst):.4f}. Shaded: the stretch "
+                                         f"{worst.record.name}, {which}, {_run_esr(worst):.4f}. Shaded: the stretch "
                                          "with the largest error."))
     for prefix, description in (("test-7-", "multisine"), ("test-8-", "triangle")):
         chosen = [c for c in shown if c.record.name.startswith(prefix)]
@@ -101,7 +106,7 @@ def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> 
     return items
 
 
-def run_esr(c: Comparison) -> float:
+def _run_esr(c: Comparison) -> float:
     """Free-run ESR of one record; infinite where the run diverged."""
     error = c.error[c.free_run.start:]
     if not np.isfinite(error).all():

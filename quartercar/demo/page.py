@@ -62,7 +62,18 @@ _STEPS = (
 
 
 def experiments_table(figures: Sequence[ExperimentFigures]) -> PageTable:
-    """ESR of every experiment."""
+    """ESR of every experiment.
+
+    Parameters
+    ----------
+    figures : sequence of ExperimentFigures
+        One for each experiment.
+
+    Returns
+    -------
+    PageTable
+        One row for each, and their mean; a dash where a model diverged.
+    """
     rows = [(e.name, e.description, str(len(e.records)), number(e.esr), number(e.rmse, 4, "N"), number(e.worst),
              number(e.free_esr), number(e.plain_esr)) for e in figures]
     rows.append(("mean", "eight experiments", str(sum(len(e.records) for e in figures)),

@@ -45,11 +45,23 @@ class DemoRide(Encoded):
         return f"{self.design.verdict} {self.rides.verdict}"
 
     def lines(self) -> list[str]:
-        """For the terminal."""
+        """For the terminal.
+
+        Returns
+        -------
+        list of str
+            The verdict of the design and the first 14 lines of the comparison.
+        """
         return [self.design.verdict, *str(self.rides).splitlines()[:14]]
 
     def section(self) -> Section:
-        """For the report."""
+        """For the report.
+
+        Returns
+        -------
+        Section
+            With both verdicts, the trade-offs, and signals and figures of every road.
+        """
         from lpvid.report import Item, Paragraph
         from quartercar.report.rides import ride_figures, ride_page
 

@@ -142,11 +142,17 @@ class Demo:
 
 
 def structure() -> ARX:
-    """Order 4, first degree in the current, saturating input, a current that rises and falls unequally, a constant."""
-    return replace(plain_structure(), stage="tanh", schedule_filter="rise-fall", affine=1)
+    """Order 4, first degree in the current, saturating input, a current that rises and falls unequally, a constant.
+
+    Returns
+    -------
+    ARX
+        From velocity to force, scheduled on the current.
+    """
+    return replace(_plain_structure(), stage="tanh", schedule_filter="rise-fall", affine=1)
 
 
-def passive_structure(found: Identification) -> Passive:
+def _passive_structure(found: Identification) -> Passive:
     """The same, constrained never to give energy: a car asks for currents and frequencies that no record holds.
 
     Records count over their own variance, so that the weak force at low current, where a controlled damper is most of
@@ -158,7 +164,7 @@ def passive_structure(found: Identification) -> Passive:
     return Passive(replace(structure(), stage=found.model.input_stage), balanced=True)
 
 
-def plain_structure() -> ARX:
+def _plain_structure() -> ARX:
     """Order 4, first degree in the current, and nothing else."""
     from lpvid.identification.arx import ARX
     from lpvid.scheduling import Polynomial
@@ -167,7 +173,20 @@ def plain_structure() -> ARX:
 
 
 def rig_data(seed: int = 0) -> tuple[list[Record], list[Record]]:
-    """Training and held-out records of the eight experiments; experiment 6 is held out on roads of another seed."""
+    """Training and held-out records of the eight experiments; experiment 6 is held out on roads of another seed.
+
+    Parameters
+    ----------
+    seed : int
+        Of the rig.
+
+    Returns
+    -------
+    training : list of Record
+        Of experiments 1, 2, 3 and 6.
+    held_out : list of Record
+        Of all eight, sorted by name.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
     from quartercar.rig import EXPERIMENTS, default_records
@@ -185,7 +204,22 @@ def rig_data(seed: int = 0) -> tuple[list[Record], list[Record]]:
 
 
 def experiment_figures(found: Validation, free: Validation, plain: Validation) -> tuple[ExperimentFigures, ...]:
-    """Held-out free-run figures by experiment, beside those of the unconstrained and of the plain model."""
+    """Held-out free-run figures by experiment, beside those of the unconstrained and of the plain model.
+
+    Parameters
+    ----------
+    found : Validation
+        Of the passive model, on the held-out records.
+    free : Validation
+        Of the model of the same structure that need not be passive, on the same records.
+    plain : Validation
+        Of the plain model, on the same records.
+
+    Returns
+    -------
+    tuple of ExperimentFigures
+        In the order of the rig's experiments; ESR and rmse are None where a model diverged.
+    """
     from quartercar.rig import EXPERIMENTS
 
     listed = []
@@ -301,12 +335,12 @@ def _identified(seed: int, report_progress: Say, tell: Tell,
     with Beside(_audited, training) as auditing:
         report_progress("auditing the training records; identifying the LPV transfer function")
         free = identify(training, structure(), held_out=held_out)
-        plain = identify(training, plain_structure(), held_out=held_out)
+        plain = identify(training, _plain_structure(), held_out=held_out)
         audited = auditing.result()
         tell("audit", audited)
     with Beside(hide_and_find, seed) as hidden:
         report_progress("constraining it to be passive; looking for a hidden cause")
-        found = identify(training, passive_structure(free), held_out=held_out)
+        found = identify(training, _passive_structure(free), held_out=held_out)
         tell("identification", found)
         assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
         figures = experiment_figures(found.held_out, free.held_out, plain.held_out)

@@ -50,6 +50,18 @@ class DesignConfig:
 def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
     """Read a CONFIG file; a damper file is found beside it. `plant` counts before what the file states.
 
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file.
+    plant : {"identified", "nominal"}, optional
+        In place of the file's key of that name.
+
+    Returns
+    -------
+    DesignConfig
+        With the damper of the file, or the embedded one.
+
     Raises
     ------
     InputError
@@ -82,6 +94,24 @@ def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig
 
     Without the key `plant` it is the identified one where the damper has an identified transfer function from velocity
     and current, and nothing in the table belongs to the nominal plant alone.
+
+    Parameters
+    ----------
+    table : mapping
+        Keys of a CONFIG file; numbers in SI, or text with a unit. An empty one takes all defaults.
+    folder : Path
+        Where the damper's file lies; the working folder by default.
+
+    Returns
+    -------
+    DesignConfig
+        Checked: every key, type, range and unit.
+
+    Raises
+    ------
+    InputError
+        An unknown key, a value of the wrong type, range or unit, or a key of the nominal plant beside the identified
+        one.
 
     Examples
     --------
@@ -124,6 +154,11 @@ def _on_identified(table: Mapping[str, Any], found: _DesignTable) -> LpvHinfIden
 def design_schema() -> dict[str, Any]:
     """JSON schema (2020-12) of a CONFIG file of `quartercar design`, as a plain dict.
 
+    Returns
+    -------
+    dict
+        Can be written as JSON.
+
     Examples
     --------
     >>> design_schema()["properties"]["law"]["enum"]
@@ -147,7 +182,13 @@ def design_schema() -> dict[str, Any]:
 
 
 def design_template() -> str:
-    """A commented CONFIG that loads as it stands."""
+    """A commented CONFIG that loads as it stands.
+
+    Returns
+    -------
+    str
+        TOML, with every key and its default.
+    """
     law, nominal = LpvHinfIdentified(), LpvHinf()
     others = ", ".join(n for n in MEASUREMENTS if n != "observed")
     lines = ["# quartercar design CONFIG: a car, its damper, a plant and weights. Numbers are SI, or text: \"5 mm\".",

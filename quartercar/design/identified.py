@@ -86,7 +86,25 @@ class IdentifiedDesign:
         return dict(zip(SHOWN, found.T, strict=True))
 
     def bump(self, settings: RideSettings | None = None, road: Bump | None = None) -> tuple[Ride, Ride]:
-        """The nonlinear car over a bump: under the controller, and passive at the lowest current."""
+        """The nonlinear car over a bump: under the controller, and passive at the lowest current.
+
+        Parameters
+        ----------
+        settings : RideSettings, optional
+            Sensors, observer and inverse; the defaults where left out.
+        road : Bump, optional
+            The default bump over 2.5 s where left out.
+
+        Returns
+        -------
+        (Ride, Ride)
+            Under the controller, and passive; same seed.
+
+        Raises
+        ------
+        NumericalError
+            A synthesis that failed.
+        """
         return over_bump(self.car, self.controller, settings, road)
 
     @property
@@ -159,6 +177,20 @@ class IdentifiedDesign:
 
 def design_identified(car: QuarterCar, law: LpvHinfIdentified, setting: Setting) -> IdentifiedDesign:
     """Design a controller on the identified plant; a synthesis that fails comes back with its verdict.
+
+    Parameters
+    ----------
+    car : QuarterCar
+        The car that is driven.
+    law : LpvHinfIdentified
+        With the weights.
+    setting : Setting
+        The car as its designer knows it, with a damper model; period and limits of the current.
+
+    Returns
+    -------
+    IdentifiedDesign
+        For the largest box of ρ_v that admits a controller.
 
     Raises
     ------

@@ -95,7 +95,25 @@ class Design:
         return {n: found[:, system.outputs.index(n)] for n in SHOWN}
 
     def bump(self, settings: RideSettings | None = None, road: Bump | None = None) -> tuple[Ride, Ride]:
-        """The nonlinear car over a bump: under the controller, and passive at the lowest current."""
+        """The nonlinear car over a bump: under the controller, and passive at the lowest current.
+
+        Parameters
+        ----------
+        settings : RideSettings, optional
+            Sensors, observer and inverse; the defaults where left out.
+        road : Bump, optional
+            The default bump over 2.5 s where left out.
+
+        Returns
+        -------
+        (Ride, Ride)
+            Under the controller, and passive; same seed.
+
+        Raises
+        ------
+        NumericalError
+            A synthesis that failed.
+        """
         return over_bump(self.car, self.controller, settings, road)
 
     @property

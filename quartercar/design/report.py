@@ -19,7 +19,20 @@ from quartercar.rides.simulation import Ride
 
 
 def design_figures(found: Design | IdentifiedDesign, rides: tuple[Ride, Ride] | None) -> tuple[Drawn, ...]:
-    """The figures of a design; without a controller its weights alone."""
+    """The figures of a design; without a controller its weights alone.
+
+    Parameters
+    ----------
+    found : Design or IdentifiedDesign
+        Solved or not.
+    rides : (Ride, Ride) or None
+        As `Design.bump` gives them; None without a controller.
+
+    Returns
+    -------
+    tuple of Drawn
+        Weights, and with rides gains, sensitivity, use of the actuator and the bump.
+    """
     drawn = [Drawn("weights", plot.weights(found), "The weights: a signal counts as one where its amplitude times this "
                    "gain is one.")]
     if rides is not None:

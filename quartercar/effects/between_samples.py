@@ -17,13 +17,36 @@ a law is evaluated less often, down to the record's own: it would cost minutes a
 
 
 def times_as_fast(baseline: Baseline, s: Signals) -> int:
-    """How many times as fast as the record a law is evaluated; 1 for one with a memory, whose steps are its own."""
+    """How many times as fast as the record a law is evaluated; 1 for one with a memory, whose steps are its own.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    s : Signals
+
+    Returns
+    -------
+    int
+        At most `FINEST`, so that the samples in all are no more than `MOST`.
+    """
     most = int(np.clip(MOST // s.n_samples, 1, FINEST))
     return int(np.clip(np.ceil(FAST * s.sample_time), 1, most)) if baseline.static else 1
 
 
 def between(s: Signals, finer: int) -> Signals:
-    """The same signals on a clock `finer` times as fast: cubic splines, and a current in straight lines or in steps."""
+    """The same signals on a clock `finer` times as fast: cubic splines, and a current in straight lines or in steps.
+
+    Parameters
+    ----------
+    s : Signals
+    finer : int
+        1 for the signals themselves.
+
+    Returns
+    -------
+    Signals
+        Found once; `coarse` holds the given ones, the output is held between its samples.
+    """
     def ask() -> Signals:
         channels = {c: spread(x, finer) for c, x in s.channels.items() if c != "current"}
         if s.has("current"):

@@ -22,7 +22,17 @@ class SeriesElement(GridEffect):
 
     @abstractmethod
     def elements(self, values: np.ndarray) -> dict[str, float]:
-        """Fields of `Elements`."""
+        """Fields of `Elements`.
+
+        Parameters
+        ----------
+        values : (k,) array
+            Parameters of the effect.
+
+        Returns
+        -------
+        dict of str to float
+        """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
@@ -58,7 +68,7 @@ class Backlash(SeriesElement):
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in series with the damper"
-    rugged: ClassVar[bool] = True
+    rugged: ClassVar[str] = "play"
     equation: ClassVar[str] = "v = w + dD/dt, D = (delta/2) sign F, any of +-delta/2 where F = 0; F = law(w)"
     reference: ClassVar[str] = "equation sheet 3.7"
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"

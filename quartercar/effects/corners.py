@@ -46,6 +46,15 @@ def corners(s: Signals) -> Corners:
                ·.\\   of the velocity at the sample before and behind
                  ·└── straight line from sample to sample
 
+    Parameters
+    ----------
+    s : Signals
+        With velocity; found once for them.
+
+    Returns
+    -------
+    Corners
+
     Examples
     --------
     >>> t = np.arange(8.0)

@@ -36,7 +36,18 @@ PLACES = np.linspace(-0.3, 1.05, 28)
 
 
 def leaps(x: np.ndarray) -> bool:
-    """Whether a channel moves by a large part of its range from one sample to the next."""
+    """Whether a channel moves by a large part of its range from one sample to the next.
+
+    Parameters
+    ----------
+    x : (n,) array
+        In any unit.
+
+    Returns
+    -------
+    bool
+        False for a constant, and for a range that is small beside the channel's size.
+    """
     return bool(x.size > 1 and np.abs(np.diff(x)).max() > EDGE * np.ptp(x) > NOISY * np.abs(x).max())
 
 
@@ -68,7 +79,17 @@ class Edges:
         return np.isfinite(self.before) & np.isfinite(self.after)
 
     def near(self, some: np.ndarray) -> np.ndarray:
-        """(n,) bool: samples on which a filter may be busy with some of them, (k,) bool."""
+        """(n,) bool: samples on which a filter may be busy with some of them, (k,) bool.
+
+        Parameters
+        ----------
+        some : (k,) bool array
+            Which of the jumps.
+
+        Returns
+        -------
+        (n,) bool array
+        """
         change = np.zeros(self.size + 1)
         np.add.at(change, self.first[some], 1.0)
         np.add.at(change, self.until[some], -1.0)
@@ -76,7 +97,16 @@ class Edges:
 
 
 def edges_of(s: Signals) -> Edges | None:
-    """Of the current, found once; None where there is none or it does not leap."""
+    """Of the current, found once; None where there is none or it does not leap.
+
+    Parameters
+    ----------
+    s : Signals
+
+    Returns
+    -------
+    Edges or None
+    """
     if not s.has("current"):
         return None
     return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if leaps(c) else None)
@@ -84,6 +114,18 @@ def edges_of(s: Signals) -> Edges | None:
 
 def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     """The jumps of a current.
+
+    Parameters
+    ----------
+    current : (n,) array
+        [A].
+    sample_time : float
+        [s].
+
+    Returns
+    -------
+    Edges
+        Of no jumps where the current does not move by more than its noise.
 
     Examples
     --------
@@ -128,7 +170,18 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
 
 
 def is_sharp(s: Signals) -> bool:
-    """Whether the current's jumps show no trace of a filter; judged once, over all records of a diagnosis."""
+    """Whether the current's jumps show no trace of a filter; judged once, over all records of a diagnosis.
+
+    Parameters
+    ----------
+    s : Signals
+        With current.
+
+    Returns
+    -------
+    bool
+        True also where no record has a current that leaps.
+    """
     def find(_: np.ndarray) -> bool:
         found = [(p["current"], e) for p in s.as_recorded("current") if (e := edges_of(p)) is not None]
         return at_once(*zip(*found, strict=True)) if found else True
@@ -141,6 +194,18 @@ def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
 
     One that lags misses its level at the first sample, and one that overshoots misses it by as much throughout: by the
     share s of the jump that fits all of them, r = s j + noise, those set aside that chance does not send astray so far.
+
+    Parameters
+    ----------
+    currents : sequence of (n,) arrays
+        [A], one for each record.
+    edges : sequence of Edges
+        Theirs.
+
+    Returns
+    -------
+    bool
+        True where no jump lies between levels that last.
 
     Examples
     --------
@@ -169,7 +234,22 @@ def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
 
 
 def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
-    """Of 1/(1 + 2ζTs + T²s²) to a unit step at 0, with the poles s₁, s₂: 1 + (s₂ e^{s₁ t} − s₁ e^{s₂ t})/(s₁ − s₂)."""
+    """Of 1/(1 + 2ζTs + T²s²) to a unit step at 0, with the poles s₁, s₂: 1 + (s₂ e^{s₁ t} − s₁ e^{s₂ t})/(s₁ − s₂).
+
+    Parameters
+    ----------
+    time : array
+        Since the step [s].
+    t : float
+        T [s], above zero.
+    zeta : float
+        Damping ratio.
+
+    Returns
+    -------
+    array
+        Of the shape of `time`; 0 before the step.
+    """
     root = np.sqrt(complex(zeta**2 - 1 + 1e-9))
     one, two = (-zeta + root) / t, (-zeta - root) / t
     late = np.maximum(time, 0.0)
@@ -181,6 +261,21 @@ def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) 
 
     A jump between known levels that the filter has made round is placed by least squares over the samples that follow,
     anywhere between two of them; elsewhere the current is as recorded.
+
+    Parameters
+    ----------
+    s : Signals
+        With current.
+    edges : Edges
+        Of that current.
+    t, zeta : float
+        T [s] and damping ratio of the low-pass.
+    finer : int
+
+    Returns
+    -------
+    (n finer,) array
+        [A].
     """
     current, period = s["current"], s.sample_time
     fine = np.repeat(current, finer)

@@ -7,9 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals, jumps
+from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.current_edges import edges_of, is_sharp
 
 SEEN_AFTER = 0.05
@@ -31,6 +32,15 @@ def is_held(current: np.ndarray) -> bool:
     Most increments are far below their rms, and none is shared with its neighbour: an edge that was recorded behind a
     filter takes two samples or more, and runs between them.
 
+    Parameters
+    ----------
+    current : (n,) array
+        [A].
+
+    Returns
+    -------
+    bool
+
     Examples
     --------
     >>> steps = np.repeat([0.0, 2.0, 1.0], 10)
@@ -45,6 +55,17 @@ def rests(current: np.ndarray, largest: float) -> bool:
     """Whether a current is constant but for the noise of its sensor: small, and without memory from sample to sample.
 
     `largest` is the largest modulus of the current in all records, against which a ripple is small.
+
+    Parameters
+    ----------
+    current : (n,) array
+        [A].
+    largest : float
+        [A].
+
+    Returns
+    -------
+    bool
 
     Examples
     --------
@@ -61,12 +82,35 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 
 def held(s: Signals) -> bool:
-    """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once."""
+    """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once.
+
+    Parameters
+    ----------
+    s : Signals
+
+    Returns
+    -------
+    bool
+        False without a current.
+    """
     return s.has("current") and s.fact("current", "is held", lambda current: is_held(current) and is_sharp(s))
 
 
 def in_proportion(s: Signals, to: Signals) -> Signals:
-    """The same signals, whose current is in proportion to another one: what is known of its steps does not change."""
+    """The same signals, whose current is in proportion to another one: what is known of its steps does not change.
+
+    Parameters
+    ----------
+    s : Signals
+        Changed in place, where it has a current.
+    to : Signals
+        Those with the current as recorded.
+
+    Returns
+    -------
+    Signals
+        `s` itself.
+    """
     if s.has("current"):
         s.facts["current", "is held"], s.facts["current", "is clocked"] = held(to), clocked(to)
         s.facts["current", "is sharp"] = is_sharp(to)
@@ -78,6 +122,15 @@ def clocked(s: Signals) -> bool:
 
     Judged over all records together, as `is_sharp`. One with a clock of its own jumps anywhere between two samples,
     half-way on average.
+
+    Parameters
+    ----------
+    s : Signals
+
+    Returns
+    -------
+    bool
+        False for a current that is not held; True for a held one of which fewer than two times between jumps are known.
 
     Examples
     --------
@@ -99,6 +152,16 @@ def clocked(s: Signals) -> bool:
 def levels(signals: Sequence[Signals]) -> int:
     """How many levels the currents of all records rest at; 0 where they do not keep to a few.
 
+    Parameters
+    ----------
+    signals : sequence of Signals
+        With current.
+
+    Returns
+    -------
+    int
+        1 for a current that is constant throughout.
+
     Examples
     --------
     >>> def current(i):
@@ -119,6 +182,18 @@ def later(s: Signals, delay: float) -> np.ndarray:
 
     A held current that changes at a sample is seen one whole sample late for every delay within that sample, so that a
     delay of d samples looks like d + ½ on average; below half a sample it runs to 0 with d.
+
+    Parameters
+    ----------
+    s : Signals
+        With current.
+    delay : float
+        At least zero [s].
+
+    Returns
+    -------
+    (n,) array
+        [A]; the first value is held at the head.
     """
     d = delay / s.sample_time
     if held(s):
@@ -128,7 +203,20 @@ def later(s: Signals, delay: float) -> np.ndarray:
 
 
 def read_earlier(s: Signals, delay: float) -> np.ndarray:
-    """(n,) current of `delay` [s] ago, for a force that is itself recorded late; a held one in whole samples."""
+    """(n,) current of `delay` [s] ago, for a force that is itself recorded late; a held one in whole samples.
+
+    Parameters
+    ----------
+    s : Signals
+        With current.
+    delay : float
+        At least zero [s].
+
+    Returns
+    -------
+    (n,) array
+        [A]; the first value is held at the head.
+    """
     d = delay / s.sample_time
     if held(s):
         d = float(np.ceil(d - SEEN_AFTER))
@@ -140,6 +228,19 @@ def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.nd
     """(n,) current behind a first-order lag with unequal edges; the current itself where both are zero.
 
     `between`: it runs in straight lines between the samples, even if it was held when it was recorded.
+
+    Parameters
+    ----------
+    s : Signals
+        With current.
+    rise, fall : float
+        Time constants of the edges up and of the edges down [s].
+    between : bool
+
+    Returns
+    -------
+    (n,) array
+        [A].
     """
     from quartercar.effects import _current_kernels as kernels
 

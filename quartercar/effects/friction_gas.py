@@ -74,7 +74,21 @@ class CoulombFriction(ParallelForce):
 
 
 def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarray:
-    """(n,) direction of motion in [−1, 1], which turns over a speed [m/s] and a deflection [m] after a reversal."""
+    """(n,) direction of motion in [−1, 1], which turns over a speed [m/s] and a deflection [m] after a reversal.
+
+    Parameters
+    ----------
+    s : Signals
+        With velocity.
+    deflection : float
+        d [m]; less than `NIL` is none, so that only the speed counts.
+    turn : float
+        ε [m/s].
+
+    Returns
+    -------
+    (n,) array
+    """
     if deflection < NIL:
         return s.remembered("direction", turn, lambda: np.tanh(s["velocity"] / turn))
 

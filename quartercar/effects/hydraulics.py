@@ -36,7 +36,23 @@ class HydraulicEffect(Effect):
 
     @abstractmethod
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
-        """(n,) force that it adds."""
+        """(n,) force that it adds.
+
+        Parameters
+        ----------
+        s : Signals
+        core : Core
+            The simulation without it [N].
+        values : (k,) array
+            Parameters of the effect.
+        baseline : Baseline
+            Innermost law of the core.
+
+        Returns
+        -------
+        (n,) array
+            [N].
+        """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
@@ -115,17 +131,20 @@ class ReliefValve(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.9; source 001"
     experiment: ClassVar[str] = "triangles of at least 15 speeds up to three times that of the knee, at two currents"
     smooth: ClassVar[bool] = False
+    rugged: ClassVar[str] = "opening_force"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("relief", "", "r, share of the slope that goes beyond the knee", 0.0, (0.0, 1.0),
-                                (0.0, 1.2), (0.3, 0.8)),
+                                (0.0, 1.2), (0.5,)),
                 EffectParameter("opening_force", "N", "F_b", 100.0, (5.0, 5e3), (0.1, 1e6), (30.0, 100.0, 300.0)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        slope = measured_slope(signals)
-        forces = [f for f in (slope * v for v in speed_quantiles(signals, (0.3, 0.55, 0.75, 0.9))) if f > 0]
-        return [np.array([r, max(f, 0.1)]) for r in self.parameters[0].grid for f in forces]
+        """By the slope of the force over the speed and, where currents or friction hide that, by the force itself."""
+        shares = (0.3, 0.55, 0.75, 0.9)
+        by_slope = [measured_slope(signals) * v for v in speed_quantiles(signals, shares)]
+        by_force = np.quantile(np.abs(np.concatenate([s.output for s in signals])), shares)
+        return [np.array([r, max(f, 0.1)]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         v = s["velocity"]
@@ -145,6 +164,7 @@ class SeriesOrifice(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.9; source 001, extended model"
     experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
     smooth: ClassVar[bool] = False
+    rugged: ClassVar[str] = "onset"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -239,7 +259,7 @@ class NetworkTopology(HydraulicEffect):
         v = s["velocity"]
         viscous = viscous_slope(s, core, baseline) * v
         if baseline.name == "network-parallel":
-            return share * (viscous * (1 + np.abs(v) / transition) - wet(s, core))
+            return share * (viscous * (1 + np.abs(v) / transition) - _wet(s, core))
         half = 0.25 * transition / np.maximum(np.abs(v), 1e-12)
         q = 1.0 / (1.0 + half + np.sqrt(half * (half + 2.0)))
         return share * viscous * (q - 1.0)
@@ -248,7 +268,7 @@ class NetworkTopology(HydraulicEffect):
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
 
 
-def wet(s: Signals, core: Core) -> np.ndarray:
+def _wet(s: Signals, core: Core) -> np.ndarray:
     """(n,) what an odd law gains beyond the speeds at which it is dry friction."""
     v = s["velocity"]
     slow = np.clip(v, *(DRY * float(np.abs(v).max()) * np.array([-1.0, 1.0])))

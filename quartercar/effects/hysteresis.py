@@ -22,6 +22,7 @@ class BoucWenHysteresis(ParallelForce):
 
     name: ClassVar[str] = "hysteresis"
     placement_of: ClassVar[str] = "coulomb-friction"
+    contains: ClassVar[tuple[str, ...]] = ("series-compliance",)  # yields by d before it slides
     title: ClassVar[str] = "hysteresis over the way beside the law"
     equation: ClassVar[str] = "F += F_z z, d z' = v - (1 - s)|v| z - s v |z|"
     reference: ClassVar[str] = "equation sheet 1.1; Wen 1976, order one"
@@ -48,7 +49,22 @@ class BoucWenHysteresis(ParallelForce):
 
 
 def loop(s: Signals, deflection: float, share: float) -> np.ndarray:
-    """(n,) z of a Bouc-Wen element of order one, from rest."""
+    """(n,) z of a Bouc-Wen element of order one, from rest.
+
+    Parameters
+    ----------
+    s : Signals
+        With velocity.
+    deflection : float
+        d [m], above zero.
+    share : float
+        s, from 0 to below 1.
+
+    Returns
+    -------
+    (n,) array
+        In [−1, 1].
+    """
     def follow() -> np.ndarray:
         from quartercar.effects._friction_kernels import hysteresis
 

@@ -25,7 +25,19 @@ HAIRS = np.geomspace(1e-3, 0.1, 9)
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """Values read `samples` later (earlier where negative), linear in between, the ends held."""
+    """Values read `samples` later (earlier where negative), linear in between, the ends held.
+
+    Parameters
+    ----------
+    values : (n,) array
+    samples : float
+        Need not be whole.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the values.
+    """
     n = np.arange(values.size)
     return np.interp(n + samples, n, values)
 
@@ -210,6 +222,11 @@ def piled_up(force: np.ndarray) -> bool:
     Parameters
     ----------
     force : (n,) array
+
+    Returns
+    -------
+    bool
+        False for a force that is zero throughout.
 
     Examples
     --------

@@ -108,7 +108,18 @@ class MissingScheduling(Effect):
 
 
 def slow_modes(place: np.ndarray) -> np.ndarray:
-    """(n, MODES + 2) what may modulate a force slowly, at places from 0 to 1."""
+    """(n, MODES + 2) what may modulate a force slowly, at places from 0 to 1.
+
+    Parameters
+    ----------
+    place : (n,) array
+        Place in the time of all records, 0 their start and 1 their end.
+
+    Returns
+    -------
+    (n, MODES + 2) array
+        cos(π k place) for k from 1 on, u and u² − 1/3, u = 2 place − 1.
+    """
     u = 2 * place - 1
     return np.column_stack([np.cos(np.pi * np.outer(place, np.arange(1, MODES + 1))), u, u**2 - 1 / 3])
 

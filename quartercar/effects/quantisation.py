@@ -59,7 +59,7 @@ class Quantisation(Effect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            force = s.replace(**{m: s[m] + share * (between_steps(s, m) - s[m]) for m in _coarse(s)}).passed(core)
+            force = s.replace(**{m: s[m] + share * (_between_steps(s, m) - s[m]) for m in _coarse(s)}).passed(core)
             return force + share * mean_rounding(force, step) if step > 0 else force
 
         return run
@@ -70,6 +70,15 @@ class Quantisation(Effect):
 
 def grid_step(values: np.ndarray) -> float | None:
     """The step of a channel whose values repeat on a grid that its range makes coarse; None where there is none.
+
+    Parameters
+    ----------
+    values : (n,) array
+
+    Returns
+    -------
+    float or None
+        In the unit of the values; None also where fewer than three values are distinct, or more than half of them.
 
     Examples
     --------
@@ -89,13 +98,25 @@ def mean_rounding(values: np.ndarray, step: float) -> np.ndarray:
     """(n,) mean of q round((y + e)/q) − y over a Gaussian e of `DITHER` steps: its first two harmonics.
 
     Widrow & Kollár: Σ_k (−1)^k q/(πk) sin(2πk y/q) exp(−2π²k²σ²/q²).
+
+    Parameters
+    ----------
+    values : (n,) array
+        y.
+    step : float
+        q, in the unit of the values.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the values.
     """
     angle = 2 * np.pi * values / step
     weights = [(-1) ** k / (np.pi * k) * np.exp(-2 * (np.pi * k * DITHER) ** 2) for k in (1, 2)]
     return step * (weights[0] * np.sin(angle) + weights[1] * np.sin(2 * angle))
 
 
-def between_steps(s: Signals, channel: str) -> np.ndarray:
+def _between_steps(s: Signals, channel: str) -> np.ndarray:
     """(n,) a coarse channel, smoothed within half a step of what was stored; as it is where it is fine."""
     def make() -> np.ndarray:
         step = grid_step(s[channel])
@@ -109,6 +130,17 @@ def smoothed_within(values: np.ndarray, step: float) -> np.ndarray:
 
     The corner is the lowest beyond which the channel holds no more power than a rounding error of q²/12 spread evenly
     over all frequencies; a channel that is louder than that up to the last frequency, one that jumps, stays as it is.
+
+    Parameters
+    ----------
+    values : (n,) array
+    step : float
+        q, in the unit of the values.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the values.
     """
     n = values.size
     line = np.linspace(values[0], values[-1], n)

@@ -38,13 +38,26 @@ class SensorEffect(Effect):
         return None
 
 
-def present(signals: tuple[Signals, ...]) -> list[float]:
+def _present(signals: tuple[Signals, ...]) -> list[float]:
     """Numbers of the sensors that every record has."""
     return [float(k) for k, c in enumerate(SENSORS.values()) if all(any(s.has(n) for n in c) for s in signals)]
 
 
 def scaled(core: Core, sensor: float, factor: float) -> Core:
-    """The simulation with all that one sensor feeds multiplied."""
+    """The simulation with all that one sensor feeds multiplied.
+
+    Parameters
+    ----------
+    core : Core
+    sensor : float
+        Place in `SENSORS`, rounded to a whole one.
+    factor : float
+        By which its channels are multiplied; −1 turns their sign.
+
+    Returns
+    -------
+    Core
+    """
     channels = list(SENSORS.values())[round(sensor)]
     return lambda s: in_proportion(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s).passed(core)
 
@@ -62,7 +75,7 @@ class SensorScale(SensorEffect):
         return EffectParameter("gain", "", "g", 0.0, (-0.5, 0.5), (-0.9, 2.0), SMALL), CHANNEL
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [np.array([gain, k]) for k in present(signals) for gain in SMALL]
+        return [np.array([gain, k]) for k in _present(signals) for gain in SMALL]
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core if values[0] == 0 else scaled(core, float(values[1]), 1 + float(values[0]))
@@ -83,7 +96,7 @@ class ChannelSign(SensorEffect):
                                 ("as recorded", "turned")), CHANNEL)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [np.array([1.0, k]) for k in present(signals)]
+        return [np.array([1.0, k]) for k in _present(signals)]
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core if round(float(values[0])) == 0 else scaled(core, float(values[1]), -1.0)

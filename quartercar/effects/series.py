@@ -48,12 +48,34 @@ class Elements:
     limit: float = np.inf
 
     def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float]:
-        """For the kernels; `rest` is the force at rest, which acts beside the elements."""
+        """For the kernels; `rest` is the force at rest, which acts beside the elements.
+
+        Parameters
+        ----------
+        rest : float
+            [N].
+
+        Returns
+        -------
+        tuple of six floats
+            Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], rest
+            [N].
+        """
         floor = rest - float(min(self.limit, 1e300))
         return float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor, rest
 
     def deflection(self, force: np.ndarray) -> np.ndarray:
-        """(n,) deflection of spring, air and play under a force [m]."""
+        """(n,) deflection of spring, air and play under a force [m].
+
+        Parameters
+        ----------
+        force : (n,) array
+            Less that at rest [N].
+
+        Returns
+        -------
+        (n,) array
+        """
         size = np.abs(force)
         air = self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / 1.3))
         return np.sign(force) * (self.compliance * size + self.play / 2 + air)
@@ -71,6 +93,13 @@ class InSeries(Linearised):
     Exact (to a second-order rule at the record's clock, current held or straight as the data show) for a core without
     memory; one with memory takes the form F + (c'/k) dF/dt = core (equation sheet 9.3), c' its local slope. As the
     elements vanish the result is the core's own to the last digit: what the table misses is taken off.
+
+    Attributes
+    ----------
+    core : Core
+    elements : Elements
+    static : bool
+        Whether the core may be without memory, which is then tested at some of its samples.
     """
 
     core: Core
@@ -78,7 +107,17 @@ class InSeries(Linearised):
     static: bool = field(default=True)
 
     def with_elements(self, **more: float) -> InSeries:
-        """Further elements in the same series."""
+        """Further elements in the same series.
+
+        Parameters
+        ----------
+        **more : float
+            Fields of `Elements`; one that is there already is replaced.
+
+        Returns
+        -------
+        InSeries
+        """
         return replace(self, elements=replace(self.elements, **more))
 
     def __call__(self, s: Signals) -> np.ndarray:
@@ -95,7 +134,18 @@ class InSeries(Linearised):
         return near(self, others)
 
     def law(self, s: Signals, rigid: np.ndarray) -> Law:
-        """The law of the core, whose simulation along the signals is given; the last `LAWS` are kept."""
+        """The law of the core, whose simulation along the signals is given; the last `LAWS` are kept.
+
+        Parameters
+        ----------
+        s : Signals
+        rigid : (n,) array
+            Force of the core [N].
+
+        Returns
+        -------
+        Law
+        """
         def read() -> Law:
             return read_law(self.core, s, rigid, self.elements.deflection(rigid), self.static)
 
@@ -111,13 +161,42 @@ class InSeries(Linearised):
         return law
 
     def steps(self, s: Signals, law: Law) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) steps up to each sample, and whether a short one precedes it."""
+        """(n,) steps up to each sample, and whether a short one precedes it.
+
+        Parameters
+        ----------
+        s : Signals
+        law : Law
+            Along these signals.
+
+        Returns
+        -------
+        parts : (n,) int array
+        short : (n,) bool array
+        """
         sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
         parts = np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1)
         return np.where(corners(s).sharp, CORNER, parts), law.jumps | sudden
 
     def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
-        """(n,) force; `trace`, as long as the march has stages or empty, is filled by the kernel."""
+        """(n,) force; `trace`, as long as the march has stages or empty, is filled by the kernel.
+
+        Parameters
+        ----------
+        s : Signals
+            With velocity.
+        rigid : (n,) array
+            Force of the core [N].
+        law : Law
+            Along these signals.
+        trace : (stages, 5) array
+            (0, 5) for none.
+
+        Returns
+        -------
+        (n,) array
+            [N].
+        """
         from quartercar.effects import _series_kernels as kernels
 
         velocity = checks.read_only(np.ascontiguousarray(s["velocity"], dtype=float))
@@ -129,7 +208,20 @@ class InSeries(Linearised):
 
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
-    """The core with elements in series, those that it already has included."""
+    """The core with elements in series, those that it already has included.
+
+    Parameters
+    ----------
+    core : Core
+    baseline : Baseline
+        Its `static` is that of the series.
+    **more : float
+        Fields of `Elements`.
+
+    Returns
+    -------
+    InSeries
+    """
     inner = core.core if isinstance(core, Remembered) else core
     if isinstance(inner, InSeries):
         return inner.with_elements(**more)

@@ -76,8 +76,13 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
         By which the position that the law sees lags behind the displacement, roughly [m].
     static : bool
         Whether the core may be without memory.
+
+    Returns
+    -------
+    Law
+        One with memory where the core is not known to have none, or its force falls with the speed.
     """
-    speeds = nodes_of(s)
+    speeds = _nodes_of(s)
     seen = _seen(s)
     few_samples = s.cached("a law's samples", lambda: _taken(s, seen))
     here = core(few_samples)
@@ -97,7 +102,17 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
 
 
 def force_at_rest(core: Core, s: Signals) -> float:
-    """Mean force of a core without memory at rest in the middle of the stroke [N]: of its gas, if it has any."""
+    """Mean force of a core without memory at rest in the middle of the stroke [N]: of its gas, if it has any.
+
+    Parameters
+    ----------
+    core : Core
+    s : Signals
+
+    Returns
+    -------
+    float
+    """
     few_samples = s.cached("a law's samples", lambda: _taken(s, _seen(s)))
     still = {role: np.zeros(few_samples.n_samples) for role in ("velocity", "displacement") if s.has(role)}
     return float(np.mean(core(few_samples.evaluated(**still))))
@@ -107,7 +122,7 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
               deflection: np.ndarray) -> Law:
     """The law at every speed as a combination of itself at few."""
     scale = 1 + REACH * np.abs(speeds) / speeds[-1]
-    picks, shapes = few((table if turned is None else np.hstack([table, turned])) / scale[:, None])
+    picks, shapes = _few((table if turned is None else np.hstack([table, turned])) / scale[:, None])
     shapes *= scale[:, None] / scale[picks]
     chosen = speeds[picks]
 
@@ -133,8 +148,22 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
 
 
 def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
-    """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds."""
-    v, speeds = s["velocity"], nodes_of(s)
+    """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds.
+
+    Parameters
+    ----------
+    core : Core
+    s : Signals
+        With velocity.
+    rigid : (n,) array
+        The core along them [N].
+
+    Returns
+    -------
+    Law
+        Of the shapes 1 and w, its slope never below `SOFTEST` of that of a straight line through the data.
+    """
+    v, speeds = s["velocity"], _nodes_of(s)
     change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), 1e-300)
@@ -144,7 +173,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool), memory=True)
 
 
-def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows of a table of which all others are combinations, and the combinations: rows ≈ shapes @ rows[picks].
 
     Orthogonalisation in the order of what is left of the rows (pivoted Gram-Schmidt), up to `RANK` of the largest.
@@ -157,7 +186,7 @@ def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Examples
     --------
-    >>> picks, shapes = few(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
+    >>> picks, shapes = _few(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
     >>> picks, shapes.ravel()
     (array([2]), array([0.25, 0.5 , 1.  ]))
     """
@@ -185,7 +214,7 @@ def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(picks), shapes
 
 
-def nodes_of(s: Signals) -> np.ndarray:
+def _nodes_of(s: Signals) -> np.ndarray:
     """(G,) speeds at which a law is read, evenly in asinh(w/w_0), for the speeds of these signals."""
     top = s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
     return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))

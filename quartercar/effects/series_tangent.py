@@ -29,13 +29,23 @@ def near(own: InSeries, others: Sequence[Core]) -> list[Core]:
     """Each of the others as the own simulation and its first-order change.
 
     One that is not in series, or whose core along a stage of the march depends on other stages, stays as it is.
+
+    Parameters
+    ----------
+    own : InSeries
+    others : sequence of Core
+
+    Returns
+    -------
+    list of Core
+        One for each of the others.
     """
-    runs = SeriesRuns(own, tuple(others))
+    runs = _SeriesRuns(own, tuple(others))
     return [runs.core(j) if isinstance(other, type(own)) else other for j, other in enumerate(others)]
 
 
 @dataclass(frozen=True, eq=False)
-class SeriesRuns:
+class _SeriesRuns:
     """A simulation in series and others that differ little from it, along the signals of the last evaluation.
 
     With δ_law the change of the core at the same speed and position, δD that of the deflection under the same force::
@@ -85,6 +95,19 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
 
     The stages, several a sample, are gone through in parts, so that what the cores give along them is held for a part
     alone: along ten minutes it would take half a gigabyte.
+
+    Parameters
+    ----------
+    own : InSeries
+    s : Signals
+    others : sequence of Core
+
+    Returns
+    -------
+    out : (n,) array
+        [N].
+    changes : dict of int to (n,) array
+        [N], by place among the others; empty where the core is not finite.
     """
     from quartercar.effects import _series_kernels as kernels
 

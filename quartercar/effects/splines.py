@@ -13,6 +13,17 @@ def glided(values: np.ndarray, samples: float) -> np.ndarray:
 
     A straight line between samples would take away cos(π f T) of what moves with f, half-way between them.
 
+    Parameters
+    ----------
+    values : (n,) array
+    samples : float
+        Need not be whole; earlier where negative.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the values.
+
     Examples
     --------
     >>> glided(np.array([0.0, 1.0, 4.0, 9.0, 16.0]), 2.0).round(6)
@@ -27,6 +38,16 @@ def glided(values: np.ndarray, samples: float) -> np.ndarray:
 
 def spread(values: np.ndarray, finer: int) -> np.ndarray:
     """(n finer,) values, (n,), on a clock `finer` times as fast, the last one held.
+
+    Parameters
+    ----------
+    values : (n,) array
+    finer : int
+
+    Returns
+    -------
+    (n finer,) array
+        In the unit of the values, which stand at every one of `finer` samples.
 
     Examples
     --------

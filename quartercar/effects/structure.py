@@ -134,7 +134,18 @@ class FixtureResonance(GridEffect):
 
 
 def acceleration(s: Signals) -> np.ndarray:
-    """(n,) measured acceleration, or the derivative of the velocity without its sensor's noise."""
+    """(n,) measured acceleration, or the derivative of the velocity without its sensor's noise.
+
+    Parameters
+    ----------
+    s : Signals
+        With acceleration or velocity.
+
+    Returns
+    -------
+    (n,) array
+        [m/s²].
+    """
     if s.has("acceleration"):
         return s["acceleration"]
     if s.coarse is not None:  # the band in which it moves is that of the record
@@ -143,7 +154,24 @@ def acceleration(s: Signals) -> np.ndarray:
 
 
 def swung(core: Core, s: Signals, period: float, damping: float, baseline: Baseline) -> np.ndarray:
-    """(n,) simulation behind 1/(1 + 2ζTs + T²s²), asked between the samples where it has no memory."""
+    """(n,) simulation behind 1/(1 + 2ζTs + T²s²), asked between the samples where it has no memory.
+
+    Parameters
+    ----------
+    core : Core
+    s : Signals
+    period : float
+        T [s].
+    damping : float
+        ζ.
+    baseline : Baseline
+        Innermost law of the core; one with memory is run at the samples only.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the core.
+    """
     finer = times_as_fast(baseline, s) if s.n_samples >= SHORT else 1
     fine = between(s, finer)
     before = _before_steps(core, fine) if clocked(s) else None
@@ -173,6 +201,13 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
         T [s], ζ, sampling period [s].
     before : (n,) array, optional
         Left limits of a signal that jumps at its samples: it runs from values[k] to before[k+1].
+    seen_after : float
+        Share of a step behind a jump at which the response to it is taken.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of the values.
     """
     shortest = SHORTEST * step
     if period < shortest:

@@ -22,6 +22,19 @@ def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
     """(n,) heat E in the fluid [J] above its start: dE/dt = P₊ − E/τ, exact for a power held over a sample.
 
     A stretch of a record starts with the heat that the measured work has left until then.
+
+    Parameters
+    ----------
+    s : Signals
+    power : (n,) array
+        P = F v [W]; what is negative heats nothing.
+    cooling : float
+        τ [s].
+
+    Returns
+    -------
+    (n,) array
+        At each sample, from the power of those before; 0 at the first one of a record.
     """
     from scipy.signal import lfilter
 
@@ -59,6 +72,11 @@ def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray],
         These parts and the heat at their samples, (n,) [J], to the force, (n,).
     cooling : float
         Time constant [s].
+
+    Returns
+    -------
+    Core
+        From signals to the (n,) force [N].
     """
     known: list[tuple[Signals, np.ndarray]] = []
 

@@ -26,6 +26,20 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
 
     Of a core without memory between two high speeds, at every sample's current and position; of one with memory by
     regression of its force on the speed.
+
+    Parameters
+    ----------
+    s : Signals
+        With velocity.
+    core : Core
+        Force [N].
+    baseline : Baseline
+        Innermost law of the core.
+
+    Returns
+    -------
+    (n,) array
+        The same at all samples of a core with memory.
     """
     v = s["velocity"]
     if not baseline.static:
@@ -46,6 +60,19 @@ def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
     e(v) = (F(v) + F(−v))/2; two high speeds, extrapolated to none, leave out what grows with the speed in one direction
     more than in the other. An unequal yield stays in it, but not in the force at rest; a hysteresis stays in that, but
     not in e: the smaller of the two counts, and none where they differ in sign.
+
+    Parameters
+    ----------
+    s : Signals
+        With velocity.
+    core : Core
+        Force [N].
+    baseline : Baseline
+        Innermost law of the core.
+
+    Returns
+    -------
+    (n,) array
     """
     if not baseline.static:
         return np.zeros(s.n_samples)
@@ -128,7 +155,18 @@ def _kept(s: Signals, record: Signals, core: Core) -> _Shares:
 
 
 def measured_slope(signals: Sequence[Signals]) -> float:
-    """Slope of the measured force over the speed, in its upper half [N·s/m]: a scale for thresholds."""
+    """Slope of the measured force over the speed, in its upper half [N·s/m]: a scale for thresholds.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        With velocity; the output is the force [N].
+
+    Returns
+    -------
+    float
+        Above zero.
+    """
     top = max(_top(s) for s in signals)
     v = np.concatenate([np.abs(s["velocity"]) for s in signals])
     f = np.concatenate([s.output * np.sign(s["velocity"]) for s in signals])
@@ -141,7 +179,20 @@ def measured_slope(signals: Sequence[Signals]) -> float:
 
 
 def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list[float]:
-    """Quantiles of the speed over all records [m/s]."""
+    """Quantiles of the speed over all records [m/s].
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        With velocity.
+    shares : sequence of float
+        From 0 to 1.
+
+    Returns
+    -------
+    list of float
+        One for each share.
+    """
     speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
     return [float(q) for q in np.quantile(speed, shares)]
 

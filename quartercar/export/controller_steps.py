@@ -34,6 +34,18 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
 
     Its last demand is kept inside; what was attained of it is an input.
 
+    Parameters
+    ----------
+    controller : Controller
+        With its parameters as they are; one whose `reads` hold nothing of the road ahead.
+    options : Options
+        A name, and the period of a law that runs at any; that of a scheduled controller is its own.
+
+    Returns
+    -------
+    Exportable
+        From the signals in `reads`, but the last demand, to the demand; compared with `Controller.start`.
+
     Raises
     ------
     InputError
@@ -76,7 +88,18 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
 
 
 def refuse_looking_ahead(controller: Controller) -> None:
-    """InputError for a law that reads the road ahead, which no step program has an input for."""
+    """Refuse a law that reads the road ahead, which no step program has an input for.
+
+    Parameters
+    ----------
+    controller : Controller
+        Any law.
+
+    Raises
+    ------
+    InputError
+        A law that reads `road_ahead`, with what can be exported instead.
+    """
     if "road_ahead" in controller.reads:
         raise InputError(f"the law '{controller.name}' has no exported step",
                          why="it reads a register of the road ahead, and the front axle's estimate is not exported",
@@ -102,7 +125,29 @@ def _reference(controller: Controller, names: list[str], setting: Setting, u: np
 
 # -- demands ---------------------------------------------------------------------------------------------------------
 def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Setting | None) -> Expr:
-    """The demand of a law at this sample."""
+    """The demand of a law at this sample.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Receives the statements, parameters and states of the law.
+    controller : Controller
+        With its parameters as they are.
+    seen : mapping of str to Expr
+        Signals by the names of `contract.SIGNALS`, SI.
+    setting : Setting or None
+        For its car, which some laws have to know; None for a law by itself.
+
+    Returns
+    -------
+    Expr
+        In the unit of what the law demands.
+
+    Raises
+    ------
+    InputError
+        A law without an exported step, or one that has to know its car where there is no setting.
+    """
     if isinstance(controller, ScheduledController):
         return _scheduled(b, controller, seen)
     named = {

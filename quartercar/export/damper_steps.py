@@ -24,6 +24,19 @@ STROKE, SPEED = 0.03, 0.5
 def prepare_damper(damper: Damper, options: Options) -> Exportable:
     """A damper with physical parameters as a step program.
 
+    Parameters
+    ----------
+    damper : Damper
+        With its parameters as they are.
+    options : Options
+        A name, the period [s] (that of the damper's data by default) and whether the current is held in the fitted
+        range.
+
+    Returns
+    -------
+    Exportable
+        From the inputs in `reads` to the force [N], with the sign of the records; compared with `Damper.simulate`.
+
     Raises
     ------
     InputError
@@ -72,6 +85,24 @@ def excite(damper: Damper, n: int, rng: np.random.Generator, period: float, clam
     """(n, inputs) random motion whose displacement and velocity belong together, and a current that steps and drifts.
 
     With `clamp` the current leaves the fitted range by a tenth at both ends.
+
+    Parameters
+    ----------
+    damper : Damper
+        For its inputs, its centre and its range of current; 0 to 1 where that is not known.
+    n : int
+        Samples.
+    rng : numpy.random.Generator
+        Draws the motion and the current.
+    period : float
+        [s].
+    clamp : bool
+        Whether the current leaves the fitted range.
+
+    Returns
+    -------
+    (n, inputs) array
+        Columns in the order of `reads`: velocity [m/s], displacement [m], current.
     """
     noise = smooth_noise(n, 3, rng)
     v = SPEED * noise[:, 0]

@@ -17,7 +17,20 @@ STEP = 2e-3
 
 
 def flow_of(noun: object, options: Options) -> Flow | None:
-    """The flow of a damper with smooth rates; None for what has none."""
+    """The flow of a damper with smooth rates; None for what has none.
+
+    Parameters
+    ----------
+    noun : object
+        What is to be exported.
+    options : Options
+        Its name alone counts.
+
+    Returns
+    -------
+    Flow or None
+        From the inputs in `reads` to the force [N], with the sign of the records.
+    """
     if not isinstance(noun, DynamicDamper):
         return None
     low, high = noun.current_range or (0.0, 1.0)

@@ -52,7 +52,13 @@ class InverseSteps:
         self._both = _decays(b, "both", both) if settings.lag_compensated else None
 
     def look(self, z: Expr, v: Expr) -> None:
-        """The motion at this sample."""
+        """The motion at this sample.
+
+        Parameters
+        ----------
+        z, v : Expr
+            Deflection [m] and velocity [m/s] of the suspension, positive in extension.
+        """
         b = self._b
         self._rows = b.array("candidates", self._size)
         self.force = self._model(z, v, self._felt, self._rows)
@@ -63,7 +69,18 @@ class InverseSteps:
         self._still = call("fabs", v) < self._settings.deadband
 
     def choose(self, demand: Expr) -> Expr:
-        """The command for a demanded force."""
+        """The command for a demanded force.
+
+        Parameters
+        ----------
+        demand : Expr
+            About the static equilibrium, positive in extension [N]. `look` comes first.
+
+        Returns
+        -------
+        Expr
+            Command within the limits [A]; while |v| lies in the deadband, that of the current wanted before.
+        """
         b = self._b
         with b.when(~self._still):
             b.set(self._wanted, self._nearest(demand))
@@ -76,7 +93,18 @@ class InverseSteps:
         return command
 
     def take(self, current: Expr) -> Expr:
-        """The command for a demanded current."""
+        """The command for a demanded current.
+
+        Parameters
+        ----------
+        current : Expr
+            Demanded [A]. `look` comes first.
+
+        Returns
+        -------
+        Expr
+            Within the limits, without lead [A].
+        """
         command = self._b.let("held_command", clipped(current, self._grid[0], self._grid[self._size - 1]))
         self._hold(command)
         return command
@@ -126,7 +154,26 @@ def _follow(b: StepBuilder, state: Symbol, command: Expr, decays: tuple[Expr, Ex
 
 
 def along(b: StepBuilder, rows: Array, grid: Array, at: Expr, size: int) -> Expr:
-    """Values on a rising grid, linear in between and held beyond its ends."""
+    """Values on a rising grid, linear in between and held beyond its ends.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Receives the statements.
+    rows : Array
+        (size,) values on the grid.
+    grid : Array
+        (size,) points, rising.
+    at : Expr
+        Where the value is wanted, in the unit of the grid.
+    size : int
+        Number of points, at least two.
+
+    Returns
+    -------
+    Expr
+        In the unit of `rows`.
+    """
     j = b.index("segment")
     with b.loop("place", size - 1, 1) as i, b.when(at > grid[i]):
         b.set_index(j, i)

@@ -46,7 +46,18 @@ class LoopLaw:
         checks.positive(self.setting.sample_time, "sample_time", "s")
 
     def chain(self, samples: int) -> ControllerChain:
-        """The same as it runs in `quartercar ride`; its `react` takes readings."""
+        """The same as it runs in `quartercar ride`; its `react` takes readings.
+
+        Parameters
+        ----------
+        samples : int
+            How many there will be at most.
+
+        Returns
+        -------
+        ControllerChain
+            Of one car, at rest.
+        """
         return ControllerChain(
             [self.designed], self.setting, self.coil, self.settings, [np.random.default_rng(0)], samples
         )
@@ -59,7 +70,25 @@ class LoopLaw:
 
 
 def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
-    """Readings at a sample to the command for the coming one, as `quartercar.controllers.loop.chain.Chain` has it."""
+    """Readings at a sample to the command for the coming one, as `quartercar.controllers.loop.chain.Chain` has it.
+
+    Parameters
+    ----------
+    loop : LoopLaw
+        Its controller is designed first where that was still to be done.
+    options : Options
+        A name; the period is that of the setting.
+
+    Returns
+    -------
+    Exportable
+        From the sensors' readings, SI, to the command [A] and the law's demand; compared with `LoopLaw.chain`.
+
+    Raises
+    ------
+    InputError
+        Another period than that of the setting; a law that reads the road ahead, or what the sensors do not show.
+    """
     setting, sensors, law = loop.setting, loop.settings.sensors, loop.designed
     refuse_looking_ahead(law)
     if options.sample_time is not None and not np.isclose(options.sample_time, setting.sample_time, rtol=1e-9):
@@ -71,7 +100,7 @@ def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
     inverse = InverseSteps(b, setting, loop.coil, loop.settings.inverse)
     if not sensors.ideal:
         observer = KalmanObserver(setting, sensors, loop.settings.observer)
-        seen |= observer_steps(b, observer, seen, inverse)
+        seen |= _observer_steps(b, observer, seen, inverse)
     z, v = seen["suspension_deflection"], seen["suspension_velocity"]
     inverse.look(z, v)
     unit = DEMANDS[law.demands]
@@ -93,8 +122,8 @@ def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
                       lambda n, rng: within(n, -reach, reach, rng), replace(loop, controller=law))
 
 
-def observer_steps(b: StepBuilder, observer: KalmanObserver, read: dict[str, Expr], inverse: InverseSteps
-                   ) -> dict[str, Expr]:
+def _observer_steps(b: StepBuilder, observer: KalmanObserver, read: dict[str, Expr], inverse: InverseSteps
+                    ) -> dict[str, Expr]:
     """x ← S x + d F, then x ← x + G (y − C x − D F_now): the steady Kalman filter of `Observer`."""
     m = observer.matrices
     n, r = m.gain.shape

@@ -20,12 +20,41 @@ from quartercar.export.loop_steps import LoopLaw, prepare_loop
 
 
 def accepts(noun: Any) -> bool:
-    """Dampers, controllers and loop laws."""
+    """Dampers, controllers and loop laws.
+
+    Parameters
+    ----------
+    noun : object
+        What is to be exported.
+
+    Returns
+    -------
+    bool
+        Whether `prepare` is the one to ask.
+    """
     return isinstance(noun, (Damper, Controller, LoopLaw, Turned))
 
 
 def prepare(noun: Any, options: Options) -> Exportable:
-    """A noun of a car as a step program; see `lpvid.export.exportable.exportable`."""
+    """A noun of a car as a step program; see `lpvid.export.exportable.exportable`.
+
+    Parameters
+    ----------
+    noun : Damper, Controller, LoopLaw or Turned
+        What `accepts` takes.
+    options : Options
+        A sample time belongs to what runs at any; what is sampled keeps its own.
+
+    Returns
+    -------
+    Exportable
+        With the simulation that the program must reproduce.
+
+    Raises
+    ------
+    InputError
+        A noun without a step, one that has not been fitted yet, or another rate than its own.
+    """
     if isinstance(noun, LoopLaw):
         return prepare_loop(noun, options)
     if isinstance(noun, Controller):

@@ -63,6 +63,12 @@ def active_region(damper: Damper, currents: tuple[float, float], speed: float = 
         Range of the coil.
     speed : float
         Largest speed looked at [m/s]; a point at which the force does not settle counts as active.
+
+    Returns
+    -------
+    ActiveRegion or None
+        Range of currents and speeds with an active point, and the least power there [W]; a damper that does not read
+        the current is looked at once, at the lower limit.
     """
     half = speed * np.linspace(0.0, 1.0, SPEEDS // 2 + 1)[1:]
     v = np.concatenate([-half[::-1], half])
@@ -114,6 +120,19 @@ def active_frequency(damper: Damper, currents: tuple[float, float]) -> ActiveFre
         F/v = G_v(e^jωT) + G_x(e^jωT)/(jω)      about rest, a static stage by its slope there
 
     on a grid up to the Nyquist frequency. None too for a model that schedules itself and for a law that is not sampled.
+
+    Parameters
+    ----------
+    damper : Damper
+        Anything but an identified transfer function or state space gives None.
+    currents : (float, float)
+        Range of the coil, in the damper's unit; a damper that does not read the current is looked at once, at the lower
+        limit.
+
+    Returns
+    -------
+    ActiveFrequency or None
+        The least Re F/v over currents and frequencies; None where it is not negative.
     """
     if not isinstance(damper, SampledDamper) or damper.clock is None:
         return None

@@ -52,7 +52,27 @@ class AdmissibleForce:
 
     @classmethod
     def of(cls, damper: Damper, currents: tuple[float, float] = CURRENTS, speed: float = 1.5) -> AdmissibleForce:
-        """From the forces at rest of a damper model, up to a speed [m/s]."""
+        """From the forces at rest of a damper model, up to a speed [m/s].
+
+        Parameters
+        ----------
+        damper : Damper
+            One whose force acts against the motion.
+        currents : (float, float)
+            Limits of the command [A]; 11 currents between them are evaluated.
+        speed : float
+            Largest speed of the table [m/s], positive.
+
+        Returns
+        -------
+        AdmissibleForce
+            At 241 velocities that lie closer near zero.
+
+        Raises
+        ------
+        InputError
+            A model of reversed polarity, or a force that is not finite.
+        """
         passive_sense(damper)
         v = np.sinh(np.linspace(-4.0, 4.0, SPEEDS)) / np.sinh(4.0) * checks.positive(speed, "speed", "m/s")
         rest = float(np.atleast_1d(damper.conservative_force(np.zeros(1)))[0])
@@ -72,18 +92,54 @@ class AdmissibleForce:
                 + above * (table[-1] - table[-2]) / (x[-1] - x[-2]))
 
     def clip(self, force: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """sat_𝒟(F) [N]."""
+        """sat_𝒟(F) [N].
+
+        Parameters
+        ----------
+        force : (n,) array
+            Demanded, about the static equilibrium [N].
+        velocity : (n,) array
+            v_d [m/s].
+
+        Returns
+        -------
+        (n,) array
+            Nearest admissible force [N].
+        """
         low, high = self(velocity)
         return np.clip(force, low, high)
 
     def distance(self, force: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """ε = |F − sat_𝒟(F)| [N]."""
+        """ε = |F − sat_𝒟(F)| [N].
+
+        Parameters
+        ----------
+        force : (n,) array
+            Demanded, about the static equilibrium [N].
+        velocity : (n,) array
+            v_d [m/s].
+
+        Returns
+        -------
+        (n,) array
+            Not negative [N]; zero for an admissible force.
+        """
         return np.abs(force - self.clip(force, velocity))
 
     def nominal(self, share: float = 0.0) -> float:
         """Damping of a straight line through the band: its lower side at share 0, its upper at 1 [N·s/m].
 
         The secant at 0.3 m/s, the mean over both directions.
+
+        Parameters
+        ----------
+        share : float
+            Place between the sides of least and greatest damping; values outside 0 to 1 lie beyond them.
+
+        Returns
+        -------
+        float
+            c_nom [N·s/m]; negative where the damper gives energy.
         """
         v = np.array([0.3, -0.3])
         low, high = self(v)

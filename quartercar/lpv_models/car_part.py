@@ -32,6 +32,16 @@ def bare_car(parameters: CarParameters) -> StateSpace:
     E8 of the equation sheet 4.3: a damper force that is positive in extension pulls the sprung mass down and the
     unsprung mass up.
 
+    Parameters
+    ----------
+    parameters : CarParameters
+        Its damping is left out, that of the tyre is kept.
+
+    Returns
+    -------
+    StateSpace
+        States as `STATES`; inputs are the road's velocity [m/s] and the damper force [N].
+
     Examples
     --------
     >>> from quartercar.parameters import MEGANE
@@ -83,6 +93,16 @@ def with_force(parameters: CarParameters, rows: Mapping[str, Row], region: Regio
 
 def passive_sense(damper: Damper) -> Damper:
     """The damper, if its force acts against the motion.
+
+    Parameters
+    ----------
+    damper : Damper
+        Its force is evaluated at the middle of its usual currents.
+
+    Returns
+    -------
+    Damper
+        `damper` itself.
 
     Raises
     ------

@@ -61,16 +61,49 @@ class Embedding(ABC):
 
     @abstractmethod
     def along(self, run: CarRun) -> Trajectory:
-        """States, inputs and scheduling of a run of the nonlinear car."""
+        """States, inputs and scheduling of a run of the nonlinear car.
+
+        Parameters
+        ----------
+        run : CarRun
+            Of the nonlinear car with the damper that is embedded, between its stops and with the tyre on the road.
+
+        Returns
+        -------
+        Trajectory
+            At the samples of the run.
+        """
 
 
 def car_states(run: CarRun) -> np.ndarray:
-    """(n, 4) z_d, ż_s, z_t, ż_us."""
+    """(n, 4) z_d, ż_s, z_t, ż_us.
+
+    Parameters
+    ----------
+    run : CarRun
+        Of any car.
+
+    Returns
+    -------
+    (n, 4) array
+        In the order of `STATES` [m, m/s, m, m/s].
+    """
     return np.column_stack([run[name] for name in STATES])
 
 
 def road_velocity(run: CarRun) -> np.ndarray:
-    """(n,) slope of the road from each sample to the next [m/s]; the last is repeated."""
+    """(n,) slope of the road from each sample to the next [m/s]; the last is repeated.
+
+    Parameters
+    ----------
+    run : CarRun
+        With at least two samples.
+
+    Returns
+    -------
+    (n,) array
+        [m/s].
+    """
     slope = np.diff(run["road"]) / run.sample_time
     return np.append(slope, slope[-1:])
 
@@ -80,6 +113,18 @@ def replay(embedding: Embedding, run: CarRun) -> np.ndarray:
 
     A discrete embedding is iterated. A continuous one is integrated by the exponential of the mean of the matrices at
     the ends of each step, which is of second order in the step.
+
+    Parameters
+    ----------
+    embedding : Embedding
+        Of the car that was run.
+    run : CarRun
+        At the embedding's own rate where that is discrete.
+
+    Returns
+    -------
+    (n, n_x) array
+        In free run: nothing but the first state is taken from the run's states.
     """
     path, model = embedding.along(run), embedding.system
     phi = model.basis.evaluate(path.scheduling)
@@ -110,6 +155,18 @@ def output_gap(embedding: Embedding, run: CarRun) -> float:
 
     No integration is involved: an exact embedding leaves rounding alone. The first sample and outputs that jump with
     the road's slope (a tyre with damping) are left out.
+
+    Parameters
+    ----------
+    embedding : Embedding
+        Of the car that was run.
+    run : CarRun
+        As `Embedding.along` takes it.
+
+    Returns
+    -------
+    float
+        Largest over all outputs, dimensionless.
     """
     path, model = embedding.along(run), embedding.system
     phi = model.basis.evaluate(path.scheduling)

@@ -55,6 +55,18 @@ class FrozenDamper:
     def of(cls, damper: Damper, current: float) -> FrozenDamper:
         """Of a damper with an identified transfer function inside.
 
+        Parameters
+        ----------
+        damper : Damper
+            Identified from velocity to force, scheduled on the current.
+        current : float
+            i_0 [A].
+
+        Returns
+        -------
+        FrozenDamper
+            About rest at that current.
+
         Raises
         ------
         InputError
@@ -125,17 +137,52 @@ class FrozenDamper:
 
     # -- signals ------------------------------------------------------------------------------------------------------
     def secant(self, velocity: np.ndarray) -> np.ndarray:
-        """(…) ρ_v = tanh(v/v_0)/v [s/m]; zero without a shaped velocity."""
+        """(…) ρ_v = tanh(v/v_0)/v [s/m]; zero without a shaped velocity.
+
+        Parameters
+        ----------
+        velocity : array
+            Of any shape [m/s].
+
+        Returns
+        -------
+        array
+            Of the same shape, between 0 and 1/v_0, which it has at zero velocity.
+        """
         v = np.asarray(velocity, dtype=float)
         return secant(v / self.knee) / self.knee if self.shaped else np.zeros_like(v)
 
     def inputs(self, velocity: np.ndarray) -> np.ndarray:
-        """(…, 1 or 2) u_0 at velocities."""
+        """(…, 1 or 2) u_0 at velocities.
+
+        Parameters
+        ----------
+        velocity : array
+            Of any shape [m/s].
+
+        Returns
+        -------
+        array
+            Velocity [m/s] along the last axis, and behind it tanh(v/v_0) where there is a shaped velocity.
+        """
         v = np.asarray(velocity, dtype=float)
         return np.stack([v, np.tanh(v / self.knee)], axis=-1) if self.shaped else v[..., None]
 
     def added(self, velocity: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(n,) f [N] along velocities and forces of the damper itself, which was at rest before."""
+        """(n,) f [N] along velocities and forces of the damper itself, which was at rest before.
+
+        Parameters
+        ----------
+        velocity : (n,) array
+            At the model's rate [m/s].
+        force : (n,) array
+            F, the force at rest included [N].
+
+        Returns
+        -------
+        (n,) array
+            Force to which the contribution of the current settles [N].
+        """
         u = self.inputs(velocity)
         own = np.asarray(force, dtype=float) - self.rest
         before = np.concatenate([np.full(len(self.a), own[0]), own])
@@ -176,13 +223,38 @@ class FrozenDamper:
 
 
 def response(matrices: Matrices, at: np.ndarray) -> np.ndarray:
-    """(n, outputs, inputs) C (λI − A)⁻¹ B + D at complex λ."""
+    """(n, outputs, inputs) C (λI − A)⁻¹ B + D at complex λ.
+
+    Parameters
+    ----------
+    matrices : (A, B, C, D)
+        Of a filter, continuous or discrete.
+    at : (n,) complex array
+        λ: jω for a continuous filter, e^{jωT} for a discrete one.
+
+    Returns
+    -------
+    (n, outputs, inputs) array
+        Complex, in the units of output over input.
+    """
     a, b, c, d = matrices
     return c @ np.linalg.solve(at[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(b + 0j, (len(at), *b.shape))) + d
 
 
 def trapezoidal(matrices: Matrices, period: float) -> tuple[np.ndarray, np.ndarray]:
     """M, N of x(k) = M x(k−1) + N (u(k−1) + u(k)): the bilinear map back, so that C x + D u is the discrete output.
+
+    Parameters
+    ----------
+    matrices : (A, B, C, D)
+        Of a continuous filter; C and D are not needed.
+    period : float
+        Of the samples [s].
+
+    Returns
+    -------
+    tuple of two arrays
+        M (states, states) and N (states, inputs).
 
     Examples
     --------
@@ -199,7 +271,24 @@ def trapezoidal(matrices: Matrices, period: float) -> tuple[np.ndarray, np.ndarr
 
 
 def filtered(matrices: Matrices, inputs: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(n, states) and (n, outputs) along (n, inputs) by the trapezoidal rule, settled at the first sample."""
+    """(n, states) and (n, outputs) along (n, inputs) by the trapezoidal rule, settled at the first sample.
+
+    Parameters
+    ----------
+    matrices : (A, B, C, D)
+        Of a continuous filter without a pole at zero.
+    inputs : (n, inputs) array
+        At the samples; linear in between.
+    period : float
+        Of the samples [s].
+
+    Returns
+    -------
+    states : (n, states) array
+        At the samples.
+    outputs : (n, outputs) array
+        C x + D u.
+    """
     a, b, c, d = matrices
     m, n = trapezoidal(matrices, period)
     drive = np.zeros((len(inputs), len(a)))

@@ -89,7 +89,20 @@ class IdentifiedDamper(Embedding):
                              got=type(model.input_stage).__name__, mend='shape = "tanh"')
 
     def around(self, runs: list[CarRun] | CarRun, margin: float = 1.1) -> IdentifiedDamper:
-        """The same with a box for the scheduling around runs, widened by a margin about its middle."""
+        """The same with a box for the scheduling around runs, widened by a margin about its middle.
+
+        Parameters
+        ----------
+        runs : list of CarRun or CarRun
+            At the damper's rate.
+        margin : float
+            Factor on the width of every range, 1 for the runs alone.
+
+        Returns
+        -------
+        IdentifiedDamper
+            With `limits` of every scheduling variable; those of ρ_v stay between 0 and 1/v_0.
+        """
         listed = runs if isinstance(runs, list) else [runs]
         p = np.vstack([self.along(run).scheduling for run in listed])
         low, high = p.min(axis=0), p.max(axis=0)
@@ -236,7 +249,22 @@ class IdentifiedDamper(Embedding):
 
     # -- along runs ---------------------------------------------------------------------------------------------------
     def damper_states(self, velocity: np.ndarray, current: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, n_d) states from rest and (n,) forces [N] of the damper along velocities and (filtered) currents."""
+        """(n, n_d) states from rest and (n,) forces [N] of the damper along velocities and (filtered) currents.
+
+        Parameters
+        ----------
+        velocity : (n,) array
+            v_d at the damper's rate [m/s].
+        current : (n,) array
+            Behind the model's own filter [A].
+
+        Returns
+        -------
+        states : (n, n_d) array
+            In the coordinates of the form; the first is settled for the first velocity and current.
+        force : (n,) array
+            The force at rest included [N].
+        """
         u = self._shaped(velocity, current)
         a, b, c, d, f, g = self._along_currents(np.asarray(current, dtype=float))
         n = a.shape[1]
@@ -249,7 +277,22 @@ class IdentifiedDamper(Embedding):
         return x[:-1], force
 
     def scheduled(self, states: np.ndarray, velocity: np.ndarray, current: np.ndarray) -> np.ndarray:
-        """(n, n_p) ρ_v, r and further r_1 at damper states, velocities and (filtered) currents."""
+        """(n, n_p) ρ_v, r and further r_1 at damper states, velocities and (filtered) currents.
+
+        Parameters
+        ----------
+        states : (n, n_d) array
+            As `damper_states` returns them.
+        velocity : (n,) array
+            v_d [m/s].
+        current : (n,) array
+            Behind the model's own filter [A]; closer to i_0 than `CURRENT_STEP` the quotients are taken over that step.
+
+        Returns
+        -------
+        (n, n_p) array
+            In the order of `names`: ρ_v [s/m] where the velocity is shaped, r [N/A], r_1 [N/A].
+        """
         a, b, c, d, f, g = self._here
         v, delta = np.asarray(velocity, dtype=float), np.asarray(current, dtype=float) - self.centre
         step = np.where(np.abs(delta) < CURRENT_STEP, CURRENT_STEP, delta)
@@ -270,7 +313,18 @@ class IdentifiedDamper(Embedding):
         return np.column_stack(columns)
 
     def filtered_current(self, run: CarRun) -> np.ndarray:
-        """(n,) current behind the model's own filter [A]."""
+        """(n,) current behind the model's own filter [A].
+
+        Parameters
+        ----------
+        run : CarRun
+            At the damper's rate.
+
+        Returns
+        -------
+        (n,) array
+            The coil's current itself where the model has no filter.
+        """
         i = np.asarray(run["current"], dtype=float)
         stage = self.model.scheduling_stage
         return i if stage is None else stage.apply(i[:, None], self.sample_time)[:, 0]

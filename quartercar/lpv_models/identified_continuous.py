@@ -102,7 +102,20 @@ class ContinuousDamper(Embedding):
         return Region.box(self.names, self.limits[:1], self.limits[1:], "recorded runs")
 
     def around(self, runs: Sequence[CarRun] | CarRun, margin: float = 1.1) -> ContinuousDamper:
-        """The same with ρ_v between its least value on runs, over a margin, and its largest there is, 1/v_0."""
+        """The same with ρ_v between its least value on runs, over a margin, and its largest there is, 1/v_0.
+
+        Parameters
+        ----------
+        runs : sequence of CarRun or CarRun
+            Their suspension velocities count.
+        margin : float
+            Divides the least ρ_v of the runs.
+
+        Returns
+        -------
+        ContinuousDamper
+            With `limits` of ρ_v; itself where the velocity is not shaped.
+        """
         listed = [runs] if isinstance(runs, CarRun) else runs
         found = [self.frozen.secant(run["suspension_velocity"]).min() for run in listed]
         return replace(self, limits=(float(min(found)) / margin, 1 / self.frozen.knee)) if self.frozen.shaped else self
@@ -142,6 +155,16 @@ class ContinuousDamper(Embedding):
 
     def damper_inputs(self, run: CarRun) -> np.ndarray:
         """(n, 2 or 3) v, tanh(v/v_0) and f along a run at the damper's rate.
+
+        Parameters
+        ----------
+        run : CarRun
+            At the damper's rate.
+
+        Returns
+        -------
+        (n, 2 or 3) array
+            [m/s], dimensionless where the velocity is shaped, [N].
 
         Raises
         ------

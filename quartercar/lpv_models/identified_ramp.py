@@ -95,7 +95,20 @@ class RampedDamper(Embedding):
         return (*NAMES, *(f"state_per_current_{j}" for j in self.inner._rows[1]))
 
     def around(self, runs: list[CarRun] | CarRun, margin: float = 1.1) -> RampedDamper:
-        """The same with a box for the scheduling around runs, widened by a margin about its middle."""
+        """The same with a box for the scheduling around runs, widened by a margin about its middle.
+
+        Parameters
+        ----------
+        runs : list of CarRun or CarRun
+            At the damper's rate.
+        margin : float
+            Factor on the width of every range, 1 for the runs alone.
+
+        Returns
+        -------
+        RampedDamper
+            With `limits` of every scheduling variable.
+        """
         p = np.vstack([self.along(run).scheduling for run in (runs if isinstance(runs, list) else [runs])])
         middle, half = 0.5 * (p.min(axis=0) + p.max(axis=0)), 0.5 * margin * np.ptp(p, axis=0)
         limits = {n: (float(m - h), float(m + h)) for n, m, h in zip(self.names, middle, half, strict=True)}

@@ -89,6 +89,16 @@ class EmbeddedDamper:
 
         Near zero velocity the shaped force holds the suspension as friction does, by ρ_v up to 1/v_0 in this plant; the
         force itself stays below its yield there, so that what the plant leaves out is bounded.
+
+        Parameters
+        ----------
+        share : float
+            Between 0 and 1; 0 leaves the plant as it is.
+
+        Returns
+        -------
+        ContinuousDamper
+            With a lower upper limit of ρ_v; the plant itself where the velocity is not shaped.
         """
         if not share or self.plant.limits is None:
             return self.plant
@@ -97,12 +107,34 @@ class EmbeddedDamper:
         return replace(self.plant, limits=(low, min(high, secant)))
 
     def slowest(self, share: float) -> float:
-        """Velocity below which the runs have a share of their mean square [m/s]."""
+        """Velocity below which the runs have a share of their mean square [m/s].
+
+        Parameters
+        ----------
+        share : float
+            Of the mean square of all velocities, between 0 and 1.
+
+        Returns
+        -------
+        float
+            [m/s].
+        """
         energy = np.cumsum(self.velocities**2)
         return float(self.velocities[np.searchsorted(energy, share * energy[-1])])
 
     def slower(self, velocity: float) -> float:
-        """Share of the runs' samples below a velocity [m/s]."""
+        """Share of the runs' samples below a velocity [m/s].
+
+        Parameters
+        ----------
+        velocity : float
+            |v_d| [m/s].
+
+        Returns
+        -------
+        float
+            Between 0 and 1.
+        """
         return float(np.searchsorted(self.velocities, velocity) / len(self.velocities))
 
     def to_dict(self) -> dict:
@@ -154,6 +186,11 @@ def study(parameters: CarParameters, damper: Damper, currents: tuple[float, floa
     order : int, optional
         Of the damper in the plant; the least whose reduction error is below `REDUCED` of the model's own error.
 
+    Returns
+    -------
+    EmbeddedDamper
+        Shared by equal arguments.
+
     Raises
     ------
     InputError
@@ -180,6 +217,21 @@ def study(parameters: CarParameters, damper: Damper, currents: tuple[float, floa
 
 def driven(parameters: CarParameters, damper: Damper, currents: tuple[float, float]) -> dict[str, CarRun]:
     """Runs of the nonlinear car over an ISO C and D road and a bump, at the lowest and highest current and random ones.
+
+    Parameters
+    ----------
+    parameters : CarParameters
+        Of the car, whose tyre stays on the road in every run.
+    damper : Damper
+        With a rate of its own, which is that of the runs.
+    currents : (float, float)
+        Limits of the command [A].
+
+    Returns
+    -------
+    dict of str to CarRun
+        Nine runs of 4 s, by road and current, as "ISO C, 20 m/s, random current". The random numbers are the same at
+        every call.
 
     Raises
     ------
@@ -234,7 +286,18 @@ def _centred(parameters: CarParameters, damper: Damper, currents: tuple[float, f
 
 
 def frozen_stable(plant: ContinuousDamper) -> bool:
-    """Whether the car is stable without control for ρ_v from 0 to 1/v_0, frozen, and the damper alone as well."""
+    """Whether the car is stable without control for ρ_v from 0 to 1/v_0, frozen, and the damper alone as well.
+
+    Parameters
+    ----------
+    plant : ContinuousDamper
+        Its `limits` do not count.
+
+    Returns
+    -------
+    bool
+        From the poles at 17 values of ρ_v; False where the damper alone is unstable.
+    """
     if not plant.frozen.stable:
         return False
     tried = replace(plant, limits=(0.0, 1 / plant.frozen.knee)) if plant.frozen.shaped else plant
@@ -285,6 +348,18 @@ def _fit_error(frozen: FrozenDamper) -> float | None:
 def conversion_error(frozen: FrozenDamper, band: float = BAND) -> float:
     """Largest error of the bilinear map over the inputs, up to a frequency [Hz], relative to each one's largest gain.
 
+    Parameters
+    ----------
+    frozen : FrozenDamper
+        Its discrete and its continuous filter are compared.
+    band : float
+        Highest frequency [Hz].
+
+    Returns
+    -------
+    float
+        Dimensionless; not weighted by how large each input is.
+
     Examples
     --------
     >>> from quartercar.rides.default_damper import identified_damper
@@ -299,7 +374,20 @@ def conversion_error(frozen: FrozenDamper, band: float = BAND) -> float:
 
 
 def replay_error(plant: ContinuousDamper, run: CarRun) -> float:
-    """Largest rms error of the car's four states in a free-run replay, relative to the rms of each."""
+    """Largest rms error of the car's four states in a free-run replay, relative to the rms of each.
+
+    Parameters
+    ----------
+    plant : ContinuousDamper
+        The filter embedded in it counts, so that a reduced one shows its error.
+    run : CarRun
+        At the damper's rate.
+
+    Returns
+    -------
+    float
+        Of the worst of the four states, dimensionless.
+    """
     states = plant.along(run).states[:, :4]
     gap = replay(plant, run)[:, :4] - states
     return float((np.sqrt(np.mean(gap**2, axis=0)) / np.sqrt(np.mean(states**2, axis=0))).max())

@@ -62,7 +62,18 @@ class LimitedPair(Embedding):
         checks.one_of(self.limiter, LIMITERS, "limiter")
 
     def ratio(self, demand: np.ndarray) -> np.ndarray:
-        """(n,) sat(u_c)/u_c, 1 at 0."""
+        """(n,) sat(u_c)/u_c, 1 at 0.
+
+        Parameters
+        ----------
+        demand : (n,) array
+            u_c, the demanded yield force about the middle F_0 [N].
+
+        Returns
+        -------
+        (n,) array
+            Between 0 and 1.
+        """
         share = np.asarray(demand, dtype=float) / self.law.half_range
         if self.limiter == "tanh":
             return secant(share)

@@ -55,7 +55,18 @@ class NominalForce(Embedding):
             checks.positive(getattr(self, name), name)
 
     def limit(self, distance: np.ndarray) -> np.ndarray:
-        """(n,) ρ(ε) of distances from the admissible forces [N]."""
+        """(n,) ρ(ε) of distances from the admissible forces [N].
+
+        Parameters
+        ----------
+        distance : (n,) array
+            ε, as `AdmissibleForce.distance` has it [N].
+
+        Returns
+        -------
+        (n,) array
+            Between 0 and `height`.
+        """
         e4 = self.sharpness * np.asarray(distance, dtype=float) ** 4
         return self.height * e4 / (e4 + 1 / self.sharpness)
 
@@ -114,7 +125,22 @@ class LimitedForce(Embedding):
         return with_force(self.parameters, rows, self.region, (Signal(self.control, "N"),))
 
     def share(self, force: np.ndarray, velocity: np.ndarray, demand: np.ndarray) -> np.ndarray:
-        """(n,) ρ of a given force, within the region."""
+        """(n,) ρ of a given force, within the region.
+
+        Parameters
+        ----------
+        force : (n,) array
+            Given, about the static equilibrium [N].
+        velocity : (n,) array
+            v_d [m/s].
+        demand : (n,) array
+            u, beside c_nom v_d [N]; a demand below 1e-9 N counts as met.
+
+        Returns
+        -------
+        (n,) array
+            Between `least` and 1.
+        """
         given = np.asarray(force) - self.nominal_damping * np.asarray(velocity)
         small = np.abs(demand) < 1e-9
         return np.clip(np.where(small, 1.0, given / np.where(small, 1.0, demand)), self.least, 1.0)
@@ -126,12 +152,38 @@ class LimitedForce(Embedding):
         return Trajectory(x, np.column_stack([road_velocity(run), u]), np.ones((len(x), 1)))
 
     def demanded(self, run: CarRun, demand: np.ndarray) -> Trajectory:
-        """The same for a known demand u [N], whose shortfall is ρ."""
+        """The same for a known demand u [N], whose shortfall is ρ.
+
+        Parameters
+        ----------
+        run : CarRun
+            In which the controller worked.
+        demand : (n,) array
+            u at the samples of the run, beside c_nom v_d [N].
+
+        Returns
+        -------
+        Trajectory
+            With the demand as its input and ρ as its scheduling.
+        """
         path = self.along(run)
         share = self.share(run["damper_force"] - run.car.preload, path.states @ SPEED, demand)
         return Trajectory(path.states, np.column_stack([path.inputs[:, 0], demand]), share[:, None])
 
 
 def nominal_damping(band: AdmissibleForce, share: float = 0.15) -> float:
-    """c_nom a little above the weakest characteristic, so that c_nom v_d is admissible at most velocities [N·s/m]."""
+    """c_nom a little above the weakest characteristic, so that c_nom v_d is admissible at most velocities [N·s/m].
+
+    Parameters
+    ----------
+    band : AdmissibleForce
+        Of the damper.
+    share : float
+        Place between the weakest line, 0, and the strongest, 1.
+
+    Returns
+    -------
+    float
+        c_nom [N·s/m].
+    """
     return band.nominal(share)

@@ -34,6 +34,16 @@ def prefiltered(system: LPVStateSpace, control: str, lag: float) -> LPVStateSpac
     lag : float
         τ [s].
 
+    Returns
+    -------
+    LPVStateSpace
+        With the lag's state last; inputs, outputs, basis and box are those of `system`.
+
+    Raises
+    ------
+    InputError
+        A lag that is not positive, an input that the system does not have, or a basis without a constant function.
+
     Examples
     --------
     >>> from lpvid.model.signals import Signal

@@ -54,17 +54,58 @@ class Region:
     @classmethod
     def box(cls, names: tuple[str, ...], lower: tuple[float, ...], upper: tuple[float, ...], source: str,
             points: int = 5) -> Region:
-        """Everything between two limits for each variable, with a tensor grid of `points` values each."""
+        """Everything between two limits for each variable, with a tensor grid of `points` values each.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Scheduling variables.
+        lower, upper : tuple of float
+            Limits of each, in its unit.
+        source : str
+            Where the limits come from.
+        points : int
+            Values of each variable in the grid, both limits included.
+
+        Returns
+        -------
+        Region
+            With 2ⁿ corners, the grid as its visited points.
+        """
         box = Scheduling(names, lower, upper)
         corners = np.array(list(product(*zip(box.lower, box.upper, strict=True))))
         return cls(names, corners.reshape(-1, len(names)), box.grid(points), source)
 
     def scheduling(self, units: tuple[str, ...] = (), rate: tuple[float | None, ...] = ()) -> Scheduling:
-        """The smallest box around it."""
+        """The smallest box around it.
+
+        Parameters
+        ----------
+        units : tuple of str
+            Of the variables; none where left out.
+        rate : tuple of float or None
+            Bounds on the rate of each variable, per second; None for a variable that may jump.
+
+        Returns
+        -------
+        Scheduling
+            A box; what the region leaves out of it is inside again.
+        """
         return Scheduling(self.names, tuple(self.corners.min(axis=0)), tuple(self.corners.max(axis=0)), rate, units)
 
     def contains(self, p: np.ndarray) -> np.ndarray:
-        """(n,) bool: which samples of `p` (n, len(names)) lie inside."""
+        """(n,) bool: which samples of `p` (n, len(names)) lie inside.
+
+        Parameters
+        ----------
+        p : (n, len(names)) array
+            In the variables' units.
+
+        Returns
+        -------
+        (n,) bool array
+            True on the boundary too, within `SLACK` of the half width.
+        """
         low, high = self.corners.min(axis=0), self.corners.max(axis=0)
         half = np.where(high > low, 0.5 * (high - low), 1.0)
         z, corners = (np.asarray(p, dtype=float) - low) / half, (self.corners - low) / half

@@ -16,6 +16,20 @@ def pair_box(law: YieldingLaw, reach: Reach, points: int = 21) -> Region:
     """ρ_1 ∈ [−tanh ξ̂, tanh ξ̂], ρ_2 ∈ [tanh ξ̂/ξ̂, 1]: the box of E1, four corners, visited along the curve.
 
     ξ̂ is the largest |ξ| at the reach. Most of the box is never visited: ρ_1 = ξ ρ_2 ties the two.
+
+    Parameters
+    ----------
+    law : YieldingLaw
+        For the slopes in ξ.
+    reach : Reach
+        Largest velocity and deflection.
+    points : int
+        Visited points along the curve, ξ evenly spaced.
+
+    Returns
+    -------
+    Region
+        Over `NAMES`, both dimensionless.
     """
     ends = _curve(law, reach, 2)[-1]
     corners = np.array([[a, b] for a in (-ends[0], ends[0]) for b in (ends[1], 1.0)])
@@ -27,6 +41,22 @@ def pair_hull(law: YieldingLaw, reach: Reach, tangents: int = 1, points: int = 2
 
     The curve is concave and lies in the strip 1 − ρ_1² ≤ ρ_2 ≤ 1 − ρ_1²/3 (equation sheet 4.3). A tangent at the top,
     one at each end and `tangents` in between on each side give 2·tangents + 4 corners.
+
+    Parameters
+    ----------
+    law : YieldingLaw
+        For the slopes in ξ.
+    reach : Reach
+        Largest velocity and deflection.
+    tangents : int
+        Tangents on each side between the top and the end.
+    points : int
+        Visited points along the curve, ξ evenly spaced.
+
+    Returns
+    -------
+    Region
+        Over `NAMES`, both dimensionless.
 
     Examples
     --------

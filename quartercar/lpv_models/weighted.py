@@ -91,11 +91,33 @@ class SuspensionWeights:
                 "tyre_force": (1 / self.tyre_force, self.wheel_low, self.wheel_high)}
 
     def comfort_gain(self, frequency: np.ndarray) -> np.ndarray:
-        """|W| on the body's acceleration at frequencies [Hz]."""
+        """|W| on the body's acceleration at frequencies [Hz].
+
+        Parameters
+        ----------
+        frequency : (n,) array
+            [Hz].
+
+        Returns
+        -------
+        (n,) array
+            Per m/s²; largest, 1/`acceleration`, in the middle of the band.
+        """
         return _band_gain(self.bands["body_acceleration"], frequency)
 
     def wheel_gain(self, frequency: np.ndarray) -> np.ndarray:
-        """|W| on the tyre force at frequencies [Hz]."""
+        """|W| on the tyre force at frequencies [Hz].
+
+        Parameters
+        ----------
+        frequency : (n,) array
+            [Hz].
+
+        Returns
+        -------
+        (n,) array
+            Per newton; largest, 1/`tyre_force`, in the middle of the band.
+        """
         return _band_gain(self.bands["tyre_force"], frequency)
 
 
@@ -166,7 +188,14 @@ class WeightedCar:
                 raise InputError(f"no sensor for '{name}'", mend=", ".join(f.name for f in fields(self.noise)[:5]))
 
     def plant(self) -> GeneralizedPlant:
-        """The generalised plant; measurements are named ``measured_…``."""
+        """The generalised plant; measurements are named ``measured_…``.
+
+        Returns
+        -------
+        GeneralizedPlant
+            Disturbances are ``road`` and one ``noise_…`` for each sensor; performance outputs are ``comfort``,
+            ``road_holding``, ``room`` and ``effort``; all dimensionless. Control and measurements are in SI units.
+        """
         w, blocks = self.weights, [self.system]
         wires: dict[str, Mapping[str, float]] = {"road_velocity": {"road": w.road}}
         shapes = [banded(*w.bands["body_acceleration"], "body_acceleration", "comfort"),
@@ -199,6 +228,11 @@ class WeightedCar:
         """The same for state feedback: what is measured are all states, the car's first; they are ``state_0`` …
 
         The sensors and their noise are left out: the observer that estimates the car's states stands outside.
+
+        Returns
+        -------
+        GeneralizedPlant
+            With ``road`` as its only disturbance; the states after the car's are those of lag and weights.
         """
         bare = WeightedCar(self.system, self.control, self.weights, (), self.noise).plant().system
         m, n, nz = len(bare.A), bare.order, bare.n_outputs
@@ -221,18 +255,29 @@ class WeightedCar:
             return [adder], wires
         wires[f"clean_{name}"] = {"lagged_acceleration": 1.0}
         wires["sensed_acceleration"] = {name: 1.0}
-        return [self.sensor_lag("sensed_acceleration", "lagged_acceleration"), adder], wires
+        return [self._sensor_lag("sensed_acceleration", "lagged_acceleration"), adder], wires
 
-    def sensor_lag(self, source: str, output: str) -> LPVStateSpace:
+    def _sensor_lag(self, source: str, output: str) -> LPVStateSpace:
         """The accelerometer's lag as a block, for the plant and for what runs in front of the controller."""
         omega = 2 * np.pi * self.noise.bandwidth
         return lti([[-omega]], [[omega]], [[1.0]], [[0.0]], (Signal(source, "m/s^2"),), (Signal(output, "m/s^2"),))
 
     def physical(self, controller: LPVStateSpace) -> LPVStateSpace:
-        """A controller of `plant` as one of the car's own signals: its inputs renamed, the sensor's lag in front."""
+        """A controller of `plant` as one of the car's own signals: its inputs renamed, the sensor's lag in front.
+
+        Parameters
+        ----------
+        controller : LPVStateSpace
+            Continuous, designed for `plant`.
+
+        Returns
+        -------
+        LPVStateSpace
+            From the signals in `measured` to `control`, SI; one state more where the body's acceleration is measured.
+        """
         blocks, wires = [controller], {f"measured_{n}": {n: 1.0} for n in self.measured}
         if "body_acceleration" in self.measured:
-            blocks.append(self.sensor_lag("sensed_acceleration", "lagged_acceleration"))
+            blocks.append(self._sensor_lag("sensed_acceleration", "lagged_acceleration"))
             wires["measured_body_acceleration"] = {"lagged_acceleration": 1.0}
             wires["sensed_acceleration"] = {"body_acceleration": 1.0}
         return connect(blocks, list(self.measured), [self.control], wires)
@@ -240,13 +285,42 @@ class WeightedCar:
 
 def lti(a: object, b: object, c: object, d: object, inputs: tuple[Signal, ...],
         outputs: tuple[Signal, ...]) -> LPVStateSpace:
-    """A continuous time-invariant block."""
+    """A continuous time-invariant block.
+
+    Parameters
+    ----------
+    a, b, c, d : array_like
+        (n, n), (n, n_u), (n_y, n), (n_y, n_u) matrices.
+    inputs, outputs : tuple of Signal
+        As many as B and D have columns, C and D rows.
+
+    Returns
+    -------
+    LPVStateSpace
+        Without scheduling.
+    """
     a, b, c, d = (np.asarray(m, dtype=float)[None] for m in (a, b, c, d))
     return LPVStateSpace(a, b, c, d, Polynomial(), None, inputs=inputs, outputs=outputs)
 
 
 def banded(peak: float, low: float, high: float, signal: str, output: str) -> LPVStateSpace:
     """g (ω_l + ω_h) s/((s + ω_l)(s + ω_h)): g at √(ω_l ω_h), falling off on both sides, strictly proper.
+
+    Parameters
+    ----------
+    peak : float
+        g, the gain in the middle.
+    low, high : float
+        Corner frequencies [Hz].
+    signal : str
+        What is weighted, a name of `quartercar.vehicle.linear.OUTPUTS`; the input is named ``weighted_…``.
+    output : str
+        Name of the output, dimensionless.
+
+    Returns
+    -------
+    LPVStateSpace
+        Continuous, of two states.
 
     Examples
     --------

@@ -55,6 +55,18 @@ class YieldingLaw:
     def of(cls, damper: Damper, currents: tuple[float, float] = CURRENTS) -> YieldingLaw:
         """From a tanh law whose yield force alone depends on the current.
 
+        Parameters
+        ----------
+        damper : Damper
+            With a yield force, as the laws guo-6 and guo-7.
+        currents : (float, float)
+            Limits of the command [A]; the range of the yield force is that between them.
+
+        Returns
+        -------
+        YieldingLaw
+            With the present values of the damper's parameters.
+
         Raises
         ------
         InputError
@@ -117,17 +129,51 @@ class Reach:
 
     @classmethod
     def of(cls, run, margin: float = 1.2) -> Reach:
-        """That of a run, times a margin."""
+        """That of a run, times a margin.
+
+        Parameters
+        ----------
+        run : CarRun
+            Any mapping with `suspension_velocity` [m/s] and `suspension_deflection` [m].
+        margin : float
+            Factor on the largest values of the run.
+
+        Returns
+        -------
+        Reach
+            Of both.
+        """
         return cls(margin * float(np.abs(run["suspension_velocity"]).max()),
                    margin * float(np.abs(run["suspension_deflection"]).max()))
 
     def argument(self, law: YieldingLaw) -> float:
-        """Largest |ξ| of a law."""
+        """Largest |ξ| of a law.
+
+        Parameters
+        ----------
+        law : YieldingLaw
+            For the slopes in ξ.
+
+        Returns
+        -------
+        float
+            ξ̂, dimensionless: that of the largest velocity at the largest deflection.
+        """
         return law.speed_slope * self.speed + law.stroke_slope * self.stroke
 
 
 def secant(xi: np.ndarray) -> np.ndarray:
     """(n,) tanh ξ/ξ, 1 at 0.
+
+    Parameters
+    ----------
+    xi : array
+        ξ, of any shape.
+
+    Returns
+    -------
+    array
+        Of the same shape, between 0 and 1.
 
     Examples
     --------
@@ -143,6 +189,23 @@ def yield_force(run, signal: str = "current") -> np.ndarray:
 
     A command outside the coil's limits is the demand of a controller without limits. A sample's current is the one that
     was driven up to it, so that with no lag in the coil it is the command of the sample before.
+
+    Parameters
+    ----------
+    run : CarRun
+        Of a car with a tanh law.
+    signal : str
+        "current" or "command".
+
+    Returns
+    -------
+    (n,) array
+        At the samples [N].
+
+    Raises
+    ------
+    InputError
+        A car with another damper, or without one.
     """
     damper = run.car.damper
     if not isinstance(damper, TanhLaw):

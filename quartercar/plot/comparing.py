@@ -146,7 +146,7 @@ def force_over_time(found: Comparison, ax: Ax = None) -> Drawn:
     record = livelier(found.data.held_out)
     window = _excerpt(record)
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
-    moving = not is_still(record, current_span(found.data.held_out))
+    moving = not _is_still(record, current_span(found.data.held_out))
     t = record.times[window]
     force = record["force"]
     with look():
@@ -175,11 +175,22 @@ def force_over_time(found: Comparison, ax: Ax = None) -> Drawn:
 
 
 def livelier(records: Sequence[Record]) -> Record:
-    """The record that shows most: one whose current moves, with few jumps, then the one of the largest force."""
+    """The record that shows most: one whose current moves, with few jumps, then the one of the largest force.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        At least one, with a force [N].
+
+    Returns
+    -------
+    Record
+        One of them; where no current moves, the one whose force has the largest standard deviation.
+    """
     span = current_span(records)
 
     def worth(record: Record) -> tuple[bool, float, float]:
-        if is_still(record, span):
+        if _is_still(record, span):
             return False, 0.0, float(record["force"].std())
         jumps = float(np.mean(np.abs(np.diff(record["current"])) > NEAR * span))
         return True, -round(jumps, 2), float(record["force"].std())
@@ -187,7 +198,7 @@ def livelier(records: Sequence[Record]) -> Record:
     return max(records, key=worth)
 
 
-def is_still(record: Record, span: float) -> bool:
+def _is_still(record: Record, span: float) -> bool:
     """Whether the current rests but for its noise; `span` is that of all records."""
     return not record.has("current") or float(np.ptp(record["current"])) <= max(
         NEAR * span, 0.02 * float(np.abs(record["current"]).max()))
@@ -223,7 +234,7 @@ def force_over_velocity(found: Comparison, ax: Ax = None) -> Drawn:
     """
     row = found.best
     span = current_span(found.data.held_out)
-    still = [r for r in found.data.held_out if is_still(r, span)]
+    still = [r for r in found.data.held_out if _is_still(r, span)]
     records = still if len(still) > 1 else found.data.held_out  # a switching current leaves transients in every loop
     runs = [(r, free_run_of(row, r)) for r in records]
     levels = current_levels(records)
@@ -256,7 +267,19 @@ def force_over_velocity(found: Comparison, ax: Ax = None) -> Drawn:
 
 
 def current_levels(records: Sequence[Record]) -> list[float] | None:
-    """At most four currents on which the records rest for long; None without a current."""
+    """At most four currents on which the records rest for long; None without a current.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        All with a current, or none.
+
+    Returns
+    -------
+    list of float, or None
+        Medians of the most frequent bins, rising, in the unit of the current; one value where the current does not
+        move.
+    """
     if not records[0].has("current"):
         return None
     current = np.concatenate([r["current"] for r in records])
@@ -274,7 +297,18 @@ def current_levels(records: Sequence[Record]) -> list[float] | None:
 
 
 def current_span(records: Sequence[Record]) -> float:
-    """Range of the current over all records."""
+    """Range of the current over all records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        At least one.
+
+    Returns
+    -------
+    float
+        Largest less smallest sample, in the unit of the current; 0 where a record has none.
+    """
     if not all(r.has("current") for r in records):
         return 0.0
     return float(max(r["current"].max() for r in records) - min(r["current"].min() for r in records))
@@ -293,7 +327,20 @@ def _near(runs: Sequence[tuple[Record, np.ndarray]], level: float | None,
 
 
 def free_run_of(row: Compared, record: Record) -> np.ndarray:
-    """(n,) free run in the polarity of the record."""
+    """(n,) free run in the polarity of the record.
+
+    Parameters
+    ----------
+    row : Compared
+        A fitted damper.
+    record : Record
+        With the inputs that the damper reads.
+
+    Returns
+    -------
+    (n,) array
+        Force [N]; currents outside the fitted range raise no warning.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExtrapolationWarning)  # a flag of the row
         return row.damper.simulate(record).output[:, 0]

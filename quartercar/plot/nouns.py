@@ -31,18 +31,53 @@ STROKE, FREQUENCY = 0.02, 1.5
 
 
 def plot(noun: Any, ax: Any = None) -> Any:
-    """As `lpvid.plot.nouns.plot`."""
+    """As `lpvid.plot.nouns.plot`.
+
+    Parameters
+    ----------
+    noun : object
+        A damper, its fit, a run of a car, a comparison of dampers or of rides, or a noun of lpvid.
+    ax : matplotlib.axes.Axes or sequence of them, optional
+        Where to draw, one for each panel; left out, in a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or (n,) array of them
+        One for each panel.
+    """
     return nouns.plot(noun, ax, drawing_of)
 
 
 def card(noun: Any) -> str:
-    """As `lpvid.plot.nouns.card`."""
+    """As `lpvid.plot.nouns.card`.
+
+    Parameters
+    ----------
+    noun : object
+        As in `plot`; one that has no drawing has its text alone.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return nouns.card(noun, drawing_of)
 
 
 @singledispatch
 def drawing_of(noun: Any) -> Drawing | None:
-    """What a noun looks like."""
+    """What a noun looks like.
+
+    Parameters
+    ----------
+    noun : object
+        As in `plot`.
+
+    Returns
+    -------
+    Drawing or None
+        Number of panels and what draws on them; None for a noun that has nothing to draw.
+    """
     return nouns.drawing_of(noun)
 
 

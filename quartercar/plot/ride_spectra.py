@@ -97,7 +97,24 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0, ax: Ax = No
 
 def estimates(run: CarRun, settle: float = 0.0
               ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]] | None:
-    """(frequencies [Hz], densities by signal, gains from the road by signal), or None for too short a run."""
+    """(frequencies [Hz], densities by signal, gains from the road by signal), or None for too short a run.
+
+    Parameters
+    ----------
+    run : CarRun
+        Of at least three segments of 4 s, half overlapping, after the start.
+    settle : float
+        Start that is left out [s].
+
+    Returns
+    -------
+    frequency : (n,) array
+        [Hz], in steps of 0.25 Hz.
+    densities : dict of str to (n,) array
+        One-sided, in the squared unit of the signal per Hz.
+    gains : dict of str to (n,) array
+        In the unit of the signal per metre; NaN where the road has next to no power.
+    """
     from scipy.signal import csd, welch
 
     inside = run.time >= run.time[0] + settle
@@ -120,6 +137,20 @@ def estimates(run: CarRun, settle: float = 0.0
 def third_octaves(frequency: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centre frequencies [Hz] and W_k-weighted rms of the third-octave bands from 0.5 to 50 Hz that hold a line.
 
+    Parameters
+    ----------
+    frequency : (n,) array
+        Evenly spaced [Hz].
+    density : (n,) array
+        One-sided, of the body's acceleration [(m/s²)²/Hz].
+
+    Returns
+    -------
+    centres : (k,) array
+        [Hz].
+    bands : (k,) array
+        [m/s²].
+
     Examples
     --------
     >>> f = np.arange(0.0, 100.0, 0.01)
@@ -141,6 +172,11 @@ def third_octaves(frequency: np.ndarray, density: np.ndarray) -> tuple[np.ndarra
 
 def sensitive_band() -> tuple[float, float]:
     """Frequencies [Hz] between which |W_k| is above `SENSITIVE` of its largest value.
+
+    Returns
+    -------
+    (float, float)
+        Lowest and highest [Hz].
 
     Examples
     --------

@@ -175,7 +175,20 @@ def over_time(found: RideComparison, road: str, ax: Ax = None) -> Drawn:
 
 
 def shown_laws(found: RideComparison, road: str) -> list[LawRow]:
-    """The reference, a passive car, and the most comfortable of the others."""
+    """The reference, a passive car, and the most comfortable of the others.
+
+    Parameters
+    ----------
+    found : RideComparison
+        With at least one law on the road.
+    road : str
+        Name of one of its roads.
+
+    Returns
+    -------
+    list of LawRow
+        At most `SHOWN`.
+    """
     rows = found.on(road)
     first = [r for r in rows if r.name in ("passive", found.reference)]
     rest = sorted((r for r in rows if r not in first), key=lambda r: r.interval("comfort").mean)

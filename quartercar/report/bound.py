@@ -17,7 +17,18 @@ AIM_NAMES = {"objective": "least objective", "comfort": "least comfort at the re
 
 
 def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
-    """Tables of bounds and shares."""
+    """Tables of bounds and shares.
+
+    Parameters
+    ----------
+    bounds : sequence of Bound
+        By road and car; at least one, all of one objective.
+
+    Returns
+    -------
+    tuple of Item
+        Paragraphs and two tables: the bounds, and the share of them that each law reaches.
+    """
     first = bounds[0]
     items: list[Item] = [
         Paragraph(
@@ -44,7 +55,18 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
 
 
 def bound_row(bound: Bound) -> tuple[str, ...]:
-    """The least objective as a row of the table of laws: all columns of it."""
+    """The least objective as a row of the table of laws: all columns of it.
+
+    Parameters
+    ----------
+    bound : Bound
+        On the road of the table.
+
+    Returns
+    -------
+    tuple of str
+        Means over the seeds of the bound; a dash where a column does not apply.
+    """
     def mean(name: str, scale: float, digits: int) -> str:
         return number(scale * float(np.mean([getattr(f, name) for f in bound.at()])), digits)
 

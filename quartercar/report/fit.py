@@ -45,7 +45,17 @@ FANS = 3
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A figure with its file name and caption."""
+    """A figure with its file name and caption.
+
+    Attributes
+    ----------
+    name : str
+        Of the file, without extension.
+    figure : array of matplotlib.axes.Axes
+        As the functions of `lpvid.plot` and `quartercar.plot` return it.
+    caption : str
+        Below the figure.
+    """
 
     name: str
     figure: Drawing
@@ -53,7 +63,18 @@ class Drawn:
 
 
 def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
-    """The figures of a comparison, as in chapter 6 of the thesis (Díaz Salas 2011)."""
+    """The figures of a comparison, as in chapter 6 of the thesis (Díaz Salas 2011).
+
+    Parameters
+    ----------
+    found : Comparison
+        Of dampers, with at least one fitted model.
+
+    Returns
+    -------
+    tuple of Drawn
+        In the order of the page; by experiment, by current and of passivity only where the data and models have them.
+    """
     best = found.best.name
     excerpt = plot.livelier(found.data.held_out).name
     drawn = [Drawn("ranking", plot.ranking(found), "Free-run ESR of every model on held-out data (dots) and on "
@@ -103,7 +124,7 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
     if by_experiment:
         sections.append(Section("By experiment", tuple(by_experiment)))
     law = [drawn["law"]] if "law" in drawn else []
-    sections += [Section("Force over time", (force_traces(found),)),
+    sections += [Section("Force over time", (_force_traces(found),)),
                  Section("Force over velocity", (*law, drawn["force_velocity"], _quadrants(found))),
                  Section("Parameters", tuple(_parameters(found)))]
     energy = [drawn[f.name] for f in figures if f.name.startswith("passivity_")]
@@ -120,7 +141,7 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
                 _caveats(found), tuple(sections), _steps(found))
 
 
-def force_traces(found: Comparison) -> Traces:
+def _force_traces(found: Comparison) -> Traces:
     """Measured force and the best models' free runs over a whole held-out record, their errors, motion and current."""
     record = plot.livelier(found.data.held_out)
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
@@ -215,18 +236,18 @@ def _parameter_table(row: Compared, caption: str, folded: str) -> PageTable:
     description = {p.name: p.description for p in row.damper.parameters}
     held = () if row.fit is None else row.fit.at_bounds
     rows = tuple((description[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
-                  with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))
+                  _with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))
                  for p in row.parameters)
     marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held else "plain" for p in row.parameters)
     return PageTable(("what it is", "name", "value ± std. error", "unit", "± %"), rows, caption, (2, 4), marks, folded)
 
 
-def with_error(value: float, std: float | None) -> str:
+def _with_error(value: float, std: float | None) -> str:
     """A value with as many digits as its standard error allows, that with two; powers of ten in common.
 
     Examples
     --------
-    >>> with_error(1234.567, 12.3), with_error(0.000123456, 0.0000021), with_error(5.0, None), with_error(2e6, 3e4)
+    >>> _with_error(1234.567, 12.3), _with_error(0.000123456, 0.0000021), _with_error(5.0, None), _with_error(2e6, 3e4)
     ('1235 ± 12', '(1.235 ± 0.021)·10⁻⁴', '5', '(2.000 ± 0.030)·10⁶')
     """
     if not np.isfinite(value):

@@ -39,7 +39,20 @@ SIGNALS = {"body_acceleration": ("body", "m/s²", 1.0), "tyre_load": ("tyre load
 
 
 def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[Drawn, ...]:
-    """The figures of a comparison of rides, with the bounds marked."""
+    """The figures of a comparison of rides, with the bounds marked.
+
+    Parameters
+    ----------
+    found : RideComparison
+        Of laws over the same roads.
+    bounds : sequence of Bound
+        What the damper could have reached; none by default.
+
+    Returns
+    -------
+    tuple of Drawn
+        The trade-offs, then spectra (of a ride long enough for an average) and signals of every road.
+    """
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
     marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
               "either end (comfort at the reference's tyre load, tyre load at its comfort); no law can "
@@ -91,7 +104,7 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
             f"No spectra of this road: an average of {SEGMENTS} segments of {SEGMENT:g} s, half overlapping, needs "
             f"{SEGMENT * (SEGMENTS + 1) / 2:g} s after the first {LEAD:g} s. A longer road, or repeated more often, "
             "has them.")]
-        sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), ride_traces(found, road),
+        sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), _ride_traces(found, road),
                                        *averaged)))
     sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]
     if found.notes:
@@ -110,7 +123,7 @@ def _winners(found: RideComparison) -> PageTable:
             best, near = found.leaders(road, name)
             gap = "–" if best is reference else _share(best.against(reference, name))
             feels = ", ".join(comfort_classes(best.interval(name).mean)) if name == "comfort" else "–"
-            rows.append((road, stated, best.name, f"{described(best.interval(name), scale)} {unit}", gap,
+            rows.append((road, stated, best.name, f"{_described(best.interval(name), scale)} {unit}", gap,
                          ", ".join(near) or "–", feels))
     columns = ("road", "criterion", "best law", "its mean", f"against {found.reference}",
                "not distinguishable from it", "likely reaction (ISO 2631-1, annex C)")
@@ -123,7 +136,7 @@ def _winners(found: RideComparison) -> PageTable:
     )
 
 
-def ride_traces(found: RideComparison, road: str) -> Traces:
+def _ride_traces(found: RideComparison, road: str) -> Traces:
     """Body acceleration, tyre load, stroke and current of a few laws over the whole ride of the first seed."""
     rows = plot.shown_laws(found, road)
     time = rows[0].rides[0].run.time
@@ -150,12 +163,12 @@ def _steps(found: RideComparison, bounded: bool, tuned: bool) -> tuple[NextStep,
     return tuple(steps)
 
 
-def described(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:
+def _described(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:
     """A mean with half of its interval.
 
     Examples
     --------
-    >>> described(Interval(1.5, 1.4, 1.6))
+    >>> _described(Interval(1.5, 1.4, 1.6))
     '1.500 ± 0.1'
     """
     if interval.high is None:
@@ -184,8 +197,8 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
 
 
 def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> PageTable:
-    rows = tuple((r.name, described(r.interval("comfort")), described(r.interval("tyre_load")),
-                  described(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
+    rows = tuple((r.name, _described(r.interval("comfort")), _described(r.interval("tyre_load")),
+                  _described(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
                   number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean),
                   percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean),
                   ", ".join(comfort_classes(r.interval("comfort").mean)))
@@ -237,7 +250,7 @@ def _energy(found: RideComparison) -> tuple[Item, ...]:
     def passive(row: LawRow) -> str:
         return "unknown storage" if row.passive is None else "yes" if row.passive else "NO"
 
-    rows = tuple((r.road, r.name, described(r.interval("dissipated"), digits=4), passive(r),
+    rows = tuple((r.road, r.name, _described(r.interval("dissipated"), digits=4), passive(r),
                   percent(r.interval("negative_share").mean, 3), number(r.interval("negative_energy").mean, 3),
                   number(max(x.passivity.returned for x in r.rides), 3)) for r in found.rows)
     known = all(r.passive is not None for r in found.rows)

@@ -93,26 +93,74 @@ class Bound:
     floor: tuple[RelaxedBound, ...] = ()
 
     def values(self, figures: Sequence[Figures], measure: str) -> np.ndarray:
-        """(seeds,) of a measure of `MEASURES`; the objective is over the passive car."""
+        """(seeds,) of a measure of `MEASURES`; the objective is over the passive car.
+
+        Parameters
+        ----------
+        figures : sequence of RideFigures
+            One per seed.
+        measure : str
+            Of `MEASURES`, or another figure's name.
+
+        Returns
+        -------
+        (seeds,) array
+            In the unit of the figure; the objective has none.
+        """
         if measure != "objective":
             return np.array([getattr(f, measure) for f in figures])
         return np.array([self.objective.of([f], [p]) for f, p in zip(figures, self.passive, strict=True)])
 
     def at(self, aim: str = "objective") -> tuple[Figures, ...]:
-        """Figures of the best currents, one per seed."""
+        """Figures of the best currents, one per seed.
+
+        Parameters
+        ----------
+        aim : str
+            Of those in `best`.
+
+        Returns
+        -------
+        tuple of RideFigures
+        """
         return tuple(b.figures for b in self.best[aim])
 
     def share(self, law: str, measure: str = "objective") -> Interval | None:
         """(passive − law)/(passive − bound), by sums over the seeds; None where the bound wins nothing there.
 
         Its interval is that of the mean over the seeds of (passive − law)/(mean of passive − bound).
+
+        Parameters
+        ----------
+        law : str
+            Of those in `laws`.
+        measure : str
+            Of `MEASURES`.
+
+        Returns
+        -------
+        Interval or None
+            1 for a law as good as the bound, 0 for one as good as the passive car.
         """
         passive, best = self.values(self.passive, measure), self.values(self.at(), measure)
         won = float(np.mean(passive - best))
         return None if won <= 0 else Interval.of((passive - self.values(self.laws[law], measure)) / won)
 
     def against_reference(self, aim: str, measure: str) -> Interval | None:
-        """Relative difference of the bound to the reference law, paired by seed."""
+        """Relative difference of the bound to the reference law, paired by seed.
+
+        Parameters
+        ----------
+        aim : str
+            Of those in `best`.
+        measure : str
+            Of `MEASURES`.
+
+        Returns
+        -------
+        Interval or None
+            (bound − reference)/mean of the reference; None where the reference law did not ride in this car.
+        """
         if self.reference not in self.laws:
             return None
         theirs = self.values(self.laws[self.reference], measure)
@@ -167,6 +215,15 @@ class Bound:
 def share_text(share: Interval | None) -> str:
     """A share with half of its interval.
 
+    Parameters
+    ----------
+    share : Interval or None
+
+    Returns
+    -------
+    str
+        [%]; a dash for None, no half width for a single seed.
+
     Examples
     --------
     >>> share_text(Interval(0.25, 0.2, 0.3)), share_text(None)
@@ -179,7 +236,17 @@ def share_text(share: Interval | None) -> str:
 
 
 def floor_text(bound: Bound) -> str:
-    """The certified lower bounds, in a sentence."""
+    """The certified lower bounds, in a sentence.
+
+    Parameters
+    ----------
+    bound : Bound
+        With a `floor`.
+
+    Returns
+    -------
+    str
+    """
     low, best = (float(np.mean(v)) for v in ([f.value for f in bound.floor],
                                              bound.values(bound.at(), "objective")))
     reach, slope = max(f.reach for f in bound.floor), float(np.mean([f.slope for f in bound.floor]))
@@ -188,7 +255,16 @@ def floor_text(bound: Bound) -> str:
 
 
 def obtained(bound: Bound) -> str:
-    """How a bound was obtained, in one sentence."""
+    """How a bound was obtained, in one sentence.
+
+    Parameters
+    ----------
+    bound : Bound
+
+    Returns
+    -------
+    str
+    """
     starts = len(bound.best["objective"][0].by_start)
     count = "one seed" if len(bound.seeds) == 1 else f"{len(bound.seeds)} seeds"
     return (f"best current sequence found for the known road, states perfect, coil's lag inside ({count}; exact "

@@ -115,7 +115,20 @@ class CurrentSequenceProblem:
     limits: Mapping[str, float]
 
     def weights(self, figures: Mapping[str, RideFigure]) -> tuple[float, dict[str, float]]:
-        """J as `Objective.of` has it for one ride, and its slopes by the figures."""
+        """J as `Objective.of` has it for one ride, and its slopes by the figures.
+
+        Parameters
+        ----------
+        figures : mapping of str to RideFigure
+            Of one run, ``comfort``, ``tyre_load`` and ``stroke`` among them, ``room`` where there are bump stops.
+
+        Returns
+        -------
+        value : float
+            J.
+        slopes : dict of str to float
+            ∂J/∂figure by name [1/unit of the figure]; 0 for a figure that is not in J.
+        """
         o, value = self.objective, 0.0
         slopes = dict.fromkeys(figures, 0.0)
         for name in ("comfort", "tyre_load", "stroke"):
@@ -257,7 +270,21 @@ def best_currents(problem: CurrentSequenceProblem, starts: Mapping[str, np.ndarr
 
 
 def lowest_current(car: QuarterCar, road: RideRoad, seed: int, sample_time: float) -> Figures:
-    """Figures of the passive car under the lowest current."""
+    """Figures of the passive car under the lowest current.
+
+    Parameters
+    ----------
+    car : QuarterCar
+    road : RideRoad
+    seed : int
+        Of the road.
+    sample_time : float
+        Of the loop [s].
+
+    Returns
+    -------
+    RideFigures
+    """
     adjoint = AdjointCar(car, road.profile(sample_time, seed), sample_time)
     command = np.full(adjoint.road.size, car.coil.lowest)
     return judge(adjoint.car_run(adjoint.run(command), command), road.settle)
@@ -293,5 +320,15 @@ def energy_limit(passivity: RidePassivity) -> float:
 
     A model that gives energy where its records did not show it would otherwise be paid for giving it. A reference that
     gives none allows a millionth of what it takes.
+
+    Parameters
+    ----------
+    passivity : RidePassivity
+        Of the ride under the reference law.
+
+    Returns
+    -------
+    float
+        Above zero where the damper takes energy.
     """
     return max(passivity.negative_energy, NOTHING * abs(passivity.dissipated))

@@ -58,6 +58,17 @@ class Interval(Encoded):
     def of(cls, values: np.ndarray, share: float = 0.95) -> Interval:
         """Of values that stand for themselves, one per seed.
 
+        Parameters
+        ----------
+        values : (seeds,) array
+        share : float
+            Probability that the interval covers the mean.
+
+        Returns
+        -------
+        Interval
+            Without ends for a single value, and for values that differ by rounding alone.
+
         Examples
         --------
         >>> Interval.of(np.array([1.0, 2.0, 3.0])).low.__round__(4)
@@ -95,16 +106,49 @@ class LawRow:
     rides: tuple[Ride, ...]
 
     def values(self, figure: str) -> np.ndarray:
-        """(seeds,) of a figure of `FIGURES`."""
+        """(seeds,) of a figure of `FIGURES`.
+
+        Parameters
+        ----------
+        figure : str
+
+        Returns
+        -------
+        (seeds,) array
+            In its unit there.
+        """
         get = FIGURES[checks.known_name(figure, list(FIGURES), "figure of a ride")][1]
         return np.array([get(r) for r in self.rides])
 
     def interval(self, figure: str) -> Interval:
-        """Mean and interval of a figure."""
+        """Mean and interval of a figure.
+
+        Parameters
+        ----------
+        figure : str
+            Of `FIGURES`.
+
+        Returns
+        -------
+        Interval
+        """
         return Interval.of(self.values(figure))
 
     def against(self, other: LawRow, figure: str) -> Interval:
-        """Relative difference to another law, paired by seed: (this − other)/mean of the other."""
+        """Relative difference to another law, paired by seed: (this − other)/mean of the other.
+
+        Parameters
+        ----------
+        other : LawRow
+            On the same road with the same seeds.
+        figure : str
+            Of `FIGURES`.
+
+        Returns
+        -------
+        Interval
+            Below zero where this law has less of it.
+        """
         theirs = other.values(figure)
         return Interval.of((self.values(figure) - theirs) / max(abs(float(theirs.mean())), 1e-300))
 
@@ -126,7 +170,18 @@ class LawRow:
         return None if None in found else float(np.sqrt(np.mean(np.square(np.array(found, dtype=float)))))
 
     def to_dict(self, reference: LawRow) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Parameters
+        ----------
+        reference : LawRow
+            On the same road, for the differences ``against``.
+
+        Returns
+        -------
+        dict
+            Means and intervals of the figures with their units, counts, extrapolation and passivity.
+        """
         first = self.rides[0].passivity
         return {"controller": self.name, "title": self.title, "road": self.road,
                 "figures": {n: {**self.interval(n).to_dict(), "unit": unit} for n, (unit, _) in FIGURES.items()},
@@ -169,11 +224,32 @@ class RideComparison(Shown):
         return tuple(dict.fromkeys(r.name for r in self.rows))
 
     def on(self, road: str) -> tuple[LawRow, ...]:
-        """The rows of one road."""
+        """The rows of one road.
+
+        Parameters
+        ----------
+        road : str
+            Its name.
+
+        Returns
+        -------
+        tuple of LawRow
+            Empty for a road that is not in the comparison.
+        """
         return tuple(r for r in self.rows if r.road == road)
 
     def row(self, name: str, road: str) -> LawRow:
-        """One law on one road."""
+        """One law on one road.
+
+        Parameters
+        ----------
+        name, road : str
+            Of the law and of the road; an unknown one is refused.
+
+        Returns
+        -------
+        LawRow
+        """
         checks.known_name(name, self.names, "controller")
         checks.known_name(road, self.roads, "road")
         return next(r for r in self.rows if r.name == name and r.road == road)
@@ -197,7 +273,20 @@ class RideComparison(Shown):
         return " ".join(stated)
 
     def leaders(self, road: str, figure: str) -> tuple[LawRow, tuple[str, ...]]:
-        """The law of the least mean, and those whose paired difference to it may as well be none (95 %)."""
+        """The law of the least mean, and those whose paired difference to it may as well be none (95 %).
+
+        Parameters
+        ----------
+        road : str
+        figure : str
+            Of `FIGURES`, of which less is better.
+
+        Returns
+        -------
+        best : LawRow
+        near : tuple of str
+            Names of the laws that cannot be distinguished from it; none for a single seed.
+        """
         rows = self.on(road)
         best = min(rows, key=lambda r: r.interval(figure).mean)
         gaps = {r.name: r.against(best, figure) for r in rows if r is not best}
@@ -245,6 +334,16 @@ def _line(row: LawRow) -> str:
 
 def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
     """Names of the points that no other one beats or equals in every coordinate, less being better.
+
+    Parameters
+    ----------
+    points : mapping of str to tuple of float
+        All of one length.
+
+    Returns
+    -------
+    tuple of str
+        In the order given; points that are equal do not beat each other.
 
     Examples
     --------

@@ -73,17 +73,41 @@ class RideConfig:
     bound_seeds: int = 2
 
     def with_changes(self, **changes: Any) -> RideConfig:
-        """A copy with what is not None replaced."""
+        """A copy with what is not None replaced.
+
+        Parameters
+        ----------
+        **changes
+            Attributes by name.
+
+        Returns
+        -------
+        RideConfig
+        """
         return replace(self, **{n: v for n, v in changes.items() if v is not None})
 
 
 def ride_template() -> str:
-    """A commented CONFIG with the defaults."""
+    """A commented CONFIG with the defaults.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
     return TEMPLATE
 
 
 def load_config(path: str | Path) -> RideConfig:
     """Read a CONFIG file; damper, controller and road files are found beside it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    RideConfig
 
     Raises
     ------
@@ -91,7 +115,7 @@ def load_config(path: str | Path) -> RideConfig:
         A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
     """
     path = Path(path)
-    return within(path.name, lambda: read_config(read_toml(path), path.parent))
+    return within(path.name, lambda: _read_config(read_toml(path), path.parent))
 
 
 @dataclass(frozen=True)
@@ -115,7 +139,7 @@ class _RideTable:
     controllers: tuple[Mapping, ...] = ()
 
 
-def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
+def _read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     """A configuration from a TOML table; files are relative to `folder`."""
     found = build(_RideTable, table, noun="the configuration", partial=True)
     given: dict[str, Any] = {k: getattr(found, k) for k in ("tune", "tune_seed", "bound", "bound_seeds") if k in table}
@@ -123,12 +147,12 @@ def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     if "roads" in table:
         given["roads"] = tuple(_road(t, f"roads[{k}]", folder) for k, t in enumerate(_some(found.roads, "roads")))
     if "controllers" in table:
-        given["controllers"] = named([_law(t, f"controllers[{k}]", folder)
-                                      for k, t in enumerate(_some(found.controllers, "controllers"))])
+        given["controllers"] = _named([_law(t, f"controllers[{k}]", folder)
+                                       for k, t in enumerate(_some(found.controllers, "controllers"))])
     if "seeds" in table or found.first_seed:
         given["seeds"] = tuple(range(found.first_seed, found.first_seed + found.seeds))
     if "measurements" in table or "known_damper" in table:
-        known = read_damper(found.known_damper, folder) if "known_damper" in table else None
+        known = _read_damper(found.known_damper, folder) if "known_damper" in table else None
         given["settings"] = replace(measuring(found.measurements), model=known)
     if found.preview is not None:
         given["settings"] = replace(given.get("settings", RideSettings()),
@@ -143,8 +167,26 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
     """A nonlinear car from a set's name or a table, with a damper from a file or the embedded identified one.
 
     Without a table `coil` its limits are the range of the damper's current, or of what else schedules it.
+
+    Parameters
+    ----------
+    car : str or mapping
+        Name of a set of `quartercar.parameters.SETS`, or a table of parameters, with the set that it changes as
+        ``set``.
+    damper : str, optional
+        File; the embedded damper by default.
+    folder : Path
+        To which the file's path is relative.
+    stops : mapping
+        Fields of `BumpStops`, numbers in SI or text with a unit.
+    coil : mapping
+        ``rise_time``, ``fall_time`` [s]; ``lowest``, ``highest`` in the unit of the damper's current.
+
+    Returns
+    -------
+    QuarterCar
     """
-    model, parameters = read_damper(damper, folder), _parameters(car)
+    model, parameters = _read_damper(damper, folder), _parameters(car)
     check_rate(model, parameters, "the embedded damper" if damper is None else f"'{damper}'")
     lag = (0.0, 0.0) if _has_lag(model) else STATIC_COIL
     low, high = current_limits(model, HIGHEST)
@@ -158,16 +200,36 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
 
 
 def measuring(name: Any) -> RideSettings:
-    """Settings with a measurement set by name."""
+    """Settings with a measurement set by name.
+
+    Parameters
+    ----------
+    name : str
+        Of `quartercar.controllers.loop.sensing.SETS`.
+
+    Returns
+    -------
+    RideSettings
+    """
     return RideSettings(ChainSettings(sensors=SENSORS[checks.known_name(str(name), list(SENSORS), "measurement set")]))
 
 
 def laws_with_preview(car: QuarterCar) -> tuple[str, ...]:
-    """Default laws of a ride with preview, as far as the damper admits them."""
+    """Default laws of a ride with preview, as far as the damper admits them.
+
+    Parameters
+    ----------
+    car : QuarterCar
+        Whose damper needs a gradient for ``mpc``.
+
+    Returns
+    -------
+    tuple of str
+    """
     return (*DEFAULT_LAWS, *(n for n in PREVIEW_LAWS if n != "mpc" or has_gradient(car.damper)))
 
 
-def read_damper(name: str | None, folder: Path = Path()) -> Damper:
+def _read_damper(name: str | None, folder: Path = Path()) -> Damper:
     """A damper from a file of `quartercar fit` or `lpvid identify`, or the embedded identified one for None."""
     if name is None:
         from quartercar.rides.default_damper import identified_damper
@@ -177,15 +239,37 @@ def read_damper(name: str | None, folder: Path = Path()) -> Damper:
 
 
 def given_laws(names: Sequence[str], folder: Path = Path()) -> dict[str, Controller]:
-    """Laws by name, with their defaults, or from controller files."""
-    return named([_law({"file": n} if Path(n).suffix == ".json" else {"law": n}, "--controller", folder)
-                  for n in names])
+    """Laws by name, with their defaults, or from controller files.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of laws, or of files that end in ``.json``.
+    folder : Path
+        To which files are relative.
+
+    Returns
+    -------
+    dict of str to Controller
+        A file's law by the name of the file without its ending.
+    """
+    return _named([_law({"file": n} if Path(n).suffix == ".json" else {"law": n}, "--controller", folder)
+                   for n in names])
 
 
 def road_from_text(text: str) -> RideRoad:
     """A road from ``iso-c@20``, ``bump@8``, ``sweep``, ``FILE@10`` or ``FILE#TRACK@10``: kind or file, speed in m/s.
 
     TRACK is a height column by its name or its place from 1; a file with several of them needs one.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    RideRoad
+        At its default speed where the text has none; a file's at 10 m/s.
 
     Examples
     --------
@@ -261,7 +345,7 @@ def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Contr
     return label, law.with_values(**values) if rest else law
 
 
-def named(laws: Sequence[tuple[str, Controller]]) -> dict[str, Controller]:
+def _named(laws: Sequence[tuple[str, Controller]]) -> dict[str, Controller]:
     """Laws by their labels; InputError where two have the same."""
     names = [n for n, _ in laws]
     twice = next((n for n in names if names.count(n) > 1), None)

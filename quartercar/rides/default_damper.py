@@ -19,6 +19,11 @@ frequencies that its data do not reach, it gives energy to the wheel"""
 def identified_damper() -> Damper:
     """The damper of the virtual rig as `identify_damper` found it, without the half minute that takes.
 
+    Returns
+    -------
+    Damper
+        Sampled at 512 Hz; one object for all callers.
+
     Examples
     --------
     >>> damper = identified_damper()
@@ -31,7 +36,18 @@ def identified_damper() -> Damper:
 
 
 def identify_damper(seed: int = 0) -> Damper:
-    """An LPV-ARX damper of second order from the training part of the embedded rig data, anew."""
+    """An LPV-ARX damper of second order from the training part of the embedded rig data, anew.
+
+    Parameters
+    ----------
+    seed : int
+        Of the rig's noise.
+
+    Returns
+    -------
+    Damper
+        Without the first samples of its training records in its metadata.
+    """
     from quartercar.dampers.blackbox.lpv import LpvArx
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import fit

@@ -38,10 +38,21 @@ class Ahead(ABC):
 
     @abstractmethod
     def look(self, k: int) -> np.ndarray:
-        """(cars, P) elevations at the samples k + 1 … k + P less that at k [m]; called once for each k, in order."""
+        """(cars, P) elevations at the samples k + 1 … k + P less that at k [m]; called once for each k, in order.
+
+        Parameters
+        ----------
+        k : int
+            From 0 on.
+
+        Returns
+        -------
+        (cars, P) array
+            [m].
+        """
 
 
-class Blind(Ahead):
+class _Blind(Ahead):
     """No preview."""
 
     def __init__(self, cars: int) -> None:
@@ -52,7 +63,15 @@ class Blind(Ahead):
 
 
 class Known(Ahead):
-    """The profile itself; beyond its end the road stays as it is there."""
+    """The profile itself; beyond its end the road stays as it is there.
+
+    Parameters
+    ----------
+    profiles : (n, cars) array
+        Elevations under the rear axles [m].
+    samples : int
+        P.
+    """
 
     def __init__(self, profiles: np.ndarray, samples: int) -> None:
         self.samples, self.road_error = samples, KNOWN_ERROR
@@ -121,7 +140,7 @@ class FrontAxle(Ahead):
         return levels[:, 1:] - levels[:, :1]
 
 
-class Shared(Ahead):
+class _Shared(Ahead):
     """Cars of the same seed see the same front axle."""
 
     def __init__(self, fronts: Ahead, places: np.ndarray) -> None:
@@ -134,18 +153,38 @@ class Shared(Ahead):
 
 def look_ahead(car: QuarterCar, road: RideRoad, preview: Preview | None, setting: Setting, settings: ChainSettings,
                seeds: Sequence[int], elevation: np.ndarray) -> Ahead:
-    """What (cars,) rear axles with a seed each have of a road of (n, cars) elevations."""
+    """What (cars,) rear axles with a seed each have of a road of (n, cars) elevations.
+
+    Parameters
+    ----------
+    car : QuarterCar
+    road : RideRoad
+    preview : Preview or None
+        None for cars that know nothing of the road ahead.
+    setting : Setting
+        Of the laws.
+    settings : ChainSettings
+        Of the rear axle.
+    seeds : sequence of int
+        One per car; cars of one seed share a front axle.
+    elevation : (n, cars) array
+        Of the road under the rear axles [m].
+
+    Returns
+    -------
+    Ahead
+    """
     if preview is None:
-        return Blind(len(seeds))
+        return _Blind(len(seeds))
     delay = preview.delay(road)
     unique = list(dict.fromkeys(seeds))
     profiles = elevation[:, [list(seeds).index(s) for s in unique]]
     places = np.array([unique.index(s) for s in seeds])
     sensors = preview.sensors or settings.sensors
     if preview.front == "known" or sensors.ideal:
-        return Shared(Known(profiles, int(np.floor(delay / setting.sample_time + 1e-9))), places)
+        return _Shared(Known(profiles, int(np.floor(delay / setting.sample_time + 1e-9))), places)
     speed = road.to_dict().get("speed")
-    return Shared(FrontAxle(car, profiles, delay, preview, setting, settings, unique, speed), places)
+    return _Shared(FrontAxle(car, profiles, delay, preview, setting, settings, unique, speed), places)
 
 
 class EstimateError:
@@ -162,7 +201,14 @@ class EstimateError:
         self._sum, self.samples = np.zeros(elevation.shape[1]), 0
 
     def note(self, k: int, found: np.ndarray) -> None:
-        """The (cars, P) estimate at sample k; where the road ends nothing is counted."""
+        """Count the estimate at sample k; rides leave out samples from which the road ends within the preview.
+
+        Parameters
+        ----------
+        k : int
+        found : (cars, P) array
+            Elevations ahead less that at k, as estimated [m].
+        """
         gap = found - self._true.look(k)
         self._sum += np.mean(gap**2, axis=1)
         self.samples += 1

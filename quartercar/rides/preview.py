@@ -58,6 +58,15 @@ class Preview:
     def delay(self, road: RideRoad) -> float:
         """Between the axles [s].
 
+        Parameters
+        ----------
+        road : RideRoad
+
+        Returns
+        -------
+        float
+            [s].
+
         Raises
         ------
         InputError
@@ -97,6 +106,19 @@ class Preview:
 def preview_from_text(text: str) -> Preview | None:
     """``wheelbase=2.7``, ``time=0.1``, with ``,front=known`` or ``,sensors=stroke-body-wheel``; ``none`` for none.
 
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    Preview or None
+
+    Raises
+    ------
+    InputError
+        A part without ``=``; an unknown key, a value that is no number, front or measurement set.
+
     Examples
     --------
     >>> print(preview_from_text("wheelbase=2.7,front=known"))
@@ -115,7 +137,19 @@ def preview_from_text(text: str) -> Preview | None:
 
 
 def preview_from_table(table: Mapping[str, object], where: str) -> Preview:
-    """From keys and values of a text or of a configuration."""
+    """From keys and values of a text or of a configuration.
+
+    Parameters
+    ----------
+    table : mapping of str to object
+        ``wheelbase`` [m] or ``time`` [s], numbers or text with a unit; ``front`` and ``sensors`` by name.
+    where : str
+        What errors name as the source.
+
+    Returns
+    -------
+    Preview
+    """
     for key in table:
         checks.known_name(key, KEYS, f"key of {where}")
     given: dict = {}

@@ -59,6 +59,15 @@ class RideSettings:
     def period(self, car: QuarterCar) -> float:
         """Of the loop around this car [s].
 
+        Parameters
+        ----------
+        car : QuarterCar
+
+        Returns
+        -------
+        float
+            [s].
+
         Raises
         ------
         InputError
@@ -76,7 +85,19 @@ class RideSettings:
         return found
 
     def setting(self, car: QuarterCar, cars: int) -> Setting:
-        """What the laws of so many cars are given."""
+        """What the laws of so many cars are given.
+
+        Parameters
+        ----------
+        car : QuarterCar
+        cars : int
+            Side by side.
+
+        Returns
+        -------
+        Setting
+            Without preview.
+        """
         return Setting(self.period(car), cars, self.parameters or car.parameters, self.model or car.damper,
                        (car.coil.lowest, car.coil.highest), car.coil)
 
@@ -173,7 +194,29 @@ def ride(car: QuarterCar, road: RideRoad, controller: Controller, seed: int = 0,
 
 def drive(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller], seeds: Sequence[int],
           settings: RideSettings | None = None) -> list[Ride]:
-    """Every controller with the seed beside it; laws run side by side as far as they demand the same thing."""
+    """Every controller with the seed beside it; laws run side by side as far as they demand the same thing.
+
+    Parameters
+    ----------
+    car : QuarterCar
+    road : RideRoad
+    controllers : sequence of Controller
+    seeds : sequence of int
+        Of the road and of the sensors' noise, one for each controller.
+    settings : RideSettings, optional
+
+    Returns
+    -------
+    list of Ride
+        In the order of the controllers.
+
+    Raises
+    ------
+    InputError
+        Another number of seeds than of controllers; as `ride`.
+    NumericalError
+        A car that leaves all bounds.
+    """
     if len(controllers) != len(seeds):
         raise InputError("every controller needs a seed", got=f"{len(seeds)} for {len(controllers)}")
     settings = settings or RideSettings()
@@ -250,6 +293,10 @@ def extrapolation(run: CarRun) -> dict[str, float]:
 
     A hundredth of the range, `Damper.slack` for the current, still counts as inside.
 
+    Parameters
+    ----------
+    run : CarRun
+
     Returns
     -------
     dict of str to float
@@ -271,10 +318,29 @@ def extrapolation(run: CarRun) -> dict[str, float]:
 
 
 def without_run(found: Ride) -> Ride:
-    """The same with its signals thinned to nothing, for collections of many rides."""
+    """The same with its signals thinned to nothing, for collections of many rides.
+
+    Parameters
+    ----------
+    found : Ride
+
+    Returns
+    -------
+    Ride
+        With the first two samples of its run.
+    """
     return replace(found, run=short_run(found.run))
 
 
 def short_run(run: CarRun) -> CarRun:
-    """The first two samples of a run."""
+    """The first two samples of a run.
+
+    Parameters
+    ----------
+    run : CarRun
+
+    Returns
+    -------
+    CarRun
+    """
     return CarRun(run.sample_time, {n: a[:2] for n, a in run.signals.items()}, run.units, run.static_load, run.car)

@@ -68,7 +68,20 @@ class Objective:
         return " + ".join(parts) + cap + ", each over that of the reference law, mean over the rides"
 
     def of(self, figures: Sequence[Figures], references: Sequence[Figures]) -> float:
-        """J of the rides on one road, seed by seed."""
+        """J of the rides on one road, seed by seed.
+
+        Parameters
+        ----------
+        figures : sequence of RideFigures
+            One per seed.
+        references : sequence of RideFigures
+            Of the reference law with the same seeds.
+
+        Returns
+        -------
+        float
+            1 for the reference itself where the weights add up to one and no penalty applies.
+        """
         comfort, tyre, stroke = (float(np.mean([getattr(f, n) / getattr(r, n) for f, r in
                                                 zip(figures, references, strict=True)]))
                                  for n in ("comfort", "tyre_load", "stroke"))
@@ -131,7 +144,12 @@ class Trial:
     reference: Controller | None = None
 
     def references(self) -> Mapping[tuple[str, int], Figures]:
-        """Figures of the reference law, by road and seed."""
+        """Figures of the reference law, by road and seed.
+
+        Returns
+        -------
+        mapping of (str, int) to RideFigures
+        """
         from quartercar.controllers.laws.passive import Passive
 
         law = self.reference or Passive(values={"fixed_current": self.car.coil.lowest})
@@ -139,7 +157,19 @@ class Trial:
                 for r in drive(self.car, road, [law] * len(self.seeds), self.seeds, self.settings)}
 
     def costs(self, controllers: Sequence[Controller], references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
-        """(n,) J of each controller over all roads and seeds; infinite for one that cannot be had or that diverges."""
+        """(n,) J of each controller over all roads and seeds; infinite for one that cannot be had or that diverges.
+
+        Parameters
+        ----------
+        controllers : sequence of Controller
+        references : mapping of (str, int) to RideFigures
+            As from `references`.
+
+        Returns
+        -------
+        (n,) array
+            Means over the roads.
+        """
         total = np.array([0.0 if self._starts(c) else np.inf for c in controllers])
         places = np.flatnonzero(np.isfinite(total)).tolist()
         for road in self.roads:
@@ -164,7 +194,13 @@ class Trial:
             return np.inf
 
     def begin(self, law: Controller) -> None:
-        """Start a law on one car; raises what its design raises."""
+        """Start a law on one car; raises what its design raises.
+
+        Parameters
+        ----------
+        law : Controller
+            Given the setting of this car; nothing of its start is kept.
+        """
         law.start(self.settings.setting(self.car, 1))
 
     def _starts(self, law: Controller) -> bool:

@@ -21,7 +21,19 @@ CAR_CAUSES = ("strut-friction", "payload", "tyre-stiffness", "tyre-damping", "ac
 
 
 class CauseParameter(NamedTuple):
-    """One parameter of a cause."""
+    """One parameter of a cause.
+
+    Attributes
+    ----------
+    name : str
+        As in a PLAN file and as a keyword of `effect`.
+    default : float or str
+        In SI; a word for ``channel`` alone.
+    unit : str
+        SI; empty for a pure number or a word.
+    description : str
+        What it is, with its symbol in the cause's `equation`.
+    """
 
     name: str
     default: float | str
@@ -94,7 +106,18 @@ class Effect:
         object.__setattr__(self, "parameters", MappingProxyType(values))
 
     def apply(self, setup: Setup) -> Setup:
-        """The setup with this effect; untouched when the strength is 0."""
+        """The setup with this effect; untouched when the strength is 0.
+
+        Parameters
+        ----------
+        setup : Setup
+            Numbers of damper and chain so far, those of other effects included.
+
+        Returns
+        -------
+        Setup
+            A copy with the numbers that this cause moves.
+        """
         if self.strength == 0:
             return setup
         return find_cause(self.name).apply(setup, self.parameters, float(self.strength))  # type: ignore[arg-type]
@@ -134,7 +157,23 @@ def effect(name: str, strength: float = 1.0, **parameters: float | str) -> Effec
 
 
 def find_cause(name: str) -> Cause:
-    """Cause by its id."""
+    """Cause by its id.
+
+    Parameters
+    ----------
+    name : str
+        Id, e.g. ``"coil-lag"``.
+
+    Returns
+    -------
+    Cause
+        Entry of `CAUSES`.
+
+    Raises
+    ------
+    InputError
+        An unknown id, or a cause that needs a car around the damper.
+    """
     if name in CAR_CAUSES:
         raise InputError(f"'{name}' cannot be switched on here", got="a rig that holds the damper alone",
                          why="this cause belongs to the quarter-car rig, which is not part of this version")

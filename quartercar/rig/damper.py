@@ -77,20 +77,45 @@ class RigDamper:
 
     @classmethod
     def viscous_only(cls, damping: float, series_stiffness: float = math.inf) -> RigDamper:
-        """F = c v, or the Maxwell element c in series with k: nothing else, for checks against closed forms."""
+        """F = c v, or the Maxwell element c in series with k: nothing else, for checks against closed forms.
+
+        Parameters
+        ----------
+        damping : float
+            c [N·s/m].
+        series_stiffness : float
+            k [N/m]; infinite for the dashpot alone.
+
+        Returns
+        -------
+        RigDamper
+            No yield force, gas, friction or lag.
+        """
         return cls(viscous=damping, viscous_per_current=0.0, yield_base=0.0, yield_per_current=0.0, asymmetry=1.0,
                    series_stiffness=series_stiffness, gas_preload=0.0, gas_stiffness=0.0, friction=0.0, rise_time=0.0,
                    fall_time=0.0)
 
     @classmethod
     def static(cls) -> RigDamper:
-        """Damper without memory, a clean baseline for one cause: F = (900 + 300i) v + (60 + 580i) tanh(v/0.025)."""
+        """Damper without memory, a clean baseline for one cause: F = (900 + 300i) v + (60 + 580i) tanh(v/0.025).
+
+        Returns
+        -------
+        RigDamper
+            Currents i in A, velocities v in m/s: no series spring, saturation, gas, friction or lag.
+        """
         return cls(viscous=900.0, viscous_per_current=300.0, yield_base=60.0, yield_per_current=580.0,
                    yield_current=math.inf, yield_speed=0.025, asymmetry=1.0, series_stiffness=math.inf,
                    gas_preload=0.0, gas_stiffness=0.0, friction=0.0, rise_time=0.0, fall_time=0.0)
 
     def physics(self) -> Physics:
-        """The integrator's numbers for this damper alone."""
+        """The integrator's numbers for this damper alone.
+
+        Returns
+        -------
+        Physics
+            An infinite `series_stiffness` becomes a compliance of 0, an infinite `yield_current` a saturation of 0.
+        """
         return Physics(
             viscous=float(self.viscous), viscous_per_current=float(self.viscous_per_current),
             yield_base=float(self.yield_base), yield_per_current=float(self.yield_per_current),
@@ -106,6 +131,17 @@ class Motion:
     """What the rig imposes, on the fine clock: displacement [m], its two derivatives, the driver's current [A].
 
     Ten minutes are five million samples of the fine clock; the acceleration is computed where it is asked for.
+
+    Attributes
+    ----------
+    displacement : (n,) array
+        Of the piston, positive in extension [m].
+    velocity : (n,) array
+        Its derivative [m/s].
+    command : (n,) array
+        Current that the driver is asked for, before any delay [A].
+    rate : float
+        Of the fine clock [Hz].
     """
 
     displacement: np.ndarray
@@ -115,7 +151,22 @@ class Motion:
 
     @classmethod
     def along(cls, displacement: np.ndarray, command: np.ndarray, rate: float) -> Motion:
-        """Derive the velocity by central differences, one-sided at the two ends."""
+        """Derive the velocity by central differences, one-sided at the two ends.
+
+        Parameters
+        ----------
+        displacement : (n,) array
+            [m].
+        command : (n,) array
+            Current of the driver [A].
+        rate : float
+            Of both [Hz].
+
+        Returns
+        -------
+        Motion
+            The arrays themselves, with the velocity [m/s].
+        """
         velocity = np.gradient(displacement)
         velocity *= rate
         return cls(displacement, velocity, command, rate)
@@ -192,7 +243,24 @@ def respond(setup: Setup, motion: Motion, every: int = 1) -> Response:
 
 
 def low_passed(signal: np.ndarray, frequency: float, damping: float, rate: float) -> np.ndarray:
-    """Second-order low-pass ω²/(s² + 2ζωs + ω²), started at rest on the first sample."""
+    """Second-order low-pass ω²/(s² + 2ζωs + ω²), started at rest on the first sample.
+
+    Parameters
+    ----------
+    signal : (n,) array
+        In any unit.
+    frequency : float
+        Natural frequency ω/2π [Hz].
+    damping : float
+        ζ.
+    rate : float
+        Sampling rate of `signal` [Hz].
+
+    Returns
+    -------
+    (n,) array
+        In the unit of `signal`.
+    """
     from quartercar.rig import _integrator
 
     out = np.empty_like(signal)
@@ -201,7 +269,20 @@ def low_passed(signal: np.ndarray, frequency: float, damping: float, rate: float
 
 
 def delayed(signal: np.ndarray, samples: float) -> np.ndarray:
-    """Signal later by a number of samples, interpolated linearly; the first value stands before the start."""
+    """Signal later by a number of samples, interpolated linearly; the first value stands before the start.
+
+    Parameters
+    ----------
+    signal : (n,) array
+        In any unit.
+    samples : float
+        Delay in samples, whole or not; 0 returns `signal` itself.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of `signal`.
+    """
     if samples == 0:
         return signal
     return np.interp(np.arange(signal.size) - samples, np.arange(signal.size), signal)

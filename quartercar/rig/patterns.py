@@ -20,7 +20,22 @@ class MotionPattern(Protocol):
     kind: ClassVar[str]
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """(samples,) displacement [m] on a clock of `rate` [Hz]."""
+        """(samples,) displacement [m] on a clock of `rate` [Hz].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Draws what is random in it.
+
+        Returns
+        -------
+        (samples,) array
+            [m].
+        """
         ...
 
 
@@ -30,7 +45,24 @@ class CurrentPattern(Protocol):
     kind: ClassVar[str]
 
     def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
-        """(samples,) current [A] at the output rate [Hz]."""
+        """(samples,) current [A] at the output rate [Hz].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            Of the records [Hz].
+        rng : numpy.random.Generator
+            Draws what is random in it.
+        replicate : int
+            Which run of the experiment, counted from 0.
+
+        Returns
+        -------
+        (samples,) array
+            [A].
+        """
         ...
 
 
@@ -47,7 +79,21 @@ class _Finite:
 # -- motions ------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Road(_Finite):
-    """Road profile as a sum of cosines in a band (equations 4.2-4.4 of the thesis; Wong's or an ISO 8608 surface)."""
+    """Road profile as a sum of cosines in a band (equations 4.2-4.4 of the thesis; Wong's or an ISO 8608 surface).
+
+    Attributes
+    ----------
+    surface : str
+        One of `roads.SURFACES`.
+    speed : float
+        Of the vehicle, 25 mph by default [m/s].
+    f_min, f_max : float
+        Lowest and highest frequency [Hz].
+    lines : int
+        Number of cosines.
+    incommensurate : bool
+        Whether each line is drawn inside its bin; without, the road repeats every 10 s as in the thesis.
+    """
 
     kind: ClassVar[str] = "road"
     surface: str = option("smooth-highway", "road surface", roads.SURFACES)
@@ -58,14 +104,43 @@ class Road(_Finite):
     incommensurate: bool = option(True, "draw each line inside its bin; false repeats every 10 s as in the thesis")
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """Elevation of the road [m]."""
+        """Elevation of the road [m].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Draws the phases, and the lines where they are incommensurate.
+
+        Returns
+        -------
+        (samples,) array
+            [m].
+        """
         return roads.profile(samples, rate, roads.surface(self.surface), speed=self.speed, rng=rng, f_min=self.f_min,
                              f_max=self.f_max, lines=self.lines, incommensurate=self.incommensurate)
 
 
 @dataclass(frozen=True)
 class Multisine(_Finite):
-    """Sum of sines of equal amplitude, Schroeder or random phases, lines spread so that nothing repeats."""
+    """Sum of sines of equal amplitude, Schroeder or random phases, lines spread so that nothing repeats.
+
+    Attributes
+    ----------
+    rms : float
+        Root mean square displacement [m].
+    f_min, f_max : float
+        Lowest and highest frequency [Hz].
+    lines : int
+        Number of sines.
+    random_phases : bool
+        Whether phases are drawn; without, they are Schroeder's.
+    incommensurate : bool
+        Whether each line is drawn inside its bin; without, lines stand at the lower edges of the bins.
+    """
 
     kind: ClassVar[str] = "multisine"
     rms: float = quantity(0.0025, "m", "root mean square displacement")
@@ -76,7 +151,22 @@ class Multisine(_Finite):
     incommensurate: bool = option(True, "draw each line inside its bin")
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """Sum of sines [m]."""
+        """Sum of sines [m].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Draws phases and lines, where these are random.
+
+        Returns
+        -------
+        (samples,) array
+            [m].
+        """
         lines = excitation.spread_lines(self.f_min, self.f_max, self.lines, rng if self.incommensurate else None)
         return excitation.multisine(samples, rate, frequencies=lines, rms=self.rms,
                                     rng=rng if self.random_phases else None)
@@ -84,7 +174,17 @@ class Multisine(_Finite):
 
 @dataclass(frozen=True)
 class Chirp(_Finite):
-    """Logarithmic sweep over the record, of equal peak velocity as far as the stroke allows."""
+    """Logarithmic sweep over the record, of equal peak velocity as far as the stroke allows.
+
+    Attributes
+    ----------
+    f_start, f_end : float
+        First and last frequency [Hz].
+    amplitude : float
+        Largest amplitude, which low frequencies have [m].
+    peak_velocity : float
+        Of every frequency above [m/s].
+    """
 
     kind: ClassVar[str] = "chirp"
     f_start: float = quantity(0.5, "Hz", "first frequency")
@@ -93,14 +193,39 @@ class Chirp(_Finite):
     peak_velocity: float = quantity(0.2, "m/s", "peak velocity")
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """Sweep [m]; nothing is random."""
+        """Sweep [m]; nothing is random.
+
+        Parameters
+        ----------
+        samples : int
+            Length; the sweep ends with it.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            [m].
+        """
         return excitation.chirp(samples, rate, f_start=self.f_start, f_end=self.f_end, amplitude=self.amplitude,
                                 peak_velocity=self.peak_velocity)
 
 
 @dataclass(frozen=True)
 class Triangle(_Finite):
-    """Strokes of constant speed with corners rounded by an acceleration limit."""
+    """Strokes of constant speed with corners rounded by an acceleration limit.
+
+    Attributes
+    ----------
+    amplitude : float
+        Half the stroke [m].
+    frequency : float
+        Strokes there and back per second [Hz].
+    acceleration : float
+        Limit at the corners [m/s²].
+    """
 
     kind: ClassVar[str] = "triangle"
     amplitude: float = quantity(0.012, "m", "amplitude")
@@ -108,34 +233,95 @@ class Triangle(_Finite):
     acceleration: float = quantity(40.0, "m/s^2", "acceleration limit at the corners")
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """Triangle [m]; nothing is random."""
+        """Triangle [m]; nothing is random.
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            Starts at 0, rising [m].
+        """
         return excitation.triangle(samples, rate, amplitude=self.amplitude, frequency=self.frequency,
                                    acceleration=self.acceleration)
 
 
 @dataclass(frozen=True)
 class Sine(_Finite):
-    """One sine."""
+    """One sine.
+
+    Attributes
+    ----------
+    amplitude : float
+        [m].
+    frequency : float
+        [Hz].
+    """
 
     kind: ClassVar[str] = "sine"
     amplitude: float = quantity(0.01, "m", "amplitude")
     frequency: float = quantity(3.0, "Hz", "frequency")
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """Sine [m]; nothing is random."""
+        """Sine [m]; nothing is random.
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            Starts at 0, rising [m].
+        """
         return excitation.sine(samples, rate, amplitude=self.amplitude, frequency=self.frequency)
 
 
 @dataclass(frozen=True)
 class Creep(_Finite):
-    """Slow triangle at a given speed: friction and gas alone remain."""
+    """Slow triangle at a given speed: friction and gas alone remain.
+
+    Attributes
+    ----------
+    amplitude : float
+        Half the stroke [m].
+    speed : float
+        On the flanks [m/s].
+    """
 
     kind: ClassVar[str] = "creep"
     amplitude: float = quantity(0.01, "m", "amplitude")
     speed: float = quantity(0.002, "m/s", "speed on the flanks")
 
     def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-        """Slow triangle [m]; nothing is random."""
+        """Slow triangle [m]; nothing is random.
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            [Hz].
+        rng : numpy.random.Generator
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            Sharp corners; starts at 0, rising [m].
+        """
         return excitation.triangle(samples, rate, amplitude=self.amplitude,
                                    frequency=self.speed / (4 * self.amplitude))
 
@@ -143,7 +329,15 @@ class Creep(_Finite):
 # -- currents -----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Icps(_Finite):
-    """Increased clock period signal (equation 4.1 of the thesis)."""
+    """Increased clock period signal (equation 4.1 of the thesis).
+
+    Attributes
+    ----------
+    hold : float
+        Time for which a level is held, rounded to whole samples [s].
+    low, high : float
+        Range of the levels [A].
+    """
 
     kind: ClassVar[str] = "icps"
     hold: float = quantity(0.02, "s", "time a level is held")
@@ -151,13 +345,40 @@ class Icps(_Finite):
     high: float = quantity(2.5, "A", "highest current")
 
     def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
-        """Fresh uniform level every `hold` seconds [A]."""
+        """Fresh uniform level every `hold` seconds [A].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            Of the records [Hz].
+        rng : numpy.random.Generator
+            Draws the levels.
+        replicate : int
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            [A].
+        """
         return excitation.icps(samples, rate, hold=self.hold, low=self.low, high=self.high, rng=rng)
 
 
 @dataclass(frozen=True)
 class Prbs(_Finite):
-    """Pseudo-random binary signal; a register of 11 cells clocked every sample outlasts 20 ms of settling."""
+    """Pseudo-random binary signal; a register of 11 cells clocked every sample outlasts 20 ms of settling.
+
+    Attributes
+    ----------
+    clock : float
+        Time between register clocks, rounded to whole samples [s].
+    low, high : float
+        The two levels [A].
+    cells : int
+        Cells of the shift register; the longest run lasts as many clocks.
+    """
 
     kind: ClassVar[str] = "prbs"
     clock: float = quantity(1 / 512, "s", "time between register clocks")
@@ -166,13 +387,40 @@ class Prbs(_Finite):
     cells: int = option(11, "cells of the shift register")
 
     def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
-        """Two levels [A]."""
+        """Two levels [A].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            Of the records [Hz].
+        rng : numpy.random.Generator
+            Draws the register's first content.
+        replicate : int
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            [A].
+        """
         return excitation.prbs(samples, rate, clock=self.clock, low=self.low, high=self.high, cells=self.cells, rng=rng)
 
 
 @dataclass(frozen=True)
 class Aprbs(_Finite):
-    """PRBS switching instants, a uniform level at each."""
+    """PRBS switching instants, a uniform level at each.
+
+    Attributes
+    ----------
+    clock : float
+        Time between register clocks, rounded to whole samples [s].
+    low, high : float
+        Range of the levels [A].
+    cells : int
+        Cells of the shift register.
+    """
 
     kind: ClassVar[str] = "aprbs"
     clock: float = quantity(1 / 512, "s", "time between register clocks")
@@ -181,32 +429,95 @@ class Aprbs(_Finite):
     cells: int = option(11, "cells of the shift register")
 
     def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
-        """Random levels at random instants [A]."""
+        """Random levels at random instants [A].
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            Of the records [Hz].
+        rng : numpy.random.Generator
+            Draws the register's first content and the levels.
+        replicate : int
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            [A].
+        """
         return excitation.aprbs(samples, rate, clock=self.clock, low=self.low, high=self.high, cells=self.cells,
                                 rng=rng)
 
 
 @dataclass(frozen=True)
 class Constant(_Finite):
-    """One level for a whole run; replicate k runs at level k (the thesis's SC tests have one run for each)."""
+    """One level for a whole run; replicate k runs at level k (the thesis's SC tests have one run for each).
+
+    Attributes
+    ----------
+    levels : tuple of float
+        Current of each replicate, in order [A].
+    """
 
     kind: ClassVar[str] = "constant"
     levels: tuple[float, ...] = quantity((0.0, 0.44, 0.8, 1.2, 1.6, 2.1, 2.5), "A", "level of each replicate")  # type: ignore[arg-type]
 
     def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
-        """Level of this replicate [A]; after the last level it starts over."""
+        """Level of this replicate [A]; after the last level it starts over.
+
+        Parameters
+        ----------
+        samples : int
+            Length.
+        rate : float
+            Not read.
+        rng : numpy.random.Generator
+            Not read.
+        replicate : int
+            Which run of the experiment, counted from 0.
+
+        Returns
+        -------
+        (samples,) array
+            [A].
+        """
         return np.full(samples, float(self.levels[replicate % len(self.levels)]))
 
 
 @dataclass(frozen=True)
 class Stepped(_Finite):
-    """Levels one after another inside one run."""
+    """Levels one after another inside one run.
+
+    Attributes
+    ----------
+    levels : tuple of float
+        Currents in order [A].
+    """
 
     kind: ClassVar[str] = "stepped"
     levels: tuple[float, ...] = quantity((0.0, 0.44, 0.8, 1.2, 1.6, 2.1, 2.5), "A", "levels in order")  # type: ignore[arg-type]
 
     def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
-        """Equal times at each level [A]."""
+        """Equal times at each level [A].
+
+        Parameters
+        ----------
+        samples : int
+            Length, at least one for each level.
+        rate : float
+            Not read.
+        rng : numpy.random.Generator
+            Not read.
+        replicate : int
+            Not read.
+
+        Returns
+        -------
+        (samples,) array
+            [A].
+        """
         return excitation.stepped(samples, self.levels)
 
 

@@ -89,18 +89,53 @@ def load_plan(path: str | Path) -> Plan:
 
 
 def parse_plan(text: str, where: str = "plan") -> Plan:
-    """Plan from TOML text; `where` names it in messages. Raises InputError as `load_plan`."""
+    """Plan from TOML text; `where` names it in messages. Raises InputError as `load_plan`.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    where : str
+        Name of the text in messages.
+
+    Returns
+    -------
+    Plan
+        Rig and experiments as the text states them, defaults for the rest.
+    """
     table = parse_toml(text, where)
     return within(where, lambda: _plan(table))
 
 
 def run_plan(plan: Plan) -> list[Record]:
-    """Run every replicate of every experiment of a plan, in order."""
+    """Run every replicate of every experiment of a plan, in order.
+
+    Parameters
+    ----------
+    plan : Plan
+        Rig, experiments and seed.
+
+    Returns
+    -------
+    list of Record
+        Named ``name-r0``, ``name-r1``, … after the experiments.
+    """
     return list(iterate_plan(plan))
 
 
 def iterate_plan(plan: Plan) -> Iterator[Record]:
-    """Records of a plan one at a time, to be stored as they come."""
+    """Records of a plan one at a time, to be stored as they come.
+
+    Parameters
+    ----------
+    plan : Plan
+        Rig, experiments and seed.
+
+    Yields
+    ------
+    Record
+        One replicate; experiments in the order of the plan, replicates from 0.
+    """
     for experiment in plan.experiments:
         for replicate in range(experiment.replicates):
             yield plan.rig.run(experiment, plan.seed, replicate, truth=plan.truth)
@@ -192,6 +227,11 @@ class _PlanTable:
 def plan_schema() -> dict[str, Any]:
     """JSON schema (2020-12) of a PLAN file, as a plain dict.
 
+    Returns
+    -------
+    dict
+        Keys, types and ranges of every table; other keys are not allowed.
+
     Examples
     --------
     >>> sorted(plan_schema()["properties"])[:3]
@@ -244,7 +284,13 @@ def _effect_schema(name: str) -> dict[str, Any]:
 
 
 def plan_template() -> str:
-    """A commented PLAN file that loads as it stands."""
+    """A commented PLAN file that loads as it stands.
+
+    Returns
+    -------
+    str
+        TOML with every key of rig and sensors at its default, and every cause as a comment.
+    """
     lines = ["# Plan of the virtual rig. Values are SI numbers or text with a unit: 0.005 or \"5 mm\".", "",
              "seed = 0              # of everything random", "truth = false         # true adds what no sensor sees",
              "sample_rate = 512.0   # Hz, of the records", "oversampling = 16     # integration steps per sample", ""]

@@ -45,7 +45,13 @@ class Sensors:
 
     @classmethod
     def perfect(cls) -> Sensors:
-        """No noise at all."""
+        """No noise at all.
+
+        Returns
+        -------
+        Sensors
+            Velocity with a sensor of its own.
+        """
         return cls(0.0, 0.0, 0.0, 0.0)
 
 

@@ -70,7 +70,13 @@ class Rig:
                 raise InputError("effects of a rig must be made by effect(name, …)", got=repr(item))
 
     def setup(self) -> Setup:
-        """Numbers for the integrator and the chain: the damper's, changed by each effect in turn."""
+        """Numbers for the integrator and the chain: the damper's, changed by each effect in turn.
+
+        Returns
+        -------
+        Setup
+            Floats throughout its `physics`, as the compiled integrator needs them.
+        """
         setup = Setup(self.damper.physics(), MeasurementChain())
         for item in self.effects:
             setup = item.apply(setup)
@@ -122,7 +128,20 @@ class Rig:
                       notes=(self._note(seed),))
 
     def run_all(self, experiment: Experiment, seed: int = 0) -> list[Record]:
-        """Every replicate of an experiment."""
+        """Every replicate of an experiment.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Motion, current, duration and number of replicates.
+        seed : int
+            Seed of everything random, of all replicates.
+
+        Returns
+        -------
+        list of Record
+            Named ``name-r0``, ``name-r1``, … after the experiment.
+        """
         return [self.run(experiment, seed, k) for k in range(experiment.replicates)]
 
     def _motion(self, experiment: Experiment, samples: int, warm: int, rng: np.random.Generator,

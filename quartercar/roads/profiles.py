@@ -36,7 +36,20 @@ class Roughness:
     exponent: float
 
     def psd(self, frequency: np.ndarray, speed: float) -> np.ndarray:
-        """One-sided elevation spectrum S(f) = (1/V)·C·(f/V)^(−N) [m²/Hz] (Díaz Salas 2011, eq. 4.2; Wong)."""
+        """One-sided elevation spectrum S(f) = (1/V)·C·(f/V)^(−N) [m²/Hz] (Díaz Salas 2011, eq. 4.2; Wong).
+
+        Parameters
+        ----------
+        frequency : (n,) array
+            f, positive [Hz].
+        speed : float
+            V [m/s].
+
+        Returns
+        -------
+        (n,) array
+            [m²/Hz].
+        """
         return self.coefficient * (np.asarray(frequency, dtype=float) / speed) ** -self.exponent / speed
 
 
@@ -59,6 +72,16 @@ SURFACES: tuple[str, ...] = (*WONG, *(f"iso-{letter.lower()}" for letter in ISO_
 
 def surface(name: str) -> Roughness:
     """A road by name: one of Wong's surfaces, or ``"iso-a"`` … ``"iso-h"`` (waviness 2).
+
+    Parameters
+    ----------
+    name : str
+        One of `SURFACES`.
+
+    Returns
+    -------
+    Roughness
+        Of an ISO class the geometric mean.
 
     Examples
     --------
@@ -249,6 +272,11 @@ class Track:
             [s].
         laps : int
             How often the track is driven; beyond the first each runs backwards or forwards in turn, without a step.
+
+        Returns
+        -------
+        (samples,) array
+            At the samples from the start of the track to the last one within the laps.
         """
         step = checks.positive(speed, "speed", "m/s") * checks.positive(sample_time, "sample_time", "s")
         laps = checks.count(laps, "laps", at_least=1)

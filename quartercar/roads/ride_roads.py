@@ -38,7 +38,20 @@ class RideRoad(Encoded, ABC):
 
     @abstractmethod
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
-        """(n,) elevation over time, from zero [m]."""
+        """(n,) elevation over time, from zero [m].
+
+        Parameters
+        ----------
+        sample_time : float
+            Of the loop [s].
+        seed : int
+            Chooses the road where it is random; the same seed gives the same road.
+
+        Returns
+        -------
+        (n,) array
+            At the samples, the time that does not count included [m].
+        """
 
 
 @dataclass(frozen=True)
@@ -192,7 +205,24 @@ class MeasuredRoad(RideRoad):
     @classmethod
     def read(cls, path: str | Path, speed: float, track: int | str | None = None,
              laps: int | None = None) -> MeasuredRoad:
-        """A profile from a file with distance and height columns (`roads.measured`), by default driven for 5 s."""
+        """A profile from a file with distance and height columns (`roads.measured`), by default driven for 5 s.
+
+        Parameters
+        ----------
+        path : str or Path
+            Any format that `lpvid.read` knows.
+        speed : float
+            [m/s].
+        track : int or str, optional
+            Which height column, by its place or name; needed where there are several.
+        laps : int, optional
+            How often the track is driven; as often as 5 s take where left out.
+
+        Returns
+        -------
+        MeasuredRoad
+            Named after the track.
+        """
         found = roads.measured(path, track)
         needed = int(np.ceil(SHORTEST * checks.positive(speed, "speed", "m/s") / found.length))
         return cls(found, speed, needed if laps is None else laps)

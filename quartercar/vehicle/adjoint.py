@@ -23,12 +23,34 @@ STEP = 1e-6
 
 
 def has_gradient(damper: Damper | None) -> bool:
-    """Whether an `AdjointCar` can carry this damper: a law of `tanh_form`, or a transfer function of `filter_of`."""
+    """Whether an `AdjointCar` can carry this damper: a law of `tanh_form`, or a transfer function of `filter_of`.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        None for a viscous car.
+
+    Returns
+    -------
+    bool
+        False for None.
+    """
     return damper is not None and (tanh_form(damper) is not None or isinstance(filter_of(damper), LPVTransferFunction))
 
 
 def refuse_without_gradient(damper: Damper | None) -> None:
-    """InputError for a damper that an `AdjointCar` cannot carry, which states what can."""
+    """Refuse a damper that an `AdjointCar` cannot carry.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        None is refused.
+
+    Raises
+    ------
+    InputError
+        A damper without gradient, with the kinds that have one.
+    """
     if not has_gradient(damper):
         raise InputError("no bound is available for this damper", got="none" if damper is None else damper.name,
                          why="the gradient of its ride by the current is not built",
@@ -37,7 +59,18 @@ def refuse_without_gradient(damper: Damper | None) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
-    """Damper at N steps of S stages: law (N, S, 8) as `law` reads it; past forces (N, na), past inputs (N, nb, 3)."""
+    """Damper at N steps of S stages: law (N, S, 8) as `law` reads it; past forces (N, na), past inputs (N, nb, 3).
+
+    Attributes
+    ----------
+    law : (N, S, 8) array
+        a_0 … a_7 of `tanh_coefficients.Form` at each step and stage, the force at rest taken off; of a gradient (N, S,
+        7), without the scale a_7.
+    a : (N, na) array
+        Of the past forces, latest first; their sign is that of an autoregression.
+    b : (N, nb, 3) array
+        Of the past velocities, displacements and tanh of the velocity, latest first.
+    """
 
     law: np.ndarray
     a: np.ndarray
@@ -114,6 +147,20 @@ class _Filter:
 
 def coefficients_at(damper: Damper, currents: np.ndarray, rest: float) -> Coefficients:
     """Coefficients of one stage at each of (N,) currents felt, past forces counted from zero.
+
+    Parameters
+    ----------
+    damper : Damper
+        A law of one tanh, or with an identified transfer function inside.
+    currents : (N,) array
+        Behind the coil's lag and the damper's own, in the damper's unit.
+    rest : float
+        Force at rest that is taken off [N].
+
+    Returns
+    -------
+    Coefficients
+        Of N steps with one stage each.
 
     Raises
     ------
@@ -215,6 +262,16 @@ class AdjointCar:
     def run(self, command: np.ndarray) -> GradientRun:
         """Drive under (n,) commands, each held until the next sample; the last one acts on nothing.
 
+        Parameters
+        ----------
+        command : (n,) array
+            In the damper's unit; clipped to the coil's limits.
+
+        Returns
+        -------
+        GradientRun
+            At the samples of the loop.
+
         Raises
         ------
         NumericalError
@@ -235,7 +292,26 @@ class AdjointCar:
         return self._profile.size - 1, self._stages.ends.size
 
     def driven(self, c: Coefficients, currents: tuple[Any, ...] = ()) -> GradientRun:
-        """Drive with given coefficients of the damper, instead of those that a command gives."""
+        """Drive with given coefficients of the damper, instead of those that a command gives.
+
+        Parameters
+        ----------
+        c : Coefficients
+            Of as many steps and stages as `shape` has.
+        currents : tuple of arrays
+            What `run` keeps of the currents, for `gradient` and `car_run`; empty where `gradient_by_coefficients` alone
+            is used.
+
+        Returns
+        -------
+        GradientRun
+            At the samples of the loop.
+
+        Raises
+        ------
+        NumericalError
+            A car that leaves all bounds.
+        """
         from quartercar.vehicle._adjoint_kernels import forward
 
         stages, (count, size) = self._stages, self.shape
@@ -250,7 +326,20 @@ class AdjointCar:
         return self._signals(motion[at], pairs[at, -1], (currents, c, pairs, places, past))
 
     def car_run(self, run: GradientRun, command: np.ndarray) -> CarRun:
-        """Every signal of a trajectory under the (n,) commands that gave it."""
+        """Every signal of a trajectory under the (n,) commands that gave it.
+
+        Parameters
+        ----------
+        run : GradientRun
+            As `run` returned it.
+        command : (n,) array
+            The commands of that run, in the damper's unit.
+
+        Returns
+        -------
+        CarRun
+            At the samples of the loop.
+        """
         (_, in_coil, *_), _, pairs, _, _ = run.state
         pair = pairs[::self._parts, -1]
         current = np.concatenate([[self._first], in_coil[:, -1]])
@@ -285,7 +374,21 @@ class AdjointCar:
 
     def gradient(self, at: GradientRun, acceleration: np.ndarray, tyre_force: np.ndarray, deflection: np.ndarray,
                  speed: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(n,) gradient by the command of a scalar, from its gradients by the (n,) signals of a trajectory."""
+        """(n,) gradient by the command of a scalar, from its gradients by the (n,) signals of a trajectory.
+
+        Parameters
+        ----------
+        at : GradientRun
+            As `run` returned it.
+        acceleration, tyre_force, deflection, speed, force : (n,) arrays
+            Gradients by the signals of these names in `at`, per SI unit of each.
+
+        Returns
+        -------
+        (n,) array
+            Per unit of current; zero at the last sample, whose command acts on nothing. A command beyond a limit of the
+            coil has the gradient of the one at the limit.
+        """
         from quartercar.vehicle._adjoint_kernels import currents_back
 
         command, in_coil, lagged, p = at.state[0]
@@ -297,7 +400,20 @@ class AdjointCar:
 
     def gradient_by_coefficients(self, at: GradientRun, acceleration: np.ndarray, tyre_force: np.ndarray,
                                  deflection: np.ndarray, speed: np.ndarray, force: np.ndarray) -> Coefficients:
-        """The same by the damper's coefficients; of the law (N, S, 7), its scale a_7 left out."""
+        """The same by the damper's coefficients; of the law (N, S, 7), its scale a_7 left out.
+
+        Parameters
+        ----------
+        at : GradientRun
+            As `run` or `driven` returned it.
+        acceleration, tyre_force, deflection, speed, force : (n,) arrays
+            Gradients by the signals of these names in `at`, per SI unit of each.
+
+        Returns
+        -------
+        Coefficients
+            Gradients in place of the coefficients.
+        """
         from quartercar.vehicle._adjoint_kernels import backward
 
         _, c, pairs, places, past = at.state

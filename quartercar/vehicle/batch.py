@@ -54,6 +54,13 @@ class Fleet(ABC):
     def advance(self, road: np.ndarray, command: np.ndarray) -> None:
         """Go on to (cars,) elevations at the coming sample under (cars,) commands held until then.
 
+        Parameters
+        ----------
+        road : (cars,) array
+            At the coming sample, linear from here [m].
+        command : (cars,) array
+            In the damper's unit; the coil limits it.
+
         Raises
         ------
         NumericalError
@@ -82,6 +89,22 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     Laws of the form of `tanh_form`, identified transfer functions and state spaces are stepped together; any other
     damper car by car, which takes a few milliseconds per simulated second and car longer.
 
+    Parameters
+    ----------
+    car : QuarterCar
+        The same for all.
+    sample_time : float
+        Of the control loop [s].
+    road : (cars,) array
+        Elevation at the start [m].
+    current : (cars,) array
+        Command before the start, in the damper's unit.
+
+    Returns
+    -------
+    Fleet
+        Cars at rest.
+
     Raises
     ------
     InputError
@@ -96,8 +119,25 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     return _SteppedFleet(car, sample_time, road, current)
 
 
-def follow(coil: Coil, current: np.ndarray, command: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(cars, t) currents at (t,) times after (cars,) commands began to be held, as `Coil.follow`."""
+def _follow(coil: Coil, current: np.ndarray, command: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(cars, t) currents at (t,) times after (cars,) commands began to be held, as `Coil.follow`.
+
+    Parameters
+    ----------
+    coil : Coil
+        For its time constants; its limits do not count.
+    current : (cars,) array
+        When the commands began to be held.
+    command : (cars,) array
+        Already limited.
+    times : (t,) array
+        From then on [s].
+
+    Returns
+    -------
+    (cars, t) array
+        In the unit of the command.
+    """
     tau = np.where(command > current, coil.rise_time, coil.fall_time)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(tau > 0, np.exp(-times / np.where(tau > 0, tau, 1.0)), 0.0)
@@ -121,7 +161,7 @@ class _LawFleet(Fleet):
 
         cars, stages = road.size, self._stages
         shares = (np.arange(self._parts)[:, None] + stages.ends[None]).ravel()
-        currents = follow(self.car.coil, self.current, self.car.coil.limited(command), shares * self._step)
+        currents = _follow(self.car.coil, self.current, self.car.coil.limited(command), shares * self._step)
         coefficients = np.zeros((currents.size, 8)) if self._form is None else self._form(currents.ravel())
         if self._form is not None:
             coefficients[:, 0] -= self.car.preload
@@ -160,8 +200,8 @@ class _FilterFleet(Fleet):
         command = self.car.coil.limited(command)
         rise = (road - self.road) / self._parts
         for part in range(self._parts):
-            self.current = follow(self.car.coil, self.current, command, step)[:, 0]
-            self._filtered = follow(self._lag, self._filtered, self.current, step)[:, 0]
+            self.current = _follow(self.car.coil, self.current, command, step)[:, 0]
+            self._filtered = _follow(self._lag, self._filtered, self.current, step)[:, 0]
             law = self._bank.approach(self._filtered)
             law[:, 0] -= self._rest
             here = self.road + part * rise
@@ -188,7 +228,19 @@ class _SteppedFleet(Fleet):
 
 
 def lag_coil(model) -> Coil:
-    """The lag that an identified model puts on its current, as a coil."""
+    """The lag that an identified model puts on its current, as a coil.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        As `filter_of` gives it.
+
+    Returns
+    -------
+    Coil
+        With the time constants of the model's lag [s] and without limits; one that follows at once where there is no
+        lag.
+    """
     lag = model.scheduling_stage
     return Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)
 
@@ -201,7 +253,18 @@ def _limits(car: QuarterCar) -> tuple[np.ndarray, np.ndarray]:
 
 
 def true_signals(fleet: Fleet) -> dict[str, np.ndarray]:
-    """(cars,) of every signal that a sensor may measure (`controllers.sensing.TRUE`)."""
+    """(cars,) of every signal that a sensor may measure (`controllers.sensing.TRUE`).
+
+    Parameters
+    ----------
+    fleet : Fleet
+        At its present sample.
+
+    Returns
+    -------
+    dict of str to (cars,) array
+        SI, without noise.
+    """
     zs, vs, zu, vu = fleet.motion.T
     body, wheel = fleet.accelerations
     return {"suspension_deflection": zs - zu, "suspension_velocity": vs - vu, "body_acceleration": body,
@@ -209,7 +272,15 @@ def true_signals(fleet: Fleet) -> dict[str, np.ndarray]:
 
 
 class Log:
-    """Every sample of a fleet, for the runs that are made of it at the end."""
+    """Every sample of a fleet, for the runs that are made of it at the end.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        Observed at every `note`.
+    roads : (n, cars) array
+        Elevation at every sample [m].
+    """
 
     def __init__(self, fleet: Fleet, roads: np.ndarray) -> None:
         n, cars = roads.shape
@@ -219,14 +290,38 @@ class Log:
         self._k = 0
 
     def note(self, command: np.ndarray) -> None:
-        """The fleet at this sample, and the command from here on."""
+        """The fleet at this sample, and the command from here on.
+
+        Parameters
+        ----------
+        command : (cars,) array
+            In the damper's unit, before the coil's limits.
+        """
         f, k = self._fleet, self._k
         self._motion[k] = f.motion
         self._others[:, k] = f.strut, f.tyre, f.current, command
         self._k += 1
 
     def run(self, car: int) -> CarRun:
-        """What one car did."""
+        """What one car did.
+
+        Parameters
+        ----------
+        car : int
+            Its place in the fleet, from 0.
+
+        Returns
+        -------
+        CarRun
+            Complete once every sample of the roads is noted.
+
+        Raises
+        ------
+        InputError
+            No car at that place.
+        NumericalError
+            A car that left all bounds.
+        """
         if not 0 <= car < self._roads.shape[1]:
             raise InputError("no such car in the fleet", got=car)
         strut, tyre, current, command = self._others[:, :, car]

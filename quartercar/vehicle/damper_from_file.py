@@ -23,6 +23,16 @@ PROBES = np.array([0.05, 0.1, 0.2, 0.3])
 def car_damper(path: str | Path) -> Damper:
     """The damper in a file, refused with one line where a car would be driven by it or leave all bounds.
 
+    Parameters
+    ----------
+    path : str or Path
+        A damper file, as `load_damper` reads it.
+
+    Returns
+    -------
+    Damper
+        Ready for a car.
+
     Raises
     ------
     InputError
@@ -35,7 +45,20 @@ def car_damper(path: str | Path) -> Damper:
 
 
 def check_sense(damper: Damper, label: str) -> None:
-    """Refuse a force that drives the motion."""
+    """Refuse a force that drives the motion.
+
+    Parameters
+    ----------
+    damper : Damper
+        Its force is evaluated at `PROBES` and the middle of its usual currents.
+    label : str
+        What the message begins with, the file for instance.
+
+    Raises
+    ------
+    InputError
+        Records of reversed polarity, or a force that gives energy at all of the speeds.
+    """
     if damper.polarity < 0:
         raise InputError(f"{label}: the damper was identified from records of reversed polarity",
                          why="its force is measured against the velocity, so that a car would be driven by it",
@@ -59,6 +82,20 @@ def check_stable(damper: Damper, label: str, currents: tuple[float, float] | Non
 
     Exact over the range for one scheduling variable (`lpvid.analysis.frozen_stability`). A model that schedules itself
     is bounded by what it is made of, and not looked at.
+
+    Parameters
+    ----------
+    damper : Damper
+        Anything but an identified transfer function or state space passes.
+    label : str
+        What the message begins with, the file for instance.
+    currents : (float, float), optional
+        Range, in the damper's unit; that of its training records where left out.
+
+    Raises
+    ------
+    InputError
+        A pole on or outside the unit circle, with the current at which it lies.
     """
     if not isinstance(damper, SampledDamper) or damper.clock is None:
         return
@@ -82,7 +119,22 @@ def check_stable(damper: Damper, label: str, currents: tuple[float, float] | Non
 
 
 def check_rate(damper: Damper, parameters: CarParameters, label: str) -> None:
-    """Refuse a sampled damper whose Nyquist frequency lies below the car's wheel hop √((k_s + k_t)/m_us)/2π."""
+    """Refuse a sampled damper whose Nyquist frequency lies below the car's wheel hop √((k_s + k_t)/m_us)/2π.
+
+    Parameters
+    ----------
+    damper : Damper
+        One without a clock of its own passes.
+    parameters : CarParameters
+        For the wheel hop.
+    label : str
+        What the message begins with, the file for instance.
+
+    Raises
+    ------
+    InputError
+        A Nyquist frequency at or below the wheel hop.
+    """
     if damper.clock is None:
         return
     stiffness = parameters.spring_stiffness + parameters.tyre_stiffness
@@ -101,6 +153,12 @@ def current_limits(damper: Damper, otherwise: float) -> tuple[float, float]:
     damper : Damper
     otherwise : float
         Highest current where the damper knows no range.
+
+    Returns
+    -------
+    (float, float)
+        Lowest, not below zero, and highest, in the damper's unit; 0 and `otherwise` for a damper that does not read the
+        current.
 
     Examples
     --------

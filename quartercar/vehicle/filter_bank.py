@@ -22,6 +22,16 @@ def filter_of(damper: Damper | None) -> LPVTransferFunction | LPVStateSpace | No
 
     That is: inputs velocity and displacement, at most a tanh stage on the velocity, coefficients by the present current
     behind at most a lag.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        None gives None.
+
+    Returns
+    -------
+    LPVTransferFunction or LPVStateSpace or None
+        With the present values of the damper's parameters.
     """
     if not isinstance(damper, SampledDamper) or damper.stored is None:
         return None
@@ -40,7 +50,20 @@ def filter_of(damper: Damper | None) -> LPVTransferFunction | LPVStateSpace | No
 
 
 def bank(model: LPVTransferFunction | LPVStateSpace, cars: int) -> Bank:
-    """Copies of a model, as `filter_of` gives it, side by side."""
+    """Copies of a model, as `filter_of` gives it, side by side.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        As `filter_of` gives it.
+    cars : int
+        How many copies.
+
+    Returns
+    -------
+    Bank
+        Not yet settled: `begin` comes first.
+    """
     return FilterBank(model, cars) if isinstance(model, LPVTransferFunction) else StateBank(model, cars)
 
 

@@ -41,6 +41,11 @@ class LinearPart:
         """ẋ = A x + B_r (z_r, ż_r) + B_f (f, g) with x = (z_s, ż_s, z_us, ż_us).
 
         f pulls the masses together, g presses the unsprung mass down beside the tyre's linear force.
+
+        Returns
+        -------
+        tuple of three arrays
+            A (4, 4), B_r (4, 2) and B_f (4, 2).
         """
         k, c, kt, ct = self.stiffness, self.damping, self.tyre_stiffness, self.tyre_damping
         forces = np.array([[-k, -c, k, c], [k, c, -k - kt, -c - ct]])
@@ -78,6 +83,18 @@ class IntegratorStages:
         """Two stages with a force constant in each, order 2, L-stable: for laws that may be as steep as a sign.
 
         f_1 acts over (1−γ)h and f_2 over the last γh; f_1 is the law at the end of a trial step γh under f_1.
+
+        Parameters
+        ----------
+        part : LinearPart
+            Masses, springs and linear damping.
+        step : float
+            h [s].
+
+        Returns
+        -------
+        IntegratorStages
+            Stages that end at γ and 1.
         """
         whole, tail = _exponential(part, (1 - GAMMA) * step), _exponential(part, GAMMA * step)
         early = tail.state @ whole.state
@@ -89,7 +106,20 @@ class IntegratorStages:
 
     @classmethod
     def ramp(cls, part: LinearPart, step: float) -> IntegratorStages:
-        """One stage with a force that is linear over the step, order 2: for dampers with a memory or a clock."""
+        """One stage with a force that is linear over the step, order 2: for dampers with a memory or a clock.
+
+        Parameters
+        ----------
+        part : LinearPart
+            Masses, springs and linear damping.
+        step : float
+            [s].
+
+        Returns
+        -------
+        IntegratorStages
+            One stage, which ends at 1.
+        """
         e = _exponential(part, step)
         force = np.array([[e.level - e.slope / step, e.slope / step]])
         return cls(np.ones(1), e.state[None], e.road[None], force)

@@ -44,14 +44,31 @@ class StateSpace:
     outputs: tuple[str, ...]
 
     def to_control(self) -> control.StateSpace:
-        """As python-control has it, with the same names."""
+        """As python-control has it, with the same names.
+
+        Returns
+        -------
+        control.StateSpace
+            Continuous; python-control has to be installed.
+        """
         import control
 
         return control.StateSpace(self.A, self.B, self.C, self.D, states=list(self.states), inputs=list(self.inputs),
                                   outputs=list(self.outputs))
 
     def select(self, inputs: tuple[str, ...] | None = None, outputs: tuple[str, ...] | None = None) -> StateSpace:
-        """The same with some of its inputs and outputs, in the order requested."""
+        """The same with some of its inputs and outputs, in the order requested.
+
+        Parameters
+        ----------
+        inputs, outputs : tuple of str, optional
+            Names to keep; all where left out.
+
+        Returns
+        -------
+        StateSpace
+            With all of its states.
+        """
         inputs, outputs = inputs or self.inputs, outputs or self.outputs
         columns = [self.inputs.index(checks.known_name(n, self.inputs, "input")) for n in inputs]
         rows = [self.outputs.index(checks.known_name(n, self.outputs, "output")) for n in outputs]
@@ -86,7 +103,13 @@ class LinearCar:
 
     # -- state spaces ------------------------------------------------------------------------------------------------
     def relative(self) -> StateSpace:
-        """States z_s − z_us, ż_s, z_us − z_r, ż_us; inputs road velocity ż_r and damper force F."""
+        """States z_s − z_us, ż_s, z_us − z_r, ż_us; inputs road velocity ż_r and damper force F.
+
+        Returns
+        -------
+        StateSpace
+            Outputs as `RELATIVE`; SI.
+        """
         ms, mu, k, c, kt, ct = self._numbers
         a = np.array([[0, 1, 0, -1], [-k / ms, -c / ms, 0, c / ms], [0, 0, 0, 1],
                       [k / mu, c / mu, -kt / mu, -(c + ct) / mu]])
@@ -98,7 +121,13 @@ class LinearCar:
                                                "wheel_velocity"), ("road_velocity", "damper_force"), RELATIVE)
 
     def absolute(self) -> StateSpace:
-        """States z_s, ż_s, z_us, ż_us; inputs road z_r, its velocity (it counts with c_t only), damper force F."""
+        """States z_s, ż_s, z_us, ż_us; inputs road z_r, its velocity (it counts with c_t only), damper force F.
+
+        Returns
+        -------
+        StateSpace
+            Outputs as `OUTPUTS`; SI.
+        """
         ms, mu, k, c, kt, ct = self._numbers
         a = np.array([[0, 1, 0, 0], [-k / ms, -c / ms, k / ms, c / ms], [0, 0, 0, 1],
                       [k / mu, c / mu, -(k + kt) / mu, -(c + ct) / mu]])
@@ -121,6 +150,11 @@ class LinearCar:
             [Hz].
         output : str
 
+        Returns
+        -------
+        (n,) complex array
+            In the unit of the output per metre of road.
+
         Examples
         --------
         >>> from quartercar.parameters import MEGANE
@@ -134,7 +168,13 @@ class LinearCar:
         return states @ system.C[0] + system.D[0, 0] + s * system.D[0, 1]
 
     def modes(self) -> list[tuple[float, float]]:
-        """(frequency [Hz], damping ratio) of every oscillation, slowest first; an overdamped pole counts by itself."""
+        """(frequency [Hz], damping ratio) of every oscillation, slowest first; an overdamped pole counts by itself.
+
+        Returns
+        -------
+        list of (float, float)
+            Undamped frequency |p|/2π [Hz], damping ratio −Re p/|p|.
+        """
         poles = np.linalg.eigvals(self.relative().A)
         kept = sorted((p for p in poles if p.imag >= 0), key=abs)
         return [(float(abs(p) / (2 * np.pi)), float(-p.real / abs(p))) for p in kept]
@@ -143,6 +183,16 @@ class LinearCar:
         """(frequency [Hz], gain to road elevation) that no force between the masses can change; tyre without damping.
 
         Body acceleration: k_t/m_s at ω² = k_t/m_us. Suspension deflection: (m_s + m_us)/m_s at ω² = k_t/(m_s + m_us).
+
+        Returns
+        -------
+        dict of str to (float, float)
+            Of `body_acceleration` [1/s²] and `suspension_deflection` [1].
+
+        Raises
+        ------
+        InputError
+            A tyre with damping.
         """
         ms, mu, _, _, kt, ct = self._numbers
         if ct:
@@ -157,6 +207,11 @@ class LinearCar:
         With M = m_s + m_us: acceleration² = (M k²/c + c k_t)/(2 m_s²), deflection² = M/(2c), deflection rate² =
         k_t/(2c); the others from the stationary moments of 4.1, solved by hand. A tyre with damping passes white noise
         on: `lyapunov_norms` then gives the norms that exist.
+
+        Returns
+        -------
+        dict of str to float
+            By the names of `RELATIVE`, in the SI unit of each, for an intensity of 1 m²/s.
 
         Raises
         ------
@@ -183,6 +238,11 @@ class LinearCar:
     def lyapunov_norms(self) -> dict[str, float]:
         """The same by A P + P Aᵀ + B Bᵀ = 0, for any car; infinite where white noise passes straight through.
 
+        Returns
+        -------
+        dict of str to float
+            As `h2_norms`.
+
         Raises
         ------
         NumericalError
@@ -203,6 +263,18 @@ class LinearCar:
         """Rms of each relative output on an ISO 8608 road (waviness 2, no cut-off) at a constant speed [m/s].
 
         The road's velocity is white, of one-sided density 4π²n_0²G_d V, so that rms = H2·√(half of it).
+
+        Parameters
+        ----------
+        road_class : str
+            ``"A"`` … ``"H"``.
+        speed : float
+            [m/s].
+
+        Returns
+        -------
+        dict of str to float
+            By the names of `RELATIVE`, SI.
         """
         density = 4 * np.pi**2 * iso_roughness(road_class).coefficient * checks.positive(speed, "speed", "m/s")
         return {name: norm * float(np.sqrt(density / 2)) for name, norm in self.lyapunov_norms().items()}

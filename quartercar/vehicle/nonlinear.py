@@ -37,12 +37,34 @@ class BumpStops:
             object.__setattr__(self, name, checks.positive(getattr(self, name), f"{name} of a bump stop"))
 
     def force(self, deflection: np.ndarray) -> np.ndarray:
-        """Force at deflections [N], positive in extension."""
+        """Force at deflections [N], positive in extension.
+
+        Parameters
+        ----------
+        deflection : array
+            z_d from the static position, positive in extension, of any shape [m].
+
+        Returns
+        -------
+        array
+            Of the same shape; zero between the stops.
+        """
         z = np.asarray(deflection, dtype=float)
         return self.stiffness * (np.maximum(z - self.rebound, 0.0) - np.maximum(-z - self.compression, 0.0))
 
     def energy(self, deflection: np.ndarray) -> np.ndarray:
-        """Stored energy at deflections [J]."""
+        """Stored energy at deflections [J].
+
+        Parameters
+        ----------
+        deflection : array
+            z_d from the static position, positive in extension, of any shape [m].
+
+        Returns
+        -------
+        array
+            Of the same shape; zero between the stops.
+        """
         return 0.5 * self.force(deflection) ** 2 / self.stiffness
 
 
@@ -70,11 +92,36 @@ class Coil:
             raise InputError("the current's limits run from low to high", got=f"{self.lowest} to {self.highest}")
 
     def limited(self, command: np.ndarray) -> np.ndarray:
-        """The command within the limits."""
+        """The command within the limits.
+
+        Parameters
+        ----------
+        command : array
+            In the damper's `current_unit`, of any shape.
+
+        Returns
+        -------
+        array
+            Of the same shape.
+        """
         return np.clip(command, self.lowest, self.highest)
 
     def follow(self, current: float, command: float, times: np.ndarray) -> np.ndarray:
         """Current at times after a limited command began to be held [s].
+
+        Parameters
+        ----------
+        current : float
+            When the command began to be held.
+        command : float
+            Already limited.
+        times : (n,) array
+            From then on [s].
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the command.
 
         Examples
         --------
@@ -162,11 +209,37 @@ class QuarterCar:
         return 0.0 if self.damper is None else float(np.atleast_1d(self.damper.conservative_force(np.zeros(1)))[0])
 
     def passive(self) -> LinearCar:
-        """The linear car of the same parameters, with their passive damper."""
+        """The linear car of the same parameters, with their passive damper.
+
+        Returns
+        -------
+        LinearCar
+            Without stops, lift-off and the nonlinear damper.
+        """
         return LinearCar(self.parameters)
 
     def start(self, sample_time: float, road: float = 0.0, current: float = 0.0):
-        """At rest on a road of this elevation, ready to be driven on piece by piece; see `car_stepper.CarStepper`."""
+        """At rest on a road of this elevation, ready to be driven on piece by piece; see `car_stepper.CarStepper`.
+
+        Parameters
+        ----------
+        sample_time : float
+            From one sample of road and command to the next [s].
+        road : float
+            Elevation at the start [m].
+        current : float
+            Command before the start, in the damper's unit.
+
+        Returns
+        -------
+        CarStepper
+            Driven on by its `advance`.
+
+        Raises
+        ------
+        InputError
+            A sample time that is not positive; a damper that runs at another rate only.
+        """
         from quartercar.vehicle.stepper import CarStepper
 
         return CarStepper(self, checks.positive(sample_time, "sample_time", "s"), road, current)

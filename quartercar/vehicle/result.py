@@ -79,6 +79,24 @@ class CarRun(Shown):
     def of(cls, car: QuarterCar, sample_time: float, road: np.ndarray, command: np.ndarray, states: States) -> CarRun:
         """Every signal from the states of a run.
 
+        Parameters
+        ----------
+        car : QuarterCar
+            What was driven.
+        sample_time : float
+            [s].
+        road : (n,) array
+            Elevation at the samples [m].
+        command : (n,) array
+            Held from each sample to the next, in the damper's unit.
+        states : States
+            At the samples.
+
+        Returns
+        -------
+        CarRun
+            Its arrays are read-only.
+
         Raises
         ------
         NumericalError
@@ -122,14 +140,31 @@ class CarRun(Shown):
         return self.sample_time * np.arange(self.n_samples)
 
     def after(self, time: float) -> CarRun:
-        """The run from a time on [s], its start left out of every figure."""
+        """The run from a time on [s], its start left out of every figure.
+
+        Parameters
+        ----------
+        time : float
+            From the first sample [s]; the first sample kept is the one at it or after.
+
+        Returns
+        -------
+        CarRun
+            Of at least two samples.
+        """
         first = int(np.ceil(checks.real(time, "time") / self.sample_time - 1e-9))
         checks.count(self.n_samples - first, "the number of samples after the start of a run", at_least=2)
         return CarRun(self.sample_time, {n: checks.frozen_array(a[first:], n) for n, a in self.signals.items()},
                       self.units, self.static_load, self.car)
 
     def energy(self) -> EnergyBalance:
-        """Where the energy went: the static forces, which do no net work about the equilibrium, are left out."""
+        """Where the energy went: the static forces, which do no net work about the equilibrium, are left out.
+
+        Returns
+        -------
+        EnergyBalance
+            Over the whole run.
+        """
         s, p, car = self.signals, self.car.parameters, self.car
         road_rate = np.diff(s["road"]) / self.sample_time
         tyre_damping = 0.0
@@ -159,7 +194,18 @@ class CarRun(Shown):
         return energy if car.stops is None else energy + car.stops.energy(s["suspension_deflection"])
 
     def to_record(self, name: str = "car") -> Record:
-        """As a record of lpvid, with the damper's motion under the names that dampers read."""
+        """As a record of lpvid, with the damper's motion under the names that dampers read.
+
+        Parameters
+        ----------
+        name : str
+            Of the record.
+
+        Returns
+        -------
+        Record
+            `displacement` [m], `velocity` [m/s] and `force` [N] of the damper, then every signal of the run.
+        """
         s = self.signals
         channels: Any = {"displacement": s["suspension_deflection"], "velocity": s["suspension_velocity"],
                     "force": s["damper_force"], **s}

@@ -209,14 +209,29 @@ class CarStepper:
             bump = stiffness * (max(z - rebound, 0.0) - max(-z - compression, 0.0))
             return inner.trial(z, v) - self._rest + bump
 
-        f = found(wanted, f, self._held)
+        f = _found(wanted, f, self._held)
         z, v, g = motion(f)
         inner.commit(z, v)
         return np.array([f, g]), base + weight @ np.array([f, g])
 
 
-def found(wanted, f: float, held: np.ndarray) -> float:
-    """The f at which wanted(f) = f, from a guess; held[2] keeps the slope from call to call."""
+def _found(wanted, f: float, held: np.ndarray) -> float:
+    """The f at which wanted(f) = f, from a guess; held[2] keeps the slope from call to call.
+
+    Parameters
+    ----------
+    wanted : callable
+        From a force to the force that the law has there [N]; falling, or rising with a slope below one.
+    f : float
+        Guess [N].
+    held : (3,) array
+        Changed in place: `held[2]` is the slope of `wanted`.
+
+    Returns
+    -------
+    float
+        f, within `CLOSE`·(1 + |f|) or after `ITERATIONS` steps [N].
+    """
     low, high, slope = -np.inf, np.inf, float(held[2])
     y = wanted(f)
     for count in range(ITERATIONS):

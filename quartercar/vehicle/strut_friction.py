@@ -42,11 +42,35 @@ class CarCore:
     output: str = "sprung"
 
     def changed(self, friction: float = 0.0, **changes: float) -> CarCore:
-        """The same with friction added, and some parameters replaced."""
+        """The same with friction added, and some parameters replaced.
+
+        Parameters
+        ----------
+        friction : float
+            Added to F_c [N].
+        **changes : float
+            Fields of `CarParameters` by name, SI.
+
+        Returns
+        -------
+        CarCore
+            With the same output.
+        """
         return replace(self, car=self.car.replace(**changes), friction=self.friction + friction)
 
     def states(self, s: Signals) -> np.ndarray:
-        """(n, 4) z_s, ż_s, z_us, ż_us along signals."""
+        """(n, 4) z_s, ż_s, z_us, ż_us along signals.
+
+        Parameters
+        ----------
+        s : Signals
+            `road` [m], the measured positions of both masses [m], and `actuator` [N] where there is one.
+
+        Returns
+        -------
+        (n, 4) array
+            [m, m/s, m, m/s].
+        """
         from quartercar.vehicle import _strut_friction_kernels as kernels
 
         force = s["actuator"] if s.has("actuator") else np.zeros(s.n_samples)
@@ -66,6 +90,13 @@ class CarCore:
 
 def discretised(car: CarParameters, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Exact step of the linear car for road and actuator force that are linear between samples.
+
+    Parameters
+    ----------
+    car : CarParameters
+        Masses, springs and dampings.
+    step : float
+        [s].
 
     Returns
     -------

@@ -13,5 +13,16 @@ Form = Callable[[np.ndarray], np.ndarray]
 
 
 def tanh_form(damper: Damper | None) -> Form | None:
-    """The coefficients of a law by the current; None for a damper that is not of this form."""
+    """The coefficients of a law by the current; None for a damper that is not of this form.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        None gives None.
+
+    Returns
+    -------
+    Form or None
+        From (n,) currents to (n, 8) coefficients, the force at rest included.
+    """
     return None if damper is None else damper.tanh_form()

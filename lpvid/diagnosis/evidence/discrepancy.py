@@ -46,6 +46,17 @@ class Discrepancy:
 
         Additive: products of speed and position reproduce every loop of a periodic record (diagnosis_real).
         Rahimi and Recht (2007), random Fourier features.
+
+        Parameters
+        ----------
+        problem : DiagnosisProblem
+        baseline : Baseline
+            Its channels that every record has are the inputs, the output apart; without any there is one column of
+            zeros.
+
+        Returns
+        -------
+        Discrepancy
         """
         rng = np.random.default_rng(0)
         driving = [c for c in baseline.channels if c != baseline.output and all(s.has(c) for s in problem.signals)]
@@ -106,6 +117,11 @@ def marginal(squared: float, along: np.ndarray, d: Discrepancy, count: int, kept
         N.
     kept : float
         κ.
+
+    Returns
+    -------
+    Marginal
+        Of the sizes in `SIZES`, the one that is most probable.
     """
     mean = max(squared / count, 1e-300)
     low, high = np.full(SIZES.size, np.log(mean) - 9.0), np.full(SIZES.size, np.log(mean) + 1.0)

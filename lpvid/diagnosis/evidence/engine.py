@@ -96,6 +96,27 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     """What the visited sets say, measured on all samples: the most probable set that data not seen bear out.
 
     While those that they do not hold less than half of the weight: beyond that the weights are not to be trusted.
+
+    Parameters
+    ----------
+    search : SetSearch
+        That has been run.
+    records : sequence of Record
+        Prepared training records, whole.
+    baseline : Baseline
+    held_out : sequence of Record
+        Further records on which the gain is measured; where there are none, it is measured out of fold.
+    unusable : tuple of CannotTell
+        Candidates that were not in the search.
+    seed : int
+        Of the sign patterns.
+    report_progress : callable
+        Receives in words what is being done.
+
+    Returns
+    -------
+    Diagnosis
+        Of the first set that lowers the error on data not seen; without any, of the most probable one, nothing named.
     """
     problem, alone = search.problem, search.visited[frozenset()].fit
     screened = tuple(screen(problem, alone, directions(problem, alone, search.moved), np.random.default_rng(seed)))
@@ -136,7 +157,17 @@ def _measured(search: SetSearch, refused: Sequence[frozenset[str]], records: Seq
 
 
 def best_of(search: SetSearch) -> BestSoFar:
-    """What a search has found by now."""
+    """What a search has found by now.
+
+    Parameters
+    ----------
+    search : SetSearch
+        With one visited set at least.
+
+    Returns
+    -------
+    BestSoFar
+    """
     sets = posterior(search)
     best, share = sets[0]
     nothing = sum(p for w, p in sets if not w.members)
@@ -148,7 +179,24 @@ def best_of(search: SetSearch) -> BestSoFar:
 
 def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
              report_progress: Callable[[str], None]) -> tuple[SetSearch, tuple[CannotTell, ...]]:
-    """A search over the sets of causes that these records call for, and what they cannot be asked for."""
+    """A search over the sets of causes that these records call for, and what they cannot be asked for.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate.
+    baseline : Baseline
+        Fitted, or with its parameters given.
+    catalogue : sequence of Effect
+    report_progress : callable
+        Receives in words what is being done.
+
+    Returns
+    -------
+    search : SetSearch
+        Not yet run, on few samples.
+    unusable : tuple of CannotTell
+    """
     thin, factor = thinned(records, baseline)
     if factor > 1:
         report_progress(f"searching on one sample in {factor}")
@@ -165,13 +213,35 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
 
 
 def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:
-    """Records as what statistics are computed from."""
+    """Records as what statistics are computed from.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate; all of their samples are used.
+    baseline : Baseline
+
+    Returns
+    -------
+    DiagnosisProblem
+    """
     signals = in_turn([baseline.signals(r) for r in records])
     return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
 
 
 def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
-    """The baseline alone, by its best start."""
+    """The baseline alone, by its best start.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    baseline : Baseline
+        Refitted from its parameters and from its `starts`.
+
+    Returns
+    -------
+    Refit
+    """
     composition = Composition(baseline)
     begun = [baseline.vector, *baseline.starts(problem.signals)]
     fits = [refit(problem, composition, v, rough=k > 0) for k, v in enumerate(begun)]
@@ -180,7 +250,21 @@ def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
 
 def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: DiagnosisProblem
               ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
-    """Candidates that these data can be asked for, and why not the others."""
+    """Candidates that these data can be asked for, and why not the others.
+
+    Parameters
+    ----------
+    catalogue : sequence of Effect
+        Of the family "noise" none counts.
+    baseline : Baseline
+    problem : DiagnosisProblem
+
+    Returns
+    -------
+    usable : tuple of Effect
+    unusable : tuple of CannotTell
+        With what is missing as the reason.
+    """
     usable, unusable = [], []
     wanted = [e for e in catalogue if e.family != "noise"]
     absent = {e.name: f"no {', '.join(missing)} was measured" for e in wanted

@@ -82,6 +82,11 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
         Per record, in the output's unit.
     worth : float
         α.
+
+    Returns
+    -------
+    Independence
+        κ = 1 and nothing structured where there is no error.
     """
     stacked = problem.stack(errors)
     total = float(np.mean(stacked**2))

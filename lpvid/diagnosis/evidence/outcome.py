@@ -101,7 +101,13 @@ class EvidenceOutcome:
         return extended is before or extended.esr_held_out < before.esr_held_out
 
     def diagnosis(self) -> Diagnosis:
-        """All of it."""
+        """All of it.
+
+        Returns
+        -------
+        Diagnosis
+            Without audit, time and notes.
+        """
         j, sets = self.judged, self.judged.sets
         before, extended = self.errors
         found = j.members if self.significant else ()

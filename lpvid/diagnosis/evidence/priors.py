@@ -20,7 +20,16 @@ SHAPE = 1.0
 
 
 def inclusion(effect: Effect) -> float:
-    """ln π/(1 − π)."""
+    """ln π/(1 − π), π the probability before the data of an effect: `FORM` of a flexible one, else `INCLUDED`.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    float
+    """
     share = FORM if effect.flexible else INCLUDED
     return float(np.log(share / (1 - share)))
 
@@ -29,6 +38,20 @@ def of_strength(change: float, slope: float) -> tuple[float, float]:
     """Log-density of a strength, and its curvature, for one that changes the output by `change` of its rms.
 
     Half-Cauchy on that change r, carried over to the strength by dr/da = `slope`: a number has no scale of its own.
+
+    Parameters
+    ----------
+    change : float
+        r: root mean square of what it changes over that of the output, at least zero.
+    slope : float
+        dr/da [1/unit of the strength].
+
+    Returns
+    -------
+    log_density : float
+        Of the strength a in its own unit.
+    curvature : float
+        (slope/`STRENGTH`)² [1/unit of the strength²].
 
     Examples
     --------
@@ -83,6 +106,11 @@ def off_prior(apart: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -
         a.
     precision, curvature : (P,) arrays
         Λ and h.
+
+    Returns
+    -------
+    float
+        Zero or less.
 
     Examples
     --------

@@ -46,7 +46,18 @@ class Scales:
 
     @classmethod
     def of(cls, signals: Sequence[Signals]) -> Scales:
-        """Of all records together."""
+        """Of all records together.
+
+        Parameters
+        ----------
+        signals : sequence of Signals
+            Of one rate.
+
+        Returns
+        -------
+        Scales
+            Zero for what nothing was measured of.
+        """
         force = _rms([s.output for s in signals])
         speeds = [s["velocity"] for s in signals if s.has("velocity")]
         speed = _rms(speeds, centred=False)
@@ -60,6 +71,16 @@ class Scales:
 
     def size(self, unit: str) -> float | None:
         """Natural size of a number of a unit; None of one without, or of one that these data say nothing of.
+
+        Parameters
+        ----------
+        unit : str
+            As `dimension_of` reads it; ``1/J`` is over the work.
+
+        Returns
+        -------
+        float or None
+            In that unit.
 
         Examples
         --------
@@ -80,6 +101,16 @@ class Scales:
 
 def dimension_of(unit: str) -> Dimension | None:
     """Exponents of a unit written like ``N*s^2/m^2``; None where a part of it is not known.
+
+    Parameters
+    ----------
+    unit : str
+        Factors with ``*``, ``/`` and ``^``; the first part stands above the line, every one behind a ``/`` below.
+
+    Returns
+    -------
+    (float, float, float, float) or None
+        All zero for a pure number.
 
     Examples
     --------

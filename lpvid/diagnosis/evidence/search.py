@@ -116,11 +116,27 @@ class SetSearch:
         return max(self.visited.values(), key=self.score)
 
     def score(self, w: Weighed) -> float:
-        """Evidence of a set at the present κ."""
+        """Evidence of a set at the present κ.
+
+        Parameters
+        ----------
+        w : Weighed
+
+        Returns
+        -------
+        float
+            In nats, up to what all sets share; minus infinity for one with a strength at its bound.
+        """
         return w.evidence(self.kept)
 
     def run(self, root: Refit) -> None:
-        """Visit sets from the baseline alone on."""
+        """Visit sets from the baseline alone on.
+
+        Parameters
+        ----------
+        root : Refit
+            The baseline alone, on the samples of the data.
+        """
         self.visited[frozenset()] = Weighed(self.data, root)
         self._reweigh()
         self.enlarge([self.visited[frozenset()]])  # else a pair that imitates a single cause comes before it
@@ -371,7 +387,7 @@ class SetSearch:
         for one in self.each(without_one, [r for r, m in zip(rests, members, strict=True) if m not in self.visited]):
             self._add(one)
         self.enlarge([*(self.visited[m] for m in members if m in self.visited), w])
-        swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
+        swaps = [(e, y) for e in w.effects for y in self.candidates if interchangeable(e, y) and y.name not in w.members
                  and self._together([*(x for x in w.effects if x is not e), y])]
         for found in self.each(lambda pair: self._swapped(w, *pair), swaps):
             if found is not None:
@@ -433,11 +449,36 @@ def akin(one: Effect, other: Effect) -> bool:
                                                  or (one.path in LAGGING and other.path in LAGGING))
 
 
+def interchangeable(one: Effect, other: Effect) -> bool:
+    """Whether an effect is tried in the place of another: next of kin, and any two with a memory, which imitate each
+    other whatever they are: a spring in series, a late force, a resonance of the fixture.
+
+    Parameters
+    ----------
+    one, other : Effect
+
+    Returns
+    -------
+    bool
+    """
+    return akin(one, other) or (one.component != other.component and not (one.memoryless or other.memoryless))
+
+
 def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
 
     Of lags, delays and filters on the way of motion and force a set holds one: two imitate whatever there is. What
     turns a channel needs something that reads it, the law (`channels`) or a member that brings it.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    channels : sequence of str
+        Roles that the law reads.
+
+    Returns
+    -------
+    bool
     """
     read = {"", *channels, *(c for e in effects for c in e.brings)}
     if any(e.turns not in read for e in effects):
@@ -466,7 +507,17 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
-    """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first."""
+    """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first.
+
+    Parameters
+    ----------
+    search : SetSearch
+
+    Returns
+    -------
+    list of (Weighed, float)
+        The weights add up to one.
+    """
     every = list(search.visited.values())
     weights = np.zeros(len(every))
     shares = search.shares or (search.kept,)

@@ -8,12 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.signals import Signals, SignalStretch, jumps
+from lpvid.diagnosis.signals import Signals, SignalStretch
 from lpvid.record import Record
 
 ENOUGH = 3000
@@ -35,6 +36,18 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
 
     Not allowed where they move or jump too fast for a slower clock, and where the baseline runs at its own clock alone:
     a law with memory, run at a rate of less than `SPARE` times the band, errs by what its causes are told from.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate.
+    baseline : Baseline
+
+    Returns
+    -------
+    records : list of Record
+        As given where the factor is 1.
+    factor : int
     """
     from lpvid.condition import segments
     from lpvid.condition.bandwidth import SPARE, widest_band
@@ -61,6 +74,18 @@ def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
     """What a search runs on: stretches beside a law of short memory, the first part of every record beside others.
 
     Either holds the blocks without which nothing is judged, whatever the clock: a block of each record may be cut.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        One for each record, one rate.
+    static : bool
+        Whether the law has no memory, or a short one.
+
+    Returns
+    -------
+    tuple of Signals
+        As given where they are few enough.
     """
     if static:
         return stretched(signals)
@@ -72,7 +97,18 @@ def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
 
 
 def length_of(signals: Sequence[Signals]) -> float:
-    """Length of a stretch [s]: the start-up, and two blocks or a period of the motion."""
+    """Length of a stretch [s]: the start-up, and two blocks or a period of the motion.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        One rate.
+
+    Returns
+    -------
+    float
+        [s].
+    """
     period = 2 * np.pi * Scales.of(signals).time
     return START_UP + max(2 * SHORTEST, period)
 
@@ -83,6 +119,16 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part shows
     nothing elsewhere. Between two of them the channels lead over smoothly, in a time that counts for nothing; each
     holds what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        One for each record, one rate.
+
+    Returns
+    -------
+    tuple of Signals
+        One that holds all stretches; a single record of few samples as it is.
     """
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
     size = round(length_of(signals) / period) + SLACK

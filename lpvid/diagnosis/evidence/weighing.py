@@ -76,7 +76,17 @@ class Weighed:
                      for e, p in zip(self.effects, places, strict=True))
 
     def holds(self, kind: str) -> bool:
-        """Whether a component is there in some form."""
+        """Whether a component is there in some form.
+
+        Parameters
+        ----------
+        kind : str
+            Name of the component.
+
+        Returns
+        -------
+        bool
+        """
         return kind in self.kinds
 
     @cached_property
@@ -120,7 +130,17 @@ class Weighed:
         return found
 
     def marginal(self, kept: float) -> Marginal:
-        """Noise and discrepancy where they are most probable; `kept` is the share of independent samples."""
+        """Noise and discrepancy where they are most probable; `kept` is the share of independent samples.
+
+        Parameters
+        ----------
+        kept : float
+            κ.
+
+        Returns
+        -------
+        Marginal
+        """
         return marginal(self.fit.cost, self.along, self.data.discrepancy, self.data.problem.n_samples, kept)
 
     def evidence(self, kept: float) -> float:
@@ -130,6 +150,16 @@ class Weighed:
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
         parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` each. A parameter
         that these data do not reach costs nothing. A set with a strength at its bound has none.
+
+        Parameters
+        ----------
+        kept : float
+            κ, share of the samples that is independent.
+
+        Returns
+        -------
+        float
+            In nats; minus infinity also for a set of which a member changes less than `ABSENT` of the output.
         """
         return -np.inf if self.at_bounds else self.unbounded_evidence(kept)
 
@@ -220,7 +250,20 @@ def component_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect
 
 
 def change_by(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
-    """Root mean square of what an effect of a fit changes in the output, the others in place."""
+    """Root mean square of what an effect of a fit changes in the output, the others in place.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    fit : Refit
+    effect : Effect
+        One of the fit's.
+
+    Returns
+    -------
+    float
+        In the output's unit.
+    """
     place = fit.composition.places[fit.composition.effects.index(effect)]
     vector = fit.vector.copy()
     vector[place] = effect.neutral

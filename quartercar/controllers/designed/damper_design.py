@@ -76,25 +76,64 @@ class DamperTask:
         return WeightedCar(plant.system, plant.control, self.weights, ())
 
     def plant(self) -> GeneralizedPlant:
-        """What is given to `lpvid.synthesize`: all states measured, car, damper, added force, weights."""
+        """What is given to `lpvid.synthesize`: all states measured, car, damper, added force, weights.
+
+        Returns
+        -------
+        GeneralizedPlant
+            Continuous, scheduled on ρ_v where the velocity is shaped; its road and performance outputs are weighted.
+        """
         return self.weighted.state_plant()
 
 
 @lru_cache(maxsize=512)
 def synthesized_gain(task: DamperTask) -> Synthesis:
-    """u = K x with the bound of the car left to itself, for every ρ_v of the box and every share of u; found once."""
+    """u = K x with the bound of the car left to itself, for every ρ_v of the box and every share of u; found once.
+
+    Parameters
+    ----------
+    task : DamperTask
+        What to design for; equal tasks share the design.
+
+    Returns
+    -------
+    Synthesis
+        With its verdict and bound; of a task without a controller one that is not `solved`.
+    """
     return synthesize(task.plant(), DissipativeFeedback(task.back_off))
 
 
 @lru_cache(maxsize=512)
 def feasible(task: DamperTask) -> DamperTask:
-    """The task with the largest box of ρ_v of `SLOW` for which there is a controller; itself where there is none."""
+    """The task with the largest box of ρ_v of `SLOW` for which there is a controller; itself where there is none.
+
+    Parameters
+    ----------
+    task : DamperTask
+        Its own `slow` is the first share that is tried.
+
+    Returns
+    -------
+    DamperTask
+        The task with the first solvable share of `SLOW`, and so the largest box; `task` itself where no share is
+        solvable.
+    """
     tried = [replace(task, slow=share) for share in SLOW if share >= task.slow]
     return next((t for t in tried if synthesized_gain(t).solved), task)
 
 
 def gain_vector(task: DamperTask) -> np.ndarray:
     """(n,) K over car, damper, added force and weights [N per unit of each].
+
+    Parameters
+    ----------
+    task : DamperTask
+        A task with a controller, as `feasible` returns it.
+
+    Returns
+    -------
+    (n,) array
+        K in the order of the plant's measurements.
 
     Raises
     ------

@@ -69,7 +69,20 @@ class LpvHinf(Controller):
         return tuple(dict.fromkeys([*MEASUREMENTS[self.measured], "suspension_velocity", "demanded", "attained"]))
 
     def task(self, values: Mapping[str, float], setting: Setting) -> Task:
-        """The design that values stand for, in a setting."""
+        """The design that values stand for, in a setting.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Every parameter of the law by name, each in its unit.
+        setting : Setting
+            Its car, damper model and limits of current count.
+
+        Returns
+        -------
+        Task
+            With the law's `measured`, `lag` and `criterion`, and `least_share` from `values`.
+        """
         return task_of(values, setting, self, values["least_share"])
 
     def begin(self, values: Values, setting: Setting) -> Law:
@@ -77,7 +90,18 @@ class LpvHinf(Controller):
         return BankedLaw([self.task(row, setting) for row in rows], setting.sample_time)
 
     def designed(self, setting: Setting) -> ScheduledController:
-        """The controller as it runs, to be stored: needs no synthesis any more."""
+        """The controller as it runs, to be stored: needs no synthesis any more.
+
+        Parameters
+        ----------
+        setting : Setting
+            Its sample time is that of the stored controller.
+
+        Returns
+        -------
+        ScheduledController
+            Discrete, scheduled on the given share of the demand.
+        """
         return scheduled(self.task(self.values, setting), setting.sample_time, self.title)
 
 
@@ -102,7 +126,30 @@ class DesignedLaw(Protocol):
 
 def task_of(values: Mapping[str, float], setting: Setting, law: DesignedLaw,
             least_share: float | None) -> Task:
-    """A task from a law's parameters; c_nom follows from the damper of the setting."""
+    """A task from a law's parameters; c_nom follows from the damper of the setting.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters of the law by name, each in its unit. Weights that it does not have keep the defaults of
+        `SuspensionWeights`; `nominal_share` must be there.
+    setting : Setting
+        Its car, damper model and limits of current count.
+    law : LpvHinf or LpvHinfClipped
+        For what is measured, its lag [s] and its criterion.
+    least_share : float or None
+        Smallest share of a demand in the design; None leaves the damper's limits out.
+
+    Returns
+    -------
+    Task
+        Ready for synthesis.
+
+    Raises
+    ------
+    InputError
+        A setting without a damper model, or a nominal damping that is not positive.
+    """
     if setting.damper is None:
         raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
                          mend="give the car a damper model")
@@ -114,14 +161,37 @@ def task_of(values: Mapping[str, float], setting: Setting, law: DesignedLaw,
 
 
 def scheduled(task: Task, sample_time: float, label: str) -> ScheduledController:
-    """A designed controller with the rule of its schedule."""
+    """A designed controller with the rule of its schedule.
+
+    Parameters
+    ----------
+    task : Task
+        Its synthesis is looked up, or run where there is none yet.
+    sample_time : float
+        Of the loop [s].
+    label : str
+        Name in tables.
+
+    Returns
+    -------
+    ScheduledController
+        With the rule `GivenShare`; without a schedule where the task leaves the limits out.
+    """
     model = running(task, sample_time)
     rules = () if task.least_share is None else (GivenShare(task.nominal_damping, task.least_share),)
     return ScheduledController(model=model, schedule=rules, nominal_damping=task.nominal_damping, label=label)
 
 
 class BankedLaw(Law):
-    """Designed controllers of many cars, each with its own; the same steps as a `ScheduledController` for each."""
+    """Designed controllers of many cars, each with its own; the same steps as a `ScheduledController` for each.
+
+    Parameters
+    ----------
+    tasks : list of Task
+        One for each car; all measure the same signals and are scheduled alike. Equal tasks share one synthesis.
+    sample_time : float
+        Of the loop [s].
+    """
 
     def __init__(self, tasks: list[Task], sample_time: float) -> None:
         models = {task: running(task, sample_time) for task in dict.fromkeys(tasks)}

@@ -52,7 +52,20 @@ class LpvHinfClipped(Controller):
         return tuple(dict.fromkeys([*MEASUREMENTS[self.measured], "suspension_velocity", "demanded", "attained"]))
 
     def task(self, values: Mapping[str, float], setting: Setting) -> Task:
-        """The design that values stand for, in a setting."""
+        """The design that values stand for, in a setting.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Every parameter of the law by name, each in its unit.
+        setting : Setting
+            Its car, damper model and limits of current count.
+
+        Returns
+        -------
+        Task
+            With the law's `measured`, `lag` and `criterion`; the damper's limits are left out.
+        """
         return task_of(values, setting, self, None)
 
     def begin(self, values: Values, setting: Setting) -> Law:
@@ -60,5 +73,16 @@ class LpvHinfClipped(Controller):
         return BankedLaw([self.task(row, setting) for row in rows], setting.sample_time)
 
     def designed(self, setting: Setting) -> ScheduledController:
-        """The controller as it runs, to be stored: needs no synthesis any more."""
+        """The controller as it runs, to be stored: needs no synthesis any more.
+
+        Parameters
+        ----------
+        setting : Setting
+            Its sample time is that of the stored controller.
+
+        Returns
+        -------
+        ScheduledController
+            Discrete, without a schedule.
+        """
         return scheduled(self.task(self.values, setting), setting.sample_time, self.title)

@@ -61,7 +61,25 @@ class LpvHinfIdentified(Controller):
         checks.positive(self.lag, "lag", "s")
 
     def task(self, values: Mapping[str, float], setting: Setting) -> DamperTask:
-        """The design that values stand for, in a setting."""
+        """The design that values stand for, in a setting.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Every parameter of the law by name, each in its unit: the fields of `SuspensionWeights` of these names.
+        setting : Setting
+            Its car, damper model and limits of current count.
+
+        Returns
+        -------
+        DamperTask
+            With the law's `lag`, `centre`, `order` and `back_off`.
+
+        Raises
+        ------
+        InputError
+            A setting without a damper model.
+        """
         if setting.damper is None:
             raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
                              mend="give the car a damper model")
@@ -78,7 +96,18 @@ class LpvHinfIdentified(Controller):
         return DamperLaw([made[t] for t in tasks], setting)
 
     def designed(self, setting: Setting) -> IdentifiedController:
-        """The controller as it runs, to be stored: needs no synthesis any more."""
+        """The controller as it runs, to be stored: needs no synthesis any more.
+
+        Parameters
+        ----------
+        setting : Setting
+            Its car, damper model and limits of current count.
+
+        Returns
+        -------
+        IdentifiedController
+            With the damper's model inside, which it runs.
+        """
         found = gain_of(self.task(self.values, setting))
         return IdentifiedController(damper=found.damper, centre=found.centre, filter=found.filter, bands=found.bands,
                                     limits=found.limits, gain_vector=found.gain, label=self.title)
@@ -135,7 +164,23 @@ class IdentifiedController(Controller):
 
 
 def gain_of(task: DamperTask) -> DamperGain:
-    """A designed gain with what it runs on, for the largest box that admits one."""
+    """A designed gain with what it runs on, for the largest box that admits one.
+
+    Parameters
+    ----------
+    task : DamperTask
+        Where the box of ρ_v admits no controller, its `slow` is raised along `SLOW`.
+
+    Returns
+    -------
+    DamperGain
+        K, with limits of ρ_v of zero where the plant has none.
+
+    Raises
+    ------
+    NumericalError
+        No box of `SLOW` admits a controller.
+    """
     task = feasible(task)
     bands, plant = task.weights.bands, task.embedding
     return DamperGain(task.damper, plant.frozen.current, plant.matrices,

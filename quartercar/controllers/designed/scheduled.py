@@ -106,7 +106,22 @@ class ScheduledController(Controller):
 
 
 class ScheduledLaw(Law):
-    """A running scheduled controller; `states` (cars, n) may be read."""
+    """A running scheduled controller; `states` (cars, n) may be read.
+
+    Parameters
+    ----------
+    controller : ScheduledController
+        Its model, schedule and anti-windup.
+    values : mapping of str to (cars,) array
+        `gain` of every car.
+    setting : Setting
+        For the number of cars, and for the rules of the schedule.
+
+    Attributes
+    ----------
+    states : (cars, n) array
+        x of every car; zero at the start.
+    """
 
     def __init__(self, controller: ScheduledController, values: Values, setting: Setting) -> None:
         model = controller.model

@@ -95,13 +95,31 @@ class Task:
         return WeightedCar(system, embedding.control, self.weights, MEASUREMENTS[self.measured], self.noise)
 
     def plant(self) -> GeneralizedPlant:
-        """What is given to `lpvid.synthesize`."""
+        """What is given to `lpvid.synthesize`.
+
+        Returns
+        -------
+        GeneralizedPlant
+            Continuous; with all states measured where `measured` is "observed", with the noisy signals of that name
+            otherwise.
+        """
         return self.weighted.state_plant() if self.measured == "observed" else self.weighted.plant()
 
 
 @lru_cache(maxsize=512)
 def synthesized(task: Task) -> Synthesis:
-    """State feedback of the observed car, or output feedback without feedthrough; found once."""
+    """State feedback of the observed car, or output feedback without feedthrough; found once.
+
+    Parameters
+    ----------
+    task : Task
+        What to design for; equal tasks share the design.
+
+    Returns
+    -------
+    Synthesis
+        With its verdict and bound; a failed search is a result that is not `solved`.
+    """
     plant = task.plant()
     criteria = (H2(),) if task.criterion == "h2" else (HInfinity(),)
     if task.measured == "observed":
@@ -140,6 +158,18 @@ def to_the_end(cached: _lru_cache_wrapper[Synthesis], task: Hashable,
 def running(task: Task, sample_time: float) -> LPVStateSpace:
     """The controller of a task at the loop's rate, from the car's own signals to the demand beside c_nom v_d.
 
+    Parameters
+    ----------
+    task : Task
+        What to design for; equal tasks share the design.
+    sample_time : float
+        Of the loop [s].
+
+    Returns
+    -------
+    LPVStateSpace
+        Discrete; inputs named as in `contract.SIGNALS`, one output, the demand beside c_nom v_d [N].
+
     Raises
     ------
     NumericalError
@@ -149,9 +179,25 @@ def running(task: Task, sample_time: float) -> LPVStateSpace:
 
 
 def nodes_of(task: Task) -> Nodes:
-    """The continuous controller of a task at values of its scheduling, from the car's own signals."""
+    """The continuous controller of a task at values of its scheduling, from the car's own signals.
+
+    Parameters
+    ----------
+    task : Task
+        What to design for; its synthesis is looked up, or run where there is none yet.
+
+    Returns
+    -------
+    Nodes
+        In SI units. State feedback of the observed car carries the states of lag and weights (`with_memory`).
+
+    Raises
+    ------
+    NumericalError
+        A design that failed, with why and mend.
+    """
     found = synthesized(task).required()
-    return with_memory(task, found) if task.measured == "observed" else frozen(task.weighted.physical(found))
+    return with_memory(task, found) if task.measured == "observed" else _frozen(task.weighted.physical(found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +220,26 @@ class Nodes:
     matrices: tuple[np.ndarray, ...]
 
 
-def frozen(controller: LPVStateSpace, nodes: int = NODES) -> Nodes:
-    """A controller at an even grid of its scheduling."""
+def _frozen(controller: LPVStateSpace, nodes: int = NODES) -> Nodes:
+    """A controller at an even grid of its scheduling.
+
+    Parameters
+    ----------
+    controller : LPVStateSpace
+        Continuous, of one scheduling variable or none.
+    nodes : int
+        Points of the grid, both ends of the box included; without a scheduling variable there is one.
+
+    Returns
+    -------
+    Nodes
+        The matrices at every point.
+
+    Raises
+    ------
+    InputError
+        More than one scheduling variable.
+    """
     if len(controller.box.names) > 1:
         raise InputError("a controller of one scheduling variable can be sampled here",
                          got=", ".join(controller.box.names))
@@ -192,6 +256,21 @@ def with_memory(task: Task, gain: LPVStateSpace, nodes: int = NODES) -> Nodes:
         x = (x_car, x_m):   ẋ_m = A_mm x_m + A_mc x_car + B_m u,   u = K_c x_car + K_m x_m
 
     x_m are the coil's lag and the weights' filters: known exactly, since what drives them is measured or demanded.
+
+    Parameters
+    ----------
+    task : Task
+        The task whose plant the gain was designed for.
+    gain : LPVStateSpace
+        Static state feedback, scheduled as the plant or on its first variables; inputs named as the plant's
+        measurements.
+    nodes : int
+        Points of the grid over the plant's box, both ends included.
+
+    Returns
+    -------
+    Nodes
+        Inputs are the four states of the observed car, the output is the demand beside c_nom v_d [N].
     """
     plant = task.plant()
     n, points = len(STATES), plant.box.grid(nodes)
@@ -209,6 +288,18 @@ def held(controller: Nodes, sample_time: float) -> LPVStateSpace:
 
     The states stay those of the continuous controller, so that the scheduling may jump. Between two nodes the sampled
     matrices are interpolated.
+
+    Parameters
+    ----------
+    controller : Nodes
+        At most one scheduling variable.
+    sample_time : float
+        Of the loop [s].
+
+    Returns
+    -------
+    LPVStateSpace
+        Discrete, with a linear spline over the nodes as its basis; constant without a scheduling variable.
     """
     from scipy.linalg import expm
 
@@ -228,12 +319,39 @@ def held(controller: Nodes, sample_time: float) -> LPVStateSpace:
 
 @lru_cache(maxsize=64)
 def admissible(damper: Damper, currents: tuple[float, float]) -> AdmissibleForce:
-    """The damper's admissible forces, tabulated once."""
+    """The damper's admissible forces, tabulated once.
+
+    Parameters
+    ----------
+    damper : Damper
+        Any model with a static characteristic.
+    currents : (float, float)
+        Limits of the command [A].
+
+    Returns
+    -------
+    AdmissibleForce
+        Least and greatest force over the suspension velocity; shared by equal arguments.
+    """
     return AdmissibleForce.of(damper, currents)
 
 
 def nominal_damping(damper: Damper, currents: tuple[float, float], share: float = 0.0) -> float:
     """c_nom of a line through the damper's admissible forces (`AdmissibleForce.nominal`) [N·s/m].
+
+    Parameters
+    ----------
+    damper : Damper
+        Any model with a static characteristic.
+    currents : (float, float)
+        Limits of the command [A].
+    share : float
+        Place between the weakest line, 0, and the strongest, 1; values outside lie beyond them.
+
+    Returns
+    -------
+    float
+        c_nom [N·s/m], positive.
 
     Raises
     ------

@@ -52,6 +52,18 @@ class ClippedOptimal(Controller):
 def optimal_gain(parameters: CarParameters, tyre_weight: float, stroke_weight: float) -> tuple[float, ...]:
     """K of F = −K x, in the order of `STATES` [N/m, N·s/m, N/m, N·s/m].
 
+    Parameters
+    ----------
+    parameters : CarParameters
+        Masses and springs of the car as its designer knows it; its dampings are left out.
+    tyre_weight, stroke_weight : float
+        q_t, q_d of `ClippedOptimal`, dimensionless.
+
+    Returns
+    -------
+    tuple of four floats
+        K.
+
     Raises
     ------
     InputError

@@ -42,7 +42,15 @@ SPEED = 0.3
 
 @dataclass(frozen=True, eq=False)
 class CostWeights:
-    """Of a cost, one entry per car: ρ_t, ρ_z, ρ_e [(m/s²)²/W] of the module."""
+    """Of a cost, one entry per car: ρ_t, ρ_z, ρ_e [(m/s²)²/W] of the module.
+
+    Attributes
+    ----------
+    tyre, stroke : (cars,) arrays
+        ρ_t, ρ_z, dimensionless.
+    given : (cars,) array
+        ρ_e [(m/s²)²/W].
+    """
 
     tyre: np.ndarray
     stroke: np.ndarray
@@ -87,6 +95,24 @@ class Horizon:
            samples: int) -> Horizon:
         """The model for a car as its designer knows it.
 
+        Parameters
+        ----------
+        parameters : CarParameters
+            Its damping is left out.
+        damper : Damper or None
+            None is refused.
+        coil : Coil
+            Its limits are those of the commands; both are finite.
+        sample_time : float
+            [s].
+        samples : int
+            N.
+
+        Returns
+        -------
+        Horizon
+            Coefficients tabulated at `CURRENTS` currents between the coil's limits.
+
         Raises
         ------
         InputError
@@ -110,7 +136,7 @@ class Horizon:
         car[:2, 9] = part.tyre_stiffness, part.tyre_damping
         currents = np.linspace(coil.lowest, coil.highest, CURRENTS)
         rest = float(np.atleast_1d(damper.conservative_force(np.zeros(1)))[0])
-        table, sizes, own = coefficient_table(damper, currents, rest)
+        table, sizes, own = _coefficient_table(damper, currents, rest)
         lag = np.array([[_left(sample_time, c.fall_time), _left(sample_time, c.rise_time)] for c in (coil, own)])
         low = damper.static_force(np.array([-SPEED, SPEED]), coil.lowest)
         return cls(sample_time, samples, car, table, np.array([currents[0], currents[1] - currents[0]]), sizes, lag,
@@ -118,7 +144,21 @@ class Horizon:
                    float(low[1] - low[0]) / (2 * SPEED))
 
     def weights(self, given: CostWeights) -> tuple[np.ndarray, np.ndarray]:
-        """(cars, 4) weights of `_horizon_kernels.predict`, (cars, 4 + nf, 4 + nf) cost of what the horizon leaves."""
+        """(cars, 4) weights of `_horizon_kernels.predict`, (cars, 4 + nf, 4 + nf) cost of what the horizon leaves.
+
+        Parameters
+        ----------
+        given : CostWeights
+            ρ_t, ρ_z, ρ_e of every car.
+
+        Returns
+        -------
+        weights : (cars, 4) array
+            Of a_w², of the tyre force squared, of the deflection squared and of the power given: 1, ρ_t/m_s², ρ_z
+            (k_s/m_s)², ρ_e.
+        left : (cars, 4 + nf, 4 + nf) array
+            P of the module, over (z_d, ż_s, z_t, ż_us) and the states of the comfort filter.
+        """
         p = self.parameters
         rows = np.column_stack([np.ones(given.tyre.size), given.tyre / p.sprung_mass**2,
                                 given.stroke * (p.spring_stiffness / p.sprung_mass) ** 2, given.given])
@@ -148,13 +188,24 @@ class Horizon:
 
 
     def settled_force(self, current: float) -> float:
-        """At rest under a current that is held, about the static equilibrium [N]."""
+        """At rest under a current that is held, about the static equilibrium [N].
+
+        Parameters
+        ----------
+        current : float
+            In the damper's unit of current; beyond the limits the force is that at the limit.
+
+        Returns
+        -------
+        float
+            [N].
+        """
         c = np.array([np.interp(current, self.grid[0] + self.grid[1] * np.arange(len(self.table)), column)
                       for column in self.table.T])
         return float(c[0] / (1 + c[8:8 + self.sizes[0]].sum()))
 
 
-def coefficient_table(damper: Damper, currents: np.ndarray, rest: float) -> tuple[np.ndarray, np.ndarray, Coil]:
+def _coefficient_table(damper: Damper, currents: np.ndarray, rest: float) -> tuple[np.ndarray, np.ndarray, Coil]:
     """(G, 8 + na + 3 nb) coefficients, (na, nb), and the lag that the damper's model puts on its current."""
     found = coefficients_at(damper, currents, rest)
     law = found.law[:, 0].copy()
@@ -169,6 +220,16 @@ def comfort_filter(sample_time: float) -> np.ndarray:
     """(5, 5) of (A, B; C, D): W_k without its band limits, sampled by the trapezoidal rule.
 
     The limits at 0.4 and 100 Hz take 4 of 8 states and move |W_k| by less than 0.01 between 0.9 and 40 Hz.
+
+    Parameters
+    ----------
+    sample_time : float
+        [s].
+
+    Returns
+    -------
+    (5, 5) array
+        Four states, one input and one output, both accelerations [m/s²].
 
     Examples
     --------

@@ -86,7 +86,18 @@ class PreviewLoop:
     weight: float = field(default=1.0)
 
     def ahead(self, samples: int) -> np.ndarray:
-        """(samples,) K_j."""
+        """(samples,) K_j.
+
+        Parameters
+        ----------
+        samples : int
+            How many terms of the sum; 0 for none.
+
+        Returns
+        -------
+        (samples,) array
+            [N·s/m], j rising from 0.
+        """
         loop, row = self.step - np.outer(self.control, self.gain), self.riccati @ self.road
         out = np.empty(samples)
         for j in range(samples):
@@ -98,6 +109,17 @@ class PreviewLoop:
         """The unclipped loop with a register of so many samples, from the road's rate that far ahead to the outputs.
 
         States x, then w(k) … w(k + samples − 1); without preview the road's rate enters as it comes.
+
+        Parameters
+        ----------
+        samples : int
+            Samples of the road ahead that are known; 0 for none.
+
+        Returns
+        -------
+        LPVStateSpace
+            Discrete and constant; from `road_rate` [m/s] to `comfort`, `tyre`, `stroke` and `effort`, each [m/s²] as
+            weighted in the cost.
         """
         n, p = len(self.step), samples
         a, b = np.zeros((n + p, n + p)), np.zeros((n + p, 1))
@@ -118,7 +140,18 @@ class PreviewLoop:
                              inputs=(Signal("road_rate", "m/s"),), outputs=outputs)
 
     def norm(self, samples: int) -> float:
-        """H2 norm of `closed`, from the Riccati equation: √(Eᵀ P E − Σ_{j<samples} (r' + Bᵀ P B) K_j²)."""
+        """H2 norm of `closed`, from the Riccati equation: √(Eᵀ P E − Σ_{j<samples} (r' + Bᵀ P B) K_j²).
+
+        Parameters
+        ----------
+        samples : int
+            Samples of the road ahead that are known; 0 for none.
+
+        Returns
+        -------
+        float
+            Rms of the weighted outputs for a white sequence of the road's rate with unit variance [m/s² per m/s].
+        """
         won = self.weight * np.sum(self.ahead(samples) ** 2)
         return float(np.sqrt(self.road @ self.riccati @ self.road - won))
 
@@ -127,6 +160,22 @@ class PreviewLoop:
 def preview_loop(parameters: CarParameters, tyre_weight: float, stroke_weight: float, effort_weight: float,
                  force_lag: float, sample_time: float) -> PreviewLoop:
     """The optimal loop of a car as its designer knows it.
+
+    Parameters
+    ----------
+    parameters : CarParameters
+        Its damping is left out: all of the damper's force is the control.
+    tyre_weight, stroke_weight, effort_weight : float
+        ρ_t, ρ_z, r of `PreviewQuadratic`, dimensionless; r is positive.
+    force_lag : float
+        τ, from the demanded force to the damper's [s].
+    sample_time : float
+        T [s].
+
+    Returns
+    -------
+    PreviewLoop
+        Shared by equal arguments.
 
     Raises
     ------

@@ -93,11 +93,29 @@ class ControllerChain:
         true : mapping of str to (cars,) array
         ahead : (cars, P) array, optional
             What is known of the coming road, as `contract.SIGNALS` has it.
+
+        Returns
+        -------
+        (cars,) array
+            Current [A], within the setting's limits.
         """
         return self.react(self._sensing(true), ahead)
 
     def react(self, readings: Mapping[str, np.ndarray], ahead: np.ndarray | None = None) -> np.ndarray:
-        """(cars,) command from here to the coming sample, from what the sensors show at this one."""
+        """(cars,) command from here to the coming sample, from what the sensors show at this one.
+
+        Parameters
+        ----------
+        readings : mapping of str to (cars,) array
+            Of the sensors, by the names of `sensing.TRUE`, SI.
+        ahead : (cars, P) array, optional
+            What is known of the coming road, as `contract.SIGNALS` has it [m]; None for nothing.
+
+        Returns
+        -------
+        (cars,) array
+            Current [A], within the setting's limits.
+        """
         inverse, seen = self._inverse, dict(readings)
         if self._observer is not None:
             expected = inverse.attained
@@ -128,5 +146,11 @@ class ControllerChain:
         return self._inverse.force
 
     def counted(self) -> dict[str, np.ndarray]:
-        """(cars,) what the law counted."""
+        """(cars,) what the law counted.
+
+        Returns
+        -------
+        dict of (cars,) arrays
+            Counts by name, as `Law.counted` has them.
+        """
         return self._law.counted()

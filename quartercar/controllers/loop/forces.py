@@ -35,11 +35,32 @@ class Forces(ABC):
 
     @abstractmethod
     def commit(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> None:
-        """The motion at this sample, and the (filtered) current that the damper has now; sets `force`."""
+        """The motion at this sample, and the (filtered) current that the damper has now; sets `force`.
+
+        Parameters
+        ----------
+        z, v : (cars,) arrays
+            Deflection [m] and velocity [m/s] of the suspension, positive in extension.
+        current : (cars,) array
+            Behind the coil's lag and the damper's own, in the damper's unit.
+        """
 
     @abstractmethod
     def candidates(self, z: np.ndarray, v: np.ndarray, currents: np.ndarray) -> np.ndarray:
-        """(cars, G) force to come at each of (G,) currents, were the motion held [N]."""
+        """(cars, G) force to come at each of (G,) currents, were the motion held [N].
+
+        Parameters
+        ----------
+        z, v : (cars,) arrays
+            Deflection [m] and velocity [m/s] of the suspension, positive in extension.
+        currents : (G,) array
+            Rising, in the damper's unit.
+
+        Returns
+        -------
+        (cars, G) array
+            About the static equilibrium [N].
+        """
 
 
 class StaticForces(Forces):
@@ -139,7 +160,15 @@ class FilterForces(Forces):
 
 
 class ViscousForces(Forces):
-    """A car without a damper model: its viscous one, which no current moves."""
+    """A car without a damper model: its viscous one, which no current moves.
+
+    Parameters
+    ----------
+    damping : float
+        Of the passive car [N·s/m].
+    cars : int
+        How many run side by side.
+    """
 
     def __init__(self, damping: float, cars: int) -> None:
         super().__init__(cars)
@@ -155,6 +184,20 @@ class ViscousForces(Forces):
 def along(rows: np.ndarray, grid: np.ndarray, at: np.ndarray) -> np.ndarray:
     """(n,) each row of (n, G) values on a rising grid, interpolated at its own point.
 
+    Parameters
+    ----------
+    rows : (n, G) array
+        Values on the grid.
+    grid : (G,) array
+        Rising, at least two points.
+    at : (n,) array
+        One point for each row; beyond the ends of the grid the value is that of the end.
+
+    Returns
+    -------
+    (n,) array
+        In the unit of `rows`.
+
     Examples
     --------
     >>> along(np.array([[0.0, 2.0], [1.0, 5.0]]), np.array([0.0, 1.0]), np.array([0.5, 2.0]))
@@ -167,7 +210,26 @@ def along(rows: np.ndarray, grid: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def forces_of(damper: Damper | None, damping: float, cars: int, currents: np.ndarray, steps: int) -> Forces:
-    """The model behind an inverse of this damper; `steps` only counts for an identified transfer function."""
+    """The model behind an inverse of this damper; `steps` only counts for an identified transfer function.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        None for a viscous car.
+    damping : float
+        Of the passive car [N·s/m]; counts only without a damper.
+    cars : int
+        How many run side by side.
+    currents : (G,) array
+        At which candidates will be asked for, rising; the first is the one that an identified model starts settled at.
+    steps : int
+        Samples that an identified model looks ahead; 0 for its settled characteristic.
+
+    Returns
+    -------
+    Forces
+        `ViscousForces`, `StaticForces`, `FilterForces`, or `TabulatedForces` for all other models.
+    """
     if damper is None:
         return ViscousForces(damping, cars)
     if isinstance(damper, StaticDamper):

@@ -107,14 +107,31 @@ class Inverse:
         return self._forces.force
 
     def look(self, z: np.ndarray, v: np.ndarray) -> None:
-        """The motion at this sample, measured or estimated."""
+        """The motion at this sample, measured or estimated.
+
+        Parameters
+        ----------
+        z, v : (cars,) arrays
+            Deflection [m] and velocity [m/s] of the suspension, positive in extension.
+        """
         self._forces.commit(z, v, self._felt)
         self._rows = self._forces.candidates(z, v, self._grid)
         self.lowest, self.highest = self._rows.min(axis=1), self._rows.max(axis=1)
         self._still = np.abs(v) < self._settings.deadband
 
     def choose(self, demand: np.ndarray) -> np.ndarray:
-        """(cars,) command for a demanded force [N]; `attained` then gives the force of it."""
+        """(cars,) command for a demanded force [N]; `attained` then gives the force of it.
+
+        Parameters
+        ----------
+        demand : (cars,) array
+            About the static equilibrium, positive in extension [N].
+
+        Returns
+        -------
+        (cars,) array
+            Command within the limits [A]; while |v| lies in the deadband, that of the current wanted before.
+        """
         wanted = np.where(self._still, self._wanted, nearest(self._rows, self._grid, demand, self._felt))
         self._wanted = wanted
         self.limited = (demand < self.lowest) | (demand > self.highest)
@@ -123,7 +140,18 @@ class Inverse:
         return command
 
     def take(self, current: np.ndarray) -> np.ndarray:
-        """(cars,) command for a demanded current: within the limits, without lead."""
+        """(cars,) command for a demanded current: within the limits, without lead.
+
+        Parameters
+        ----------
+        current : (cars,) array
+            Demanded [A].
+
+        Returns
+        -------
+        (cars,) array
+            Command [A]; `limited` where it differs from the demand.
+        """
         command = np.clip(current, self._grid[0], self._grid[-1])
         self.limited = command != current
         self._hold(command)
@@ -162,6 +190,11 @@ def nearest(rows: np.ndarray, grid: np.ndarray, demand: np.ndarray, held: np.nda
         Force at the currents of the grid.
     grid : (G,) array
     demand, held : (n,) arrays
+
+    Returns
+    -------
+    (n,) array
+        In the unit of `grid`, within it; `held` is returned as it is.
 
     Examples
     --------

@@ -146,7 +146,20 @@ class ObserverMatrices:
 
 
 def times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """rows @ matrix.T, to the last bit the same for a car whatever stands beside it, which BLAS does not promise."""
+    """rows @ matrix.T, to the last bit the same for a car whatever stands beside it, which BLAS does not promise.
+
+    Parameters
+    ----------
+    rows : (cars, n) array
+        One vector for each car.
+    matrix : (r, n) array
+        The same for all.
+
+    Returns
+    -------
+    (cars, r) array
+        Products.
+    """
     return np.einsum("cj,ij->ci", rows, matrix)
 
 
@@ -180,6 +193,23 @@ class ObservedCar:
 
     @classmethod
     def of(cls, setting: Setting, sensors: Sequence[Sensor], design: ObserverSettings) -> ObservedCar:
+        """From the car of a setting, its sensors, and the errors that the observer is designed for.
+
+        Parameters
+        ----------
+        setting : Setting
+            Its car counts, without dampings.
+        sensors : sequence of Sensor
+            Of `READINGS`, in the order of the outputs.
+        design : ObserverSettings
+            Road class, speed, and the damper model's error.
+
+        Returns
+        -------
+        ObservedCar
+            With four states of the car, the error of the model force, and one state for each sensor of finite
+            bandwidth. A sensor without noise and resolution counts with a standard deviation of 1e-5 of its unit.
+        """
         car = LinearCar(setting.parameters.replace(damping=0.0, tyre_damping=0.0)).relative()
         slow = [s for s in sensors if np.isfinite(s.bandwidth)]
         n, rate = 5 + len(slow), 1 / design.force_memory
@@ -205,7 +235,22 @@ class ObservedCar:
         return cls(a, force, into, road, intensity, output, through, np.array(noise))
 
     def sampled(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Step, drive by a held force, covariance of the noise over a step (Van Loan 1978, IEEE TAC 23, 395-404)."""
+        """Step, drive by a held force, covariance of the noise over a step (Van Loan 1978, IEEE TAC 23, 395-404).
+
+        Parameters
+        ----------
+        time : float
+            Sample time [s].
+
+        Returns
+        -------
+        step : (n, n) array
+            State at the next sample from the state.
+        drive : (n,) array
+            The same from the force held over the step.
+        covariance : (n, n) array
+            Symmetric.
+        """
         from scipy.linalg import expm
 
         n = len(self.a)

@@ -82,7 +82,13 @@ class MeasurementSet:
             s.noise == 0 and s.resolution == 0 and np.isinf(s.bandwidth) for s in self.sensors)
 
     def quiet(self) -> MeasurementSet:
-        """The same without noise."""
+        """The same without noise.
+
+        Returns
+        -------
+        MeasurementSet
+            Resolution and bandwidth as before.
+        """
         return MeasurementSet(self.name, tuple(Sensor(s.signal, 0.0, s.resolution, s.bandwidth) for s in self.sensors))
 
 

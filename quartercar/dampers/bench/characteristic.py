@@ -45,6 +45,20 @@ def characteristic_line(damper: Damper, amplitudes: Sequence[float] | np.ndarray
                         frequency: float) -> CharacteristicLine:
     """Run the steady cycles of a series of amplitudes [m] at a frequency [Hz].
 
+    Parameters
+    ----------
+    damper : Damper
+        At current 0.
+    amplitudes : (n,) array
+        X of each cycle [m].
+    frequency : float
+        Of all cycles [Hz].
+
+    Returns
+    -------
+    CharacteristicLine
+        In the order of `amplitudes`.
+
     Examples
     --------
     >>> from quartercar.dampers.laws.linear import Linear

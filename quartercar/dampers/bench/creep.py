@@ -90,6 +90,11 @@ def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, 
     polarity : {1, −1}
         −1 where the force is measured against the velocity.
 
+    Returns
+    -------
+    CreepForces
+        With standard errors from the scatter of the means about the regression.
+
     Raises
     ------
     InputError
@@ -121,6 +126,26 @@ def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, 
 def steady_means(records: Sequence[Record], settings: WindowSettings, bins: int,
                  polarity: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displacement, velocity and force, each (n,): means along the steady part of every slope.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, with ``force`` and ``displacement`` or ``velocity``.
+    settings : WindowSettings
+        How steady a slope must be.
+    bins : int
+        Means taken along each slope.
+    polarity : {1, −1}
+        −1 where the force is measured against the velocity.
+
+    Returns
+    -------
+    displacement : (n,) array
+        Means along the slopes [m]; zeros where it was not measured.
+    velocity : (n,) array
+        Of the slope that each mean belongs to [m/s].
+    force : (n,) array
+        In the damper's own sense [N].
 
     Raises
     ------

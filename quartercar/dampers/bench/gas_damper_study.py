@@ -104,6 +104,16 @@ class WorkTable:
         """C_n of extension by least squares of the six measured works, all else as identified [N/(mm/s)^n].
 
         The work is linear in C_n, so that this has a closed form. `relative` weighs every row by its own work.
+
+        Parameters
+        ----------
+        relative : bool
+            Whether relative deviations are least instead of deviations in joules.
+
+        Returns
+        -------
+        float
+            C_n of extension [N/(mm/s)^n]; never below zero.
         """
         unit = self.law.with_values(power_force_extension=1.0)
         none = self.law.with_values(power_force_extension=0.0)
@@ -115,7 +125,13 @@ class WorkTable:
         return self.law.with_values(power_force_extension=max(force, 0.0)).printed("mm")["extension"].power
 
     def contradictions(self) -> tuple[str, ...]:
-        """What the printed table contradicts and how it is read here, in sentences with their numbers."""
+        """What the printed table contradicts and how it is read here, in sentences with their numbers.
+
+        Returns
+        -------
+        tuple of str
+            One sentence or two for each.
+        """
         rows, slipped = self.rows, [r for r in self.rows if r.amplitude != r.printed_amplitude]
         shares = [abs(r.printed_share) for r in rows]
         worst_row = max(rows, key=lambda r: abs(r.printed_share))
@@ -159,6 +175,16 @@ class WorkTable:
 def work_table(law: PowerLawDamper = SWIFT_2012) -> WorkTable:
     """Table IV of source 000 beside the closed-form work of a law.
 
+    Parameters
+    ----------
+    law : PowerLawDamper
+        Law whose work is computed; by default the identified constants of the source.
+
+    Returns
+    -------
+    WorkTable
+        One row for each of `PRINTED`.
+
     Examples
     --------
     >>> table = work_table()
@@ -201,6 +227,11 @@ def measured(displacement: np.ndarray, rate: float, rng: np.random.Generator, na
         Of oil and mounts, as `behind_spring` takes it; infinite for the law itself [N/m].
     noise : float
         Standard deviation [N].
+
+    Returns
+    -------
+    Record
+        Displacement [m], velocity [m/s] derived from it, and force [N].
     """
     record = with_velocity(Record({"displacement": Channel(displacement, "m")}, sample_time=1 / rate, name=name))
     law = law or SWIFT_2012.replace(friction_speed=1e-4)
@@ -229,6 +260,11 @@ def behind_spring(law: PowerLawFrictionGas, record: Record, stiffness: float, st
         k [N/m].
     steps : int
         Steps per sample, the displacement linear in between.
+
+    Returns
+    -------
+    (n,) array
+        At the samples of the record [N].
     """
     checks.positive(stiffness, "stiffness", "N/m")
     x, h = record["displacement"], float(record.sample_time or 0.0) / checks.count(steps, "steps", at_least=1)

@@ -53,6 +53,16 @@ class Points:
     def of(cls, side: StaticCharacteristic) -> Points:
         """Points of one side of a characteristic; those whose force does not resist have no logarithm and are left out.
 
+        Parameters
+        ----------
+        side : StaticCharacteristic
+            One direction in the first quadrant, as `StaticCharacteristic.side` and `parts` return it.
+
+        Returns
+        -------
+        Points
+            With equal errors where the characteristic has none.
+
         Raises
         ------
         InputError
@@ -69,7 +79,18 @@ class Points:
         return cls(speed, force, np.hypot(error, FLOOR * typical) if typical > 0 else np.ones(speed.size))
 
     def select(self, keep: np.ndarray) -> Points:
-        """Some of the points."""
+        """Some of the points.
+
+        Parameters
+        ----------
+        keep : (n,) array of bool or of int
+            Which to keep.
+
+        Returns
+        -------
+        Points
+            A copy.
+        """
         return Points(self.speed[keep], self.force[keep], self.error[keep])
 
 
@@ -124,7 +145,18 @@ class LogFit:
         return -2 * self.log_likelihood + (len(NETWORKS[self.network]) + 1) * float(np.log(self.n_points))
 
     def force(self, speed: np.ndarray | float) -> np.ndarray:
-        """F̂ at speeds > 0, friction included [N]."""
+        """F̂ at speeds > 0, friction included [N].
+
+        Parameters
+        ----------
+        speed : array or float
+            [m/s].
+
+        Returns
+        -------
+        array
+            Of the shape of `speed` [N].
+        """
         return network_force(np.asarray(speed, dtype=float), *self.theta[:3]) + self.theta[3]
 
 
@@ -172,6 +204,16 @@ def fit_log_force(points: Points, network: str, start: np.ndarray | None = None,
         c_L, c_Q, 1/c_leak, F_c from which to search; by default a grid of shapes and frictions.
     friction : float, optional
         F_c held at this value [N]; by default it is found with the rest (E3.7).
+
+    Returns
+    -------
+    LogFit
+        The best of the starts.
+
+    Raises
+    ------
+    InputError
+        No start at which the force is positive at every point.
 
     Examples
     --------
@@ -225,7 +267,22 @@ def _covariance(problem: _LogForceProblem, trial: Trial, inside: np.ndarray) -> 
 
 
 def upper_bound(points: Points, fit: LogFit, name: str) -> float:
-    """One-sided 95 % bound on a parameter, also where the fit has it at zero."""
+    """One-sided 95 % bound on a parameter, also where the fit has it at zero.
+
+    Parameters
+    ----------
+    points : Points
+        That the fit was made to.
+    fit : LogFit
+        With friction free.
+    name : str
+        Parameter that is free in the fit's network, e.g. ``"leak_mobility"``.
+
+    Returns
+    -------
+    float
+        Estimate and 1.645 standard errors, in the parameter's SI unit.
+    """
     problem = _LogForceProblem(fit.network, points, None)
     trial = problem.trial(fit.theta[problem.free])
     assert trial is not None
@@ -235,7 +292,22 @@ def upper_bound(points: Points, fit: LogFit, name: str) -> float:
 
 
 def held_out_error(points: Points, fits: Sequence[LogFit], folds: int) -> list[float]:
-    """Rms of ln F − ln F̂ at points that the fit has not seen, every `folds`-th speed held out in turn."""
+    """Rms of ln F − ln F̂ at points that the fit has not seen, every `folds`-th speed held out in turn.
+
+    Parameters
+    ----------
+    points : Points
+        That the fits were made to.
+    fits : sequence of LogFit
+        Each is the start of its refits.
+    folds : int
+        Number of parts.
+
+    Returns
+    -------
+    list of float
+        [1], one for each fit.
+    """
     squares = np.zeros(len(fits))
     for fold in range(folds):
         out = np.arange(points.speed.size) % folds == fold

@@ -39,6 +39,16 @@ class NetworkSquares:
         """F(v) [N], the parallel law by its inverse without cancellation.
 
         Where the fit has given a conductance below zero, there is no force beyond some speed; it is NaN there.
+
+        Parameters
+        ----------
+        speed : (n,) array
+            ≥ 0 [m/s].
+
+        Returns
+        -------
+        (n,) array
+            With the offset [N].
         """
         first, second = self.coefficients
         if self.form == "series":

@@ -97,6 +97,11 @@ def fit_ramps(records: Sequence[Record], polarity: int = 1) -> RampFit:
     polarity : {1, −1}
         −1 where the force is measured against the velocity.
 
+    Returns
+    -------
+    RampFit
+        Of least BIC over the directions that keep their power term.
+
     Raises
     ------
     InputError

@@ -24,6 +24,11 @@ def virtual_device() -> ExtendedBoucWen:
 
     Its hysteresis is too sharp for a Runge-Kutta step of 1 ms; the paper's values are lost, these are chosen.
 
+    Returns
+    -------
+    ExtendedBoucWen
+        Over the nine duties of `NODES`, with gas spring and preload.
+
     Examples
     --------
     >>> virtual_device().fastest_rate(0.126, current=0.5) * 1e-3 > RK4_END
@@ -55,6 +60,11 @@ def measured(device: SemiActiveDamper, name: str, current: float | np.ndarray, w
     rng : Generator
     noise : float
         Standard deviation on the force [N].
+
+    Returns
+    -------
+    Record
+        Displacement [m], velocity [m/s], duty [1] and noisy force [N].
     """
     checks.one_of(wave, ("sine", "saw"), "wave")
     sine = wave == "sine"
@@ -68,7 +78,22 @@ def measured(device: SemiActiveDamper, name: str, current: float | np.ndarray, w
 
 
 def paper_plan(device: SemiActiveDamper, nodes: tuple[float, ...], rng: np.random.Generator) -> list[Record]:
-    """The paper's: a slow run at the least duty, 25 mm and 0.8 Hz at each, steps of 15 to 50 % inside strokes."""
+    """The paper's: a slow run at the least duty, 25 mm and 0.8 Hz at each, steps of 15 to 50 % inside strokes.
+
+    Parameters
+    ----------
+    device : SemiActiveDamper
+        What is measured.
+    nodes : tuple of float
+        Duties of the runs at constant current, rising.
+    rng : numpy.random.Generator
+        Draws the noise of the force.
+
+    Returns
+    -------
+    list of Record
+        ``slow``, one for each node, and ``steps``, at 1 kHz.
+    """
     steps = np.where(np.arange(8000) % 290 < 140, 0.5, 0.15)
     return [measured(device, "slow", nodes[0], "saw", 0.025, 0.005, 20.0, rng),
             *(measured(device, f"u = {u:.0%}", u, "sine", 0.025, 0.04 * np.pi, 3.75, rng) for u in nodes),
@@ -77,6 +102,15 @@ def paper_plan(device: SemiActiveDamper, nodes: tuple[float, ...], rng: np.rando
 
 def fixed_steps(damper: ExtendedBoucWen, record: Record, refinement: int = 20) -> tuple[Record, float, float]:
     """The same motion with the stepper and with Runge-Kutta, against a run with steps so many times finer.
+
+    Parameters
+    ----------
+    damper : ExtendedBoucWen
+        What is stepped.
+    record : Record
+        Uniform, with displacement, velocity and current.
+    refinement : int
+        Steps of the reference within one sample.
 
     Returns
     -------
@@ -105,6 +139,18 @@ def runge_kutta(damper: ExtendedBoucWen, record: Record) -> np.ndarray:
     """(n,) force by the classical Runge-Kutta method at the record's step, its command taken as settled [N].
 
     What the paper ran in real time. Not finite, or absurd, from where it diverges.
+
+    Parameters
+    ----------
+    damper : ExtendedBoucWen
+        What is integrated.
+    record : Record
+        Uniform, with displacement [m], velocity [m/s] and current.
+
+    Returns
+    -------
+    (n,) array
+        With the gas spring; NaN after the step at which the state is no longer finite [N].
     """
     def rates(s: np.ndarray, x: float, v: float, u: float) -> np.ndarray:
         c0, k0, c1, alpha, beta, gamma, delta = damper.mixture(v, u, damper.vector)

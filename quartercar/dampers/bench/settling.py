@@ -37,18 +37,63 @@ class Settling:
     found: bool
 
     def left(self, first: int, last: int) -> float:
-        """Mean over samples first … last − 1 of the part that is still to settle [N]."""
+        """Mean over samples first … last − 1 of the part that is still to settle [N].
+
+        Parameters
+        ----------
+        first, last : int
+            Samples from the one at which `amount` stands.
+
+        Returns
+        -------
+        float
+            With the sign of `amount` [N].
+        """
         return self.amount * float(np.mean(np.exp(-np.arange(first, last) / self.tau)))
 
     def settled(self, level: float, std: float, left: float) -> tuple[float, float]:
-        """Level and standard error without the remainder: taken off where it was found, else doubt."""
+        """Level and standard error without the remainder: taken off where it was found, else doubt.
+
+        Parameters
+        ----------
+        level : float
+            Force as the straight line has it [N].
+        std : float
+            Its standard error [N].
+        left : float
+            Remainder, as `left` returns it [N].
+
+        Returns
+        -------
+        level : float
+            [N].
+        std : float
+            Larger than before, by `DOUBT` of the remainder where that was found, else by all of it [N].
+        """
         if self.found:
             return level - left, float(np.hypot(std, DOUBT * left))
         return level, float(np.hypot(std, left))
 
 
 def straight_line(force: np.ndarray) -> tuple[float, float, float, float]:
-    """Straight line through a window: value and standard error at its middle, step per sample, share of spikes."""
+    """Straight line through a window: value and standard error at its middle, step per sample, share of spikes.
+
+    Parameters
+    ----------
+    force : (n,) array
+        Samples of the window [N].
+
+    Returns
+    -------
+    level : float
+        At the middle [N].
+    std : float
+        For correlated noise, by `effective_samples` [N].
+    step : float
+        [N per sample].
+    spikes : float
+        Share of the samples that were left out as beyond `CLIP` robust standard deviations.
+    """
     k = np.arange(force.size) - 0.5 * (force.size - 1)
     keep = np.ones(force.size, dtype=bool)
     residual, line = force, np.zeros(2)
@@ -65,7 +110,18 @@ def straight_line(force: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def effective_samples(residual: np.ndarray) -> float:
-    """Independent samples that an autocorrelated residual is worth, n(1−ρ)/(1+ρ)."""
+    """Independent samples that an autocorrelated residual is worth, n(1−ρ)/(1+ρ).
+
+    Parameters
+    ----------
+    residual : (n,) array
+        About zero.
+
+    Returns
+    -------
+    float
+        At least 3; ρ is the correlation of neighbours, 0 where it is negative.
+    """
     power = float(residual @ residual)
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
     rho = min(max(rho, 0.0), 0.999)
@@ -73,7 +129,19 @@ def effective_samples(residual: np.ndarray) -> float:
 
 
 def settling(force: np.ndarray) -> Settling:
-    """Least squares of a + b t + A exp(−t/τ) on block means, over trial τ up to the length of the plateau."""
+    """Least squares of a + b t + A exp(−t/τ) on block means, over trial τ up to the length of the plateau.
+
+    Parameters
+    ----------
+    force : (n,) array
+        Samples of a plateau [N].
+
+    Returns
+    -------
+    Settling
+        Where none stands out of the noise, that of the best trial τ up to `SHORT` of the plateau; amount 0 where the
+        means lie on a straight line.
+    """
     width = max(1, force.size // BLOCKS)
     means = force[:force.size // width * width].reshape(-1, width).mean(axis=1)
     t = np.arange(means.size, dtype=float)

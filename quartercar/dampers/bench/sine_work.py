@@ -12,6 +12,16 @@ from quartercar.dampers.laws.power_law import DIRECTIONS, PowerLawDamper, PowerL
 def power_integral(order: float) -> float:
     """I(q) = ∫_0^π sin^q φ dφ = √π Γ((q+1)/2)/Γ(q/2+1).
 
+    Parameters
+    ----------
+    order : float
+        q > −1.
+
+    Returns
+    -------
+    float
+        [1].
+
     Examples
     --------
     >>> round(power_integral(2.0), 6), round(power_integral(3.0), 6)
@@ -33,6 +43,11 @@ def sine_work(law: PowerLawDamper, amplitude: float, frequency: float) -> float:
         X [m].
     frequency : float
         f [Hz].
+
+    Returns
+    -------
+    float
+        [J], positive where energy is taken from the motion.
 
     Examples
     --------

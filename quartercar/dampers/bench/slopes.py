@@ -68,6 +68,11 @@ def log_slopes(points: Points, friction: float, friction_std: float = 0.0) -> Sl
     friction_std : float
         [N].
 
+    Returns
+    -------
+    SlopeDiagnosis
+        Local slopes, those of a smoothing cubic at three places, and their trend.
+
     Raises
     ------
     InputError

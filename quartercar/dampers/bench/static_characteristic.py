@@ -94,7 +94,23 @@ class StaticCharacteristic(Encoded):
         return tuple(w for w in self.windows if w.fault)
 
     def side(self, direction: int) -> StaticCharacteristic:
-        """The points of one direction, turned into the first quadrant: speeds and resisting forces, rising."""
+        """The points of one direction, turned into the first quadrant: speeds and resisting forces, rising.
+
+        Parameters
+        ----------
+        direction : {1, −1}
+            1 for extension, −1 for compression.
+
+        Returns
+        -------
+        StaticCharacteristic
+            Positive speeds [m/s], forces that resist positive [N].
+
+        Raises
+        ------
+        InputError
+            Another direction, or no point in this one.
+        """
         if direction not in (1, -1):
             raise InputError("direction is 1 or -1", got=direction)
         keep = self.direction == direction
@@ -109,6 +125,15 @@ class StaticCharacteristic(Encoded):
 
         Only speeds measured in both directions count. A gas preload or a zero error of the load cell is even; an
         asymmetric damper has an even part that grows with speed, and then `side` is the right view.
+
+        Returns
+        -------
+        odd : StaticCharacteristic
+            Positive speeds [m/s], forces [N].
+        offset : float
+            Mean even part [N].
+        std : float
+            Its standard error, with the scatter of the even parts between speeds [N].
 
         Raises
         ------
@@ -131,7 +156,18 @@ class StaticCharacteristic(Encoded):
         return odd, mean, float(np.sqrt(1.0 / weight.sum() + spread / len(pairs)))
 
     def select(self, keep: np.ndarray) -> StaticCharacteristic:
-        """Some of the points, by a boolean or index array."""
+        """Some of the points, by a boolean or index array.
+
+        Parameters
+        ----------
+        keep : (n,) array of bool or of int
+            Which to keep, by rising velocity.
+
+        Returns
+        -------
+        StaticCharacteristic
+            A copy, with all windows.
+        """
         return StaticCharacteristic(self.velocity[keep], self.force[keep], self.std[keep], self.count[keep],
                                     self.repeatability, self.windows)
 

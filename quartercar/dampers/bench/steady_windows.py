@@ -113,6 +113,20 @@ class SteadyWindow(Encoded):
 def steady_windows(record: Record, settings: WindowSettings | None = None, polarity: int = 1) -> list[SteadyWindow]:
     """One window for every slope of a record, refused ones with their reason.
 
+    Parameters
+    ----------
+    record : Record
+        With ``force`` and ``displacement`` or ``velocity``.
+    settings : WindowSettings, optional
+        How steady a slope must be; the defaults where left out.
+    polarity : {1, −1}
+        −1 where the force is measured against the velocity.
+
+    Returns
+    -------
+    list of SteadyWindow
+        In order of time; strokes cut off by the ends of the record are not among them, and none is where nothing moves.
+
     Raises
     ------
     InputError

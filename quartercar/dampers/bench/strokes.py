@@ -16,7 +16,25 @@ CURVED = 3.0
 
 
 def travel(record: Record) -> tuple[np.ndarray, bool]:
-    """Displacement, or the integral of the velocity; and whether it is the measured one."""
+    """Displacement, or the integral of the velocity; and whether it is the measured one.
+
+    Parameters
+    ----------
+    record : Record
+        Uniform, with displacement or velocity.
+
+    Returns
+    -------
+    travel : (n,) array
+        The integral starts at 0 [m].
+    measured : bool
+        False for the integral.
+
+    Raises
+    ------
+    InputError
+        Neither displacement nor velocity.
+    """
     for role in ("displacement", "velocity"):
         if record.has(role):
             values = checks.finite(record[role], f"record '{record.name}': {role}")
@@ -29,7 +47,20 @@ def travel(record: Record) -> tuple[np.ndarray, bool]:
 
 
 def turning_points(x: np.ndarray, threshold: float) -> np.ndarray:
-    """Indices of the turning points between which x travels more than `threshold`, ends of the record included."""
+    """Indices of the turning points between which x travels more than `threshold`, ends of the record included.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Displacement [m].
+    threshold : float
+        [m]; not above zero where nothing moves.
+
+    Returns
+    -------
+    (m,) array of int
+        Rising; empty for a threshold that is not above zero.
+    """
     if threshold <= 0:
         return np.zeros(0, dtype=int)
     rising = np.diff(x) > 0
@@ -52,7 +83,28 @@ def turning_points(x: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def plateau(x: np.ndarray, first: int, last: int, straight: float, period: float) -> tuple[int, int, float, float]:
-    """Samples over which x follows the line through its middle half, that line's slope, and the share of the stroke."""
+    """Samples over which x follows the line through its middle half, that line's slope, and the share of the stroke.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Displacement [m].
+    first, last : int
+        Samples of the turning points at both ends of the stroke.
+    straight : float
+        Deviation from the line that ends the plateau, as a share of the stroke; the noise of x is allowed besides.
+    period : float
+        Sample time [s].
+
+    Returns
+    -------
+    begin, end : int
+        Samples of the plateau, the second not included.
+    velocity : float
+        [m/s].
+    share : float
+        Of the stroke that the plateau covers; 0 where the stroke has too few samples or is nowhere straight.
+    """
     stroke, travel = x[first:last + 1], float(x[last] - x[first])
     inside = np.flatnonzero(np.abs(stroke - 0.5 * (x[first] + x[last])) < 0.25 * abs(travel))
     if inside.size < 3:
@@ -76,7 +128,18 @@ def plateau(x: np.ndarray, first: int, last: int, straight: float, period: float
 
 
 def speed_varies(x: np.ndarray) -> bool:
-    """Whether the speed varies by more than 3 % over a plateau, and that stands out of the noise (a sine does)."""
+    """Whether the speed varies by more than 3 % over a plateau, and that stands out of the noise (a sine does).
+
+    Parameters
+    ----------
+    x : (n,) array
+        Displacement over the plateau [m].
+
+    Returns
+    -------
+    bool
+        By the second and third Legendre coefficient of x.
+    """
     s = np.linspace(-1.0, 1.0, x.size)
     design = np.polynomial.legendre.legvander(s, 3)
     coefficients, *_ = np.linalg.lstsq(design, x, rcond=None)

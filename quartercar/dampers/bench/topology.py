@@ -91,6 +91,16 @@ class NetworkChoice:
         """A damper with the fitted values, by default of the best network, its friction smooth below the slowest speed.
 
         A purely laminar or turbulent fit is a series network with one loss.
+
+        Parameters
+        ----------
+        network : str, optional
+            A name of `NETWORKS`.
+
+        Returns
+        -------
+        NetworkDamper
+            One network for both directions, offset 0.
         """
         fit = self.fits[checks.known_name(network, list(self.fits), "network")] if network else self.best
         kind = KINDS.get(fit.network, SeriesNetwork)
@@ -288,7 +298,22 @@ class FrictionProfile:
 
 
 def friction_profile(points: Points, fit: LogFit, count: int = 25) -> FrictionProfile:
-    """Refit a network at fixed frictions about the fitted one, as far out as the interval reaches."""
+    """Refit a network at fixed frictions about the fitted one, as far out as the interval reaches.
+
+    Parameters
+    ----------
+    points : Points
+        That the fit was made to.
+    fit : LogFit
+        With friction free.
+    count : int
+        Frictions tried, half of them on either side of the fitted one.
+
+    Returns
+    -------
+    FrictionProfile
+        Reaches as far as the interval does, at most 64 standard errors; to zero friction where that lies inside.
+    """
     from scipy.stats import f as fisher
 
     freedom = max(fit.n_points - len(NETWORKS[fit.network]), 1)

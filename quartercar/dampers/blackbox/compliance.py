@@ -90,7 +90,24 @@ class Compliance(SampledDamper):
         return cls(current=facts.current_varies, displacement=facts.has_displacement, **facts.common)
 
     def structure(self, lags: int, levels: int, moving: bool, iterations: int = 80) -> Structure:
-        """The structure in lpvid's words; `moving` states whether the current ever moves within a record."""
+        """The structure in lpvid's words; `moving` states whether the current ever moves within a record.
+
+        Parameters
+        ----------
+        lags : int
+            Linear terms in v(k), v(k−1), …
+        levels : int
+            Segments of the law in the current; not read without current.
+        moving : bool
+            Whether the current moves within a record, so that a lag of rise and fall and a delay are fitted too.
+        iterations : int
+            Most steps of the search.
+
+        Returns
+        -------
+        lpvid.identification.compliance.Compliance
+            For `lpvid.identify`.
+        """
         from lpvid.identification.compliance import Compliance as Structure
 
         lag = "rise-fall-delay" if self.current and moving else None
@@ -172,7 +189,26 @@ class QuasiLpv(SampledDamper):
         return cls(degree=1 if facts.current_varies else 0, **facts.common)
 
     def structure(self, lags: int, trial: int, oddness: float, moving: bool, iterations: int = 80) -> QuasiStructure:
-        """The structure in lpvid's words; `moving` states whether the current ever moves within a record."""
+        """The structure in lpvid's words; `moving` states whether the current ever moves within a record.
+
+        Parameters
+        ----------
+        lags : int
+            Velocity lags.
+        trial : int
+            Velocity lags in ρ.
+        oddness : float
+            Samples for which an asymmetry must be bought.
+        moving : bool
+            Whether the current moves within a record, so that a lag of rise and fall is fitted too.
+        iterations : int
+            Most steps of the search.
+
+        Returns
+        -------
+        lpvid.identification.quasi_lpv.QuasiLPV
+            For `lpvid.identify`.
+        """
         from lpvid.identification.quasi_lpv import QuasiLPV as QuasiStructure
 
         external = Polynomial(("current",), self.degree) if self.degree else Polynomial()

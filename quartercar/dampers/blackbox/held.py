@@ -48,7 +48,23 @@ class Held:
 
     @classmethod
     def of(cls, data: Mapping) -> Held:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data: ``model``, and for a transfer function ``layout``.
+
+        Returns
+        -------
+        Held
+            Of a state space or a model that schedules itself every number is a parameter.
+
+        Raises
+        ------
+        InputError
+            More than one output or one that is no force; a model of another kind.
+        """
         from lpvid.export.serialise import model_from_dict
 
         model = model_from_dict(data["model"])
@@ -84,7 +100,18 @@ class Held:
                                np.zeros(0) if lag is None else lag.vector])
 
     def at(self, vector: np.ndarray) -> Inner:
-        """The model at other parameters."""
+        """The model at other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `vector`.
+
+        Returns
+        -------
+        LPVTransferFunction, LPVStateSpace or SelfScheduled
+            A copy.
+        """
         size, stage, lag = self.layout.size, self.model.input_stage, self.model.scheduling_stage
         model: Any = self.layout.fill(self.model, np.asarray(vector[:size], dtype=float))  # type: ignore[arg-type]
         if stage is not None and self._shape.size:
@@ -120,7 +147,18 @@ class Held:
         )
 
     def spread(self, covariance: np.ndarray) -> np.ndarray:
-        """(P, P) covariance from that of the coefficients; what is not known of shape and lag is NaN."""
+        """(P, P) covariance from that of the coefficients; what is not known of shape and lag is NaN.
+
+        Parameters
+        ----------
+        covariance : (C, C) array
+            Of the coefficients, in the order of the layout; further rows and columns are not read.
+
+        Returns
+        -------
+        (P, P) array
+            In the order of `vector`.
+        """
         out = np.full((self.vector.size, self.vector.size), np.nan)
         size = self.layout.size
         out[:size, :size] = covariance[:size, :size]
@@ -128,7 +166,18 @@ class Held:
 
 
 def layout_of(model: Inner) -> Places:
-    """Every coefficient that is not structurally zero; of a state space every entry of its matrices."""
+    """Every coefficient that is not structurally zero; of a state space every entry of its matrices.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+        One output.
+
+    Returns
+    -------
+    ParameterLayout, StateSpaceLayout or VectorLayout
+        Places of the coefficients that are parameters.
+    """
     if isinstance(model, LPVTransferFunction):
         assert model.c is not None
         rows = [(part, lag, output, source, m) for part, array in ((0, model.a), (1, model.b))

@@ -79,6 +79,11 @@ class Identified(SampledDamper):
         label : str
             What to call it in a refusal.
 
+        Returns
+        -------
+        Identified
+            In the damper's own sense, current range and unit from the model's box.
+
         Raises
         ------
         InputError
@@ -93,7 +98,7 @@ class Identified(SampledDamper):
         ranges = {own[n]: list(map(float, r)) for n, r in training.get("ranges", {}).items() if n in own}
         usual = {own[n]: list(map(float, r)) for n, r in training.get("usual", {}).items() if n in own}
         polarity = -1 if model.metadata.get("polarity") == "reversed" else 1
-        centre = rest_position(ranges.get("displacement")) if "displacement" in named else 0.0
+        centre = _rest_position(ranges.get("displacement")) if "displacement" in named else 0.0
         inner = moved(renamed(model, own), polarity, centre)
         box = model.box
         kept = {k: v for k, v in training.items() if k not in ("ranges", "usual")}
@@ -107,7 +112,7 @@ class Identified(SampledDamper):
                    current_unit=(box.units[0] or "1") if box.names else "A")
 
 
-def rest_position(span: Sequence[float] | None) -> float:
+def _rest_position(span: Sequence[float] | None) -> float:
     """Displacement of the records at which the car rests: 0 where they cross it, else their middle (as `Facts`)."""
     if span is None or span[0] < 0 < span[1]:
         return 0.0

@@ -76,7 +76,18 @@ class LpvArx(SampledDamper):
         return self.at_clock(sample_time)
 
     def arx(self, moving: bool) -> ARX:
-        """The structure in lpvid's words; `moving` states whether the current ever moves within a record."""
+        """The structure in lpvid's words; `moving` states whether the current ever moves within a record.
+
+        Parameters
+        ----------
+        moving : bool
+            Whether the current moves within a record, so that a lag of rise and fall is fitted too.
+
+        Returns
+        -------
+        ARX
+            For `lpvid.identify`.
+        """
         from lpvid.identification.arx import ARX
 
         basis = Polynomial(("current",), self.degree) if self.degree else Polynomial()
@@ -103,7 +114,18 @@ class LpvArx(SampledDamper):
 
 
 def current_moves(records: Sequence[Record]) -> bool:
-    """Whether the current moves within some record, so that a lag of it can be seen."""
+    """Whether the current moves within some record, so that a lag of it can be seen.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With current.
+
+    Returns
+    -------
+    bool
+        True where its range within one record exceeds a tenth of the range over all.
+    """
     spread = max(float(np.ptp(r["current"])) for r in records)
     whole = max(float(r["current"].max()) for r in records) - min(float(r["current"].min()) for r in records)
     return spread > 0.1 * max(whole, 1e-12)

@@ -88,7 +88,13 @@ class Narx(SampledDamper):
         return self.at_clock(sample_time)
 
     def arx(self) -> ARX:
-        """The structure in lpvid's words."""
+        """The structure in lpvid's words.
+
+        Returns
+        -------
+        ARX
+            For `lpvid.identify`.
+        """
         from lpvid.identification.arx import ARX
 
         basis = Polynomial(("current",), self.degree) if self.degree else Polynomial()

@@ -20,7 +20,20 @@ SETTLED = 1e-7
 
 
 def record_of(drive: Drive, force: np.ndarray) -> Record:
-    """A drive as a record, beside a force."""
+    """A drive as a record, beside a force.
+
+    Parameters
+    ----------
+    drive : Drive
+        Velocity [m/s], displacement [m] and current.
+    force : (n,) array
+        [N].
+
+    Returns
+    -------
+    Record
+        All four channels, without units.
+    """
     columns: Any = {"velocity": drive.velocity, "displacement": drive.displacement, "current": drive.current,
                     "force": force}
     return Record(columns, drive.sample_time)
@@ -31,6 +44,22 @@ def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: fl
 
     Transfer functions and state spaces see the displacement pass through `displacement` at that velocity, and so do
     models that derive the velocity from it; others see both held.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+        In the damper's own sense.
+    velocity : (n,) array
+        Held, one case each [m/s].
+    current : float
+        Held, in the unit of the model's scheduling.
+    displacement : float
+        At the instant of the force [m].
+
+    Returns
+    -------
+    (n,) array
+        [N].
     """
     if isinstance(model, LPVTransferFunction):
         return _closed_form(model, velocity, current, displacement)
@@ -52,7 +81,7 @@ def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: fl
         hold *= 4
 
 
-def held_inputs(model: Inner, velocity: np.ndarray, current: float, displacement: float) -> np.ndarray:
+def _held_inputs(model: Inner, velocity: np.ndarray, current: float, displacement: float) -> np.ndarray:
     """(n, m) inputs behind the static stage as the motion passes through a displacement."""
     motion = {"velocity": velocity, "displacement": np.full(velocity.size, displacement),
               "current": np.full(velocity.size, current)}
@@ -69,6 +98,24 @@ def state_at_rest(model: LPVStateSpace, velocity: np.ndarray, current: float,
     The inputs are u(k) = u_0 + u_1 k with u_1 = v T for the displacement, and so is the state, d(k) = d_0 + d_1 k::
 
         d_1 = (I − A)⁻¹ B u_1,    d_0 = (I − A)⁻¹ (B u_0 + f − d_1),    y(0) = C d_0 + D u_0 + g
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        In the damper's own sense.
+    velocity : (n,) array
+        Held, one case each [m/s].
+    current : float
+        Held, in the unit of the model's scheduling.
+    displacement : float
+        At sample 0 [m].
+
+    Returns
+    -------
+    state : (n, order) array
+        At sample 0; a state space has no units for it.
+    force : (n,) array
+        At sample 0 [N].
     """
     assert model.state_offset is not None and model.output_offset is not None and model.sample_time is not None
     phi = model.basis.evaluate(np.full((1, len(model.box.names)), current))[0]
@@ -76,7 +123,7 @@ def state_at_rest(model: LPVStateSpace, velocity: np.ndarray, current: float,
                                                                model.output_offset))
     if np.abs(np.linalg.eigvals(a)).max(initial=0.0) >= 1:
         return np.full((velocity.size, model.order), np.nan), np.full(velocity.size, np.nan)
-    u = held_inputs(model, velocity, current, displacement)
+    u = _held_inputs(model, velocity, current, displacement)
     rise = np.zeros_like(u)
     for column, signal in enumerate(model.inputs):
         if signal.name == "displacement":
@@ -101,7 +148,7 @@ def _closed_form(model: LPVTransferFunction, velocity: np.ndarray, current: floa
     point = [current] * len(model.box.names)
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(velocity.size, np.nan)
-    u = held_inputs(model, velocity, current, displacement)
+    u = _held_inputs(model, velocity, current, displacement)
     a, b, c = model.coefficients(point)
     below = 1.0 + a.sum()
     settled = (u @ b.sum(axis=0)[0] + c.sum()) / below

@@ -55,7 +55,23 @@ class SampledDamper(Damper):
 
     @abstractmethod
     def identified(self, records: Sequence[Record]) -> tuple[Self, Identification, tuple[str, ...]]:
-        """Identify from records in the damper's own sense: the settings as chosen, the estimate, notes on it."""
+        """Identify from records in the damper's own sense: the settings as chosen, the estimate, notes on it.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Training data with the channels that the damper reads and the force, tension positive, displacement from the
+            centre.
+
+        Returns
+        -------
+        damper : SampledDamper
+            With its open settings as chosen on these records; not yet fitted.
+        found : Identification
+            The estimate, with the layout of its parameters.
+        notes : tuple of str
+            What was chosen and by which figures.
+        """
 
     # -- the model ---------------------------------------------------------------------------------------------------
     def check_settings(self) -> None:
@@ -154,12 +170,34 @@ class SampledDamper(Damper):
         return zero + (one - zero) * np.asarray(displacement, dtype=float)
 
     def at_clock(self, sample_time: float) -> Inner:
-        """The model inside, in the damper's own sense; InputError at another rate than its own."""
+        """The model inside, in the damper's own sense; InputError at another rate than its own.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        LPVTransferFunction, LPVStateSpace or SelfScheduled
+            At the present parameters.
+        """
         self._check_clock(sample_time)
         return self.held.at(self.vector)
 
     def to_model(self, sample_time: float) -> Any:
-        """The model inside along records as measured (their polarity, their zero of displacement), at its own rate."""
+        """The model inside along records as measured (their polarity, their zero of displacement), at its own rate.
+
+        Parameters
+        ----------
+        sample_time : float
+            Not read: the model has a period of its own.
+
+        Returns
+        -------
+        LPVTransferFunction, LPVStateSpace or SelfScheduled
+            Velocity and displacement, as far as it reads them, to the force of the records.
+        """
         from quartercar.dampers.as_model import turned
 
         return turned(self.held.at(self.vector), self)
@@ -182,14 +220,32 @@ class SampledDamper(Damper):
         held = Held(found.model, found.layout)  # type: ignore[arg-type]
         covariance = held.spread(found.covariance)
         if isinstance(found.structure, OutputError) and not np.isfinite(covariance).all():
-            joint = free_run_covariance(held, shorten(own, MOST_SAMPLES, held.model.start + 50))
+            joint = _free_run_covariance(held, shorten(own, MOST_SAMPLES, held.model.start + 50))
             covariance = covariance if joint is None else joint
         return Estimate(chosen.replace(stored=held.to_dict()), covariance, notes=(*notes, *found.notes),
                         condition=found.scaled_condition)
 
 
 def boolean(value: object, name: str) -> bool:
-    """True or False, nothing that merely counts as one."""
+    """True or False, nothing that merely counts as one.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    name : str
+        Of the setting, for the message.
+
+    Returns
+    -------
+    bool
+        `value` itself.
+
+    Raises
+    ------
+    InputError
+        Anything but True or False: 0, 1 and text too.
+    """
     if not isinstance(value, bool):
         raise InputError(f"{name} is true or false", got=value)
     return value
@@ -209,7 +265,7 @@ STEP = 1e-6
 """share of a parameter by which it is moved for its difference quotient."""
 
 
-def free_run_covariance(held: Held, records: Sequence[Record]) -> np.ndarray | None:
+def _free_run_covariance(held: Held, records: Sequence[Record]) -> np.ndarray | None:
     """H⁻¹ S H⁻¹ with H = JᵀJ and S the sum of lagged products of the scores J(t) e(t); None where a run diverges.
 
     J holds central differences of the free run, whose start is fitted to the data at every trial. S has Bartlett

@@ -32,19 +32,31 @@ def sampled_stepper(model: Inner) -> DamperStepper:
     -------
     DamperStepper
 
+    Parameters
+    ----------
+    damper : SampledDamper
+        Fitted.
+    step : float
+        Length of a step, the damper's own period [s].
+
+    Returns
+    -------
+    DamperStepper
+        Of the kind that suits the model inside.
+
     Raises
     ------
     InputError
         A current filter that is not a lag, a model that reads the current ahead of time.
     """
     if isinstance(model, LPVTransferFunction):
-        return TransferFunctionStepper(model)
+        return _TransferFunctionStepper(model)
     if isinstance(model, LPVStateSpace):
-        return StateSpaceStepper(model)
-    return WindowStepper(model)
+        return _StateSpaceStepper(model)
+    return _WindowStepper(model)
 
 
-class CurrentFilter:
+class _CurrentFilter:
     """The model's filter on its current, one sample at a time."""
 
     def __init__(self, model: Inner) -> None:
@@ -76,13 +88,13 @@ class CurrentFilter:
         return self._value
 
 
-class SampledStepper(DamperStepper):
+class _SampledStepper(DamperStepper):
     """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
 
     def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
         self._model = model
         self._names = [s.name for s in model.inputs]
-        self._filter = CurrentFilter(model)
+        self._filter = _CurrentFilter(model)
         self._scheduled = bool(model.box.names)
         _by_current(model)
         self._rows = model.start + 1
@@ -115,7 +127,7 @@ class SampledStepper(DamperStepper):
         self._u[-1] = self._inputs(displacement, velocity)
 
 
-class TransferFunctionStepper(SampledStepper):
+class _TransferFunctionStepper(_SampledStepper):
     """y(k) = past + b_0(p) u(k); the past is summed once per sample."""
 
     _model: LPVTransferFunction
@@ -142,7 +154,7 @@ class TransferFunctionStepper(SampledStepper):
         return self._past + float(u[0] @ self._direct)
 
 
-class WindowStepper(SampledStepper):
+class _WindowStepper(_SampledStepper):
     """A model that schedules itself, run from its past for one sample."""
 
     def _look(self) -> None:
@@ -155,7 +167,7 @@ class WindowStepper(SampledStepper):
         return float(out[-1])
 
 
-class StateSpaceStepper(DamperStepper):
+class _StateSpaceStepper(DamperStepper):
     """F = C d + D u + g with the state carried along; a basis that reads past currents is given them."""
 
     def __init__(self, model: LPVStateSpace) -> None:
@@ -164,7 +176,7 @@ class StateSpaceStepper(DamperStepper):
         if low < 0:
             raise InputError(f"this state space reads the current {-low} samples ahead", why="a car does not know it",
                              mend="--form augmented or --form observable instead of shifted")
-        self._model, self._filter = model, CurrentFilter(model)
+        self._model, self._filter = model, _CurrentFilter(model)
         self._names = [s.name for s in model.inputs]
         assert model.state_offset is not None and model.output_offset is not None
         self._stacks = (model.A, model.B, model.C[:, 0], model.D[:, 0], model.state_offset, model.output_offset[:, 0])

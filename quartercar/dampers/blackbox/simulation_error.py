@@ -66,7 +66,18 @@ def by_simulation_error(records: Sequence[Record], arx: ARX) -> tuple[Identifica
 
 
 def largest_pole(model: LPVTransferFunction) -> float:
-    """Largest modulus of the frozen poles over the range of the current."""
+    """Largest modulus of the frozen poles over the range of the current.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        Discrete-time.
+
+    Returns
+    -------
+    float
+        Over `CURRENTS` points of the range; 0 for a model without past outputs.
+    """
     return max((float(np.abs(model.frozen_poles(p)).max(initial=0.0)) for p in model.box.grid(CURRENTS)), default=0.0)
 
 

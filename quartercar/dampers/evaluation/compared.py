@@ -80,7 +80,18 @@ class Compared:
                 for p in self.damper.parameters]
 
     def to_dict(self, rank: int) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Parameters
+        ----------
+        rank : int
+            Place in the comparison, counted from 1.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         found = self.fit
         return {"name": self.name, "title": self.title, "source": self.damper.source, "rank": rank,
                 "fitted": found is not None, "held_out": self.held_out.to_dict(), "training": self.training.to_dict(),
@@ -135,7 +146,18 @@ class Comparison(Shown):
         raise InputError(f"no compared model '{name}'", got=", ".join(r.name for r in self.rows))
 
     def with_notes(self, notes: Sequence[str]) -> Comparison:
-        """The same with further notes."""
+        """The same with further notes.
+
+        Parameters
+        ----------
+        notes : sequence of str
+            Put after its own.
+
+        Returns
+        -------
+        Comparison
+            A copy.
+        """
         return replace(self, notes=(*self.notes, *notes))
 
     @property
@@ -195,7 +217,19 @@ class Comparison(Shown):
 
 
 def energy_lines(damper: Damper) -> list[str]:
-    """Where an identified damper gives energy, or what certifies that it gives none."""
+    """Where an identified damper gives energy, or what certifies that it gives none.
+
+    Parameters
+    ----------
+    damper : Damper
+        Of any kind.
+
+    Returns
+    -------
+    list of str
+        One line, or none: no transfer function from velocity to force inside, or neither energy given nor a
+        certificate.
+    """
     margin = margin_of(damper)
     if margin is None:
         return []

@@ -113,7 +113,7 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
     passive up to 2 m/s
     """
     checks.positive(speed, "speed", "m/s")
-    currents = current_grid(damper)
+    currents = _current_grid(damper)
     with np.errstate(all="ignore"):
         power, power_at, reach = _static(damper, speed, currents)
         share, work_at = _cycles(damper, speed, currents)
@@ -124,7 +124,7 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
                      damper.current_unit)
 
 
-def current_grid(damper: Damper) -> np.ndarray:
+def _current_grid(damper: Damper) -> np.ndarray:
     """Currents over the fitted range, its rarest ends left out; 0 for a damper without one."""
     usual = damper.usual_currents
     if usual is None or "current" not in damper.reads:

@@ -27,7 +27,7 @@ KEPT = 16
 """Certificates that are remembered: those of the dampers of one comparison or one set of rides."""
 
 
-def transfer_function_of(damper: Damper | None) -> LPVTransferFunction | None:
+def _transfer_function_of(damper: Damper | None) -> LPVTransferFunction | None:
     """The transfer function from velocity to force inside a damper, in its own sense; None where there is none."""
     if not isinstance(damper, SampledDamper) or damper.stored is None:
         return None
@@ -38,14 +38,37 @@ def transfer_function_of(damper: Damper | None) -> LPVTransferFunction | None:
 
 
 def margin_of(damper: Damper | None) -> PassivityMargin | None:
-    """Damping in steady motion by current and frequency; None for a damper without such a model."""
-    model = transfer_function_of(damper)
+    """Damping in steady motion by current and frequency; None for a damper without such a model.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        Of any kind.
+
+    Returns
+    -------
+    PassivityMargin or None
+        Of the transfer function from velocity to force inside a sampled damper.
+    """
+    model = _transfer_function_of(damper)
     return None if model is None else passivity_margin(model)
 
 
 def certificate_for(damper: Damper | None) -> PassivityCertificate | None:
-    """A certificate of passivity for any motion of the current; None where there is none."""
-    model = transfer_function_of(damper)
+    """A certificate of passivity for any motion of the current; None where there is none.
+
+    Parameters
+    ----------
+    damper : Damper or None
+        Of any kind.
+
+    Returns
+    -------
+    PassivityCertificate or None
+        Verified; the last `KEPT` are remembered. None too where no proof was found, which does not show that energy is
+        given.
+    """
+    model = _transfer_function_of(damper)
     if model is None or obstacle(model) or preload(model) is None:
         return None
     key = supplied(model, np.zeros(sector_basis(model).size if model.n_filter_inputs > 1 else 0)).digest
@@ -84,8 +107,13 @@ def stored_energy(damper: Damper | None, velocity: np.ndarray, current: np.ndarr
         [m/s], [A]
     force : (n,) array
         Without the force at rest [N].
+
+    Returns
+    -------
+    (n + 1,) array or None
+        [J].
     """
-    model, certificate = transfer_function_of(damper), certificate_for(damper)
+    model, certificate = _transfer_function_of(damper), certificate_for(damper)
     if model is None or certificate is None:
         return None
     p = current[:, None] if model.box.names else np.zeros((len(velocity), 0))

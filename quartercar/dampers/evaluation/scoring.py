@@ -68,7 +68,18 @@ class FreeRunScore:
 
     @classmethod
     def pooled(cls, runs: Sequence[FreeRunScore]) -> FreeRunScore:
-        """Numerators and denominators summed."""
+        """Numerators and denominators summed.
+
+        Parameters
+        ----------
+        runs : sequence of FreeRunScore
+            Of several records.
+
+        Returns
+        -------
+        FreeRunScore
+            With the first divergence, where there is one.
+        """
         return cls(sum(r.error for r in runs), sum(r.power for r in runs), sum(r.n_samples for r in runs),
                    next((r.diverged_at for r in runs if r.diverged_at is not None), None))
 
@@ -87,7 +98,17 @@ class FreeRunScore:
 
 @dataclass(frozen=True)
 class Quadrant(Encoded):
-    """rmse of the samples of one quadrant of velocity and displacement."""
+    """rmse of the samples of one quadrant of velocity and displacement.
+
+    Attributes
+    ----------
+    where : str
+        Signs of velocity and displacement, e.g. ``"v>0,x<=0"``; of the velocity alone where no displacement is known.
+    rmse : float or None
+        [N]; None without samples or after divergence.
+    n_samples : int
+        Samples in it, of all records.
+    """
 
     where: str
     rmse: float | None
@@ -141,6 +162,16 @@ class Score:
 
 def experiment(name: str) -> str:
     """The experiment that a record belongs to: its name without replicate and piece.
+
+    Parameters
+    ----------
+    name : str
+        Of a record, e.g. ``"test-1-r0#2"``.
+
+    Returns
+    -------
+    str
+        `name` without ``-rN`` and ``#N`` at its end.
 
     Examples
     --------

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from lpvid.condition import segments, with_derived
+from lpvid.condition.band_limited import with_quiet_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
@@ -115,12 +116,31 @@ def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
 
 def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,
              sample_rate: float | None) -> list[Record]:
-    """Uniform, finite, gap-free pieces at one rate that hold `channels`."""
+    """Uniform, finite, gap-free pieces at one rate that hold `channels`.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        As read; a velocity that is missing is derived from the displacement.
+    channels : sequence of str
+        Roles that every piece must have.
+    start : int
+        Samples from which a run of the model starts; shorter pieces than these and two more are left out.
+    sample_rate : float or None
+        Resample to this rate [Hz]; None keeps the records' own.
+
+    Returns
+    -------
+    list of Record
+        Empty where no records are given.
+    """
     listed = as_records(records)
     if not listed:
         return []
-    listed = with_derived(listed, channels)
-    return segments(listed, channels, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
+    derived = with_derived(listed, channels)
+    kept = tuple(dict.fromkeys((*channels, *("displacement",) * (derived != listed))))
+    pieces = segments(derived, kept, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
+    return [with_quiet_velocity(r) for r in pieces]
 
 
 def _one_rate(training: Sequence[Record], kept: Sequence[Record]) -> None:
@@ -163,6 +183,11 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
     damper : Damper
     records : sequence of Record
         Uniform, as fitted: cut and resampled, forces as measured.
+
+    Returns
+    -------
+    Damper
+        A copy.
     """
     training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
                 "sample_time": records[0].sample_time, "heads": heads(records, "force")}

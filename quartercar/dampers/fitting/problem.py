@@ -40,12 +40,34 @@ class DamperFitProblem:
         return tuple(d.n_samples - self.damper.start for d in self.drives)
 
     def model(self, theta: np.ndarray) -> np.ndarray:
-        """(m,) free run; not finite where it diverged."""
+        """(m,) free run; not finite where it diverged.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Parameters in the order of the damper's `names`, SI.
+
+        Returns
+        -------
+        (m,) array
+            Force of all records, one after the other [N].
+        """
         with np.errstate(all="ignore"):
             return np.concatenate([self.damper.response(d, theta)[self.damper.start:] for d in self.drives])
 
     def jacobian(self, theta: np.ndarray) -> np.ndarray:
-        """(m, P) sensitivities; those out of range count as none."""
+        """(m, P) sensitivities; those out of range count as none.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Parameters in the order of the damper's `names`, SI.
+
+        Returns
+        -------
+        (m, P) array
+            [N per unit of the parameter].
+        """
         return self.sensitivity(theta, range(theta.size))
 
     def sensitivity(self, theta: np.ndarray, columns: Sequence[int]) -> np.ndarray:
@@ -87,11 +109,33 @@ class Full:
         self.coordinates = SearchCoordinates(problem.damper.parameters)
 
     def start(self, theta: np.ndarray) -> np.ndarray:
-        """Coordinates of a vector of parameters."""
+        """Coordinates of a vector of parameters.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Parameters, SI; brought inside their bounds.
+
+        Returns
+        -------
+        (P,) array
+            Logarithms where the parameter moves by its logarithm.
+        """
         return self.coordinates.of(theta)
 
     def trial(self, point: np.ndarray) -> Trial | None:
-        """Residual at a point of the search; None where the run diverges."""
+        """Residual at a point of the search; None where the run diverges.
+
+        Parameters
+        ----------
+        point : (P,) array
+            Coordinates.
+
+        Returns
+        -------
+        Trial or None
+            Residual F̂ − F [N] with the parameters there.
+        """
         theta = self.coordinates.values(point)
         residual = self.problem.model(theta) - self.problem.measured
         if not np.isfinite(residual).all():
@@ -99,7 +143,18 @@ class Full:
         return Trial(point, theta, residual)
 
     def jacobian(self, trial: Trial) -> np.ndarray:
-        """(m, P) derivative of the residual in the coordinates."""
+        """(m, P) derivative of the residual in the coordinates.
+
+        Parameters
+        ----------
+        trial : Trial
+            What `trial` returned.
+
+        Returns
+        -------
+        (m, P) array
+            [N per unit of the coordinate].
+        """
         return self.problem.jacobian(trial.theta) * self.coordinates.slope(trial.theta)
 
 
@@ -108,6 +163,11 @@ class ProjectedFit:
 
     Golub & Pereyra (1973), SIAM J. Numer. Anal. 10(2), 413-432, with Kaufman's (1975) simplification of the derivative:
     J = P⊥ ∂F/∂β, where P⊥ projects off the columns of those linear parameters that are not at a bound.
+
+    Parameters
+    ----------
+    problem : DamperFitProblem
+        Of a damper with linear parameters.
     """
 
     def __init__(self, problem: DamperFitProblem) -> None:
@@ -122,11 +182,33 @@ class ProjectedFit:
         self.step = np.array([max(abs(p.default), 1.0) for p in chosen])
 
     def start(self, theta: np.ndarray) -> np.ndarray:
-        """Coordinates of a vector of parameters."""
+        """Coordinates of a vector of parameters.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            All parameters, SI; the linear ones are not read.
+
+        Returns
+        -------
+        (k,) array
+            Of the nonlinear parameters; logarithms where one moves by its logarithm.
+        """
         return self.coordinates.of(theta[~self.linear])
 
     def trial(self, point: np.ndarray) -> Trial | None:
-        """Residual with the best linear parameters; None where the run diverges."""
+        """Residual with the best linear parameters; None where the run diverges.
+
+        Parameters
+        ----------
+        point : (k,) array
+            Coordinates of the nonlinear parameters.
+
+        Returns
+        -------
+        Trial or None
+            Residual F̂ − F [N], all parameters, and the columns of the linear ones inside their bounds.
+        """
         theta = self.anchor.copy()
         theta[~self.linear] = self.coordinates.values(point)
         base = self.problem.model(theta)
@@ -152,7 +234,18 @@ class ProjectedFit:
         return columns
 
     def jacobian(self, trial: Trial) -> np.ndarray:
-        """(m, k) derivative of the projected residual in the coordinates."""
+        """(m, k) derivative of the projected residual in the coordinates.
+
+        Parameters
+        ----------
+        trial : Trial
+            What `trial` returned.
+
+        Returns
+        -------
+        (m, k) array
+            [N per unit of the coordinate].
+        """
         slope = self.coordinates.slope(trial.theta[~self.linear])
         moved = self.problem.sensitivity(trial.theta, np.flatnonzero(~self.linear).tolist()) * slope
         if trial.columns is None or not trial.columns.size:

@@ -45,6 +45,11 @@ def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettin
         With the measured force.
     settings : FitSettings
 
+    Returns
+    -------
+    Estimate
+        The damper at the optimum, with covariance, parameters at bounds and directions that the data leave open.
+
     Raises
     ------
     InputError
@@ -63,7 +68,7 @@ def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettin
         jacobian = problem.jacobian(theta)
         left = residual_of(problem.measured, problem.measured + found.trial.residual)
         spread = estimate_covariance(jacobian, left, problem.lengths, ~held)
-        report = identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
+        report = _identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
         notes.append(f"the search stopped at its limit of {settings.evaluations} evaluations before it had settled")
@@ -73,13 +78,33 @@ def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettin
 
 
 def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSearchEnd, Starts]:
-    """The best of many starts, and how many agree on it."""
+    """The best of many starts, and how many agree on it.
+
+    Parameters
+    ----------
+    problem : DamperFitProblem
+        On all data.
+    settings : FitSettings
+        Number of starts, length of the short and the long searches, seed.
+
+    Returns
+    -------
+    best : SearchEnd
+        Of least cost on all data.
+    starts : Starts
+        How many were tried, followed, and ended at that cost.
+
+    Raises
+    ------
+    NumericalError
+        The free run diverges from every start.
+    """
     damper = problem.damper
     rng = np.random.default_rng(settings.seed)
     short = DamperFitProblem(damper, shortened(problem.drives, settings.tasting_samples))
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
-    starts += scattered(damper, starts, settings.starts // 2 - len(starts), rng)
+    starts += _scattered(damper, starts, settings.starts // 2 - len(starts), rng)
     groups = [[Tasted(0.0, starts[0])]] if len(starts) == 1 else _alike(tasted(short, starts, settings))
     followed = [g for g in groups[: settings.polished] if not surely_worse(g[0], groups[0][0])]
     polished = [(polish(problem, group[0].theta, settings), len(group)) for group in followed]
@@ -93,8 +118,8 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
     return best, Starts(len(starts), len(ends), agreed)
 
 
-def scattered(damper: FittedLaw, starts: Sequence[np.ndarray], count: int,
-              rng: np.random.Generator) -> list[np.ndarray]:
+def _scattered(damper: FittedLaw, starts: Sequence[np.ndarray], count: int,
+               rng: np.random.Generator) -> list[np.ndarray]:
     """`count` further starts about the given ones: factors of about two where a parameter moves by its logarithm."""
     if len(damper.linear) == len(damper.names):
         return []
@@ -154,6 +179,20 @@ def tasted(problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: Fi
 
     Those near the best are followed three times as far, so that starts which share a minimum are seen to. Starts that
     diverge are left out, unless all do.
+
+    Parameters
+    ----------
+    problem : DamperFitProblem
+        On shortened data.
+    starts : sequence of (P,) array
+        Parameters, SI.
+    settings : FitSettings
+        ``tasting_evaluations`` is the length of a short search.
+
+    Returns
+    -------
+    list of Tasted
+        Never empty; where all diverge, every start at infinite cost.
     """
     view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
     ends = [search_law(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
@@ -180,7 +219,22 @@ def _alike(ends: Sequence[Tasted]) -> list[list[Tasted]]:
 
 
 def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) -> DamperSearchEnd | None:
-    """Variable projection on all data where the model is partly linear, then all parameters together."""
+    """Variable projection on all data where the model is partly linear, then all parameters together.
+
+    Parameters
+    ----------
+    problem : DamperFitProblem
+        On all data.
+    theta : (P,) array
+        Where to start, SI.
+    settings : FitSettings
+        ``evaluations`` and ``tolerance`` of either search.
+
+    Returns
+    -------
+    SearchEnd or None
+        None where the run diverges at the start.
+    """
     if problem.damper.linear:
         view = ProjectedFit(problem)
         first = search_law(view, view.start(theta), settings.evaluations, settings.tolerance)
@@ -192,7 +246,18 @@ def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) 
 
 
 def distinct(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The vectors without those that nearly repeat an earlier one."""
+    """The vectors without those that nearly repeat an earlier one.
+
+    Parameters
+    ----------
+    vectors : sequence of (P,) array
+        Parameters, SI, the most important first.
+
+    Returns
+    -------
+    list of (P,) array
+        In the same order; one is left out where each parameter lies within `SAME_POINT` of an earlier one.
+    """
     out: list[np.ndarray] = []
     for v in vectors:
         if not any(np.all(np.abs(v - o) <= SAME_POINT * np.maximum(np.abs(v), np.abs(o)) + 1e-12) for o in out):
@@ -201,7 +266,20 @@ def distinct(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def shortened(drives: Sequence[Drive], samples: int) -> tuple[Drive, ...]:
-    """A stretch of every drive, the one in which the force moves most of four, together about `samples` long."""
+    """A stretch of every drive, the one in which the force moves most of four, together about `samples` long.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+        With measured force.
+    samples : int
+        Wanted, over all drives.
+
+    Returns
+    -------
+    tuple of Drive
+        All of them, whole, where they hold no more than that; every nth where stretches would fall below 200 samples.
+    """
     total = sum(d.n_samples for d in drives)
     if total <= samples:
         return tuple(drives)
@@ -218,7 +296,20 @@ def shortened(drives: Sequence[Drive], samples: int) -> tuple[Drive, ...]:
 
 
 def at_bounds(damper: FittedLaw, theta: np.ndarray) -> np.ndarray:
-    """(P,) whether a parameter rests on one of its bounds."""
+    """(P,) whether a parameter rests on one of its bounds.
+
+    Parameters
+    ----------
+    damper : FittedLaw
+        Gives the bounds.
+    theta : (P,) array
+        Parameters, SI.
+
+    Returns
+    -------
+    (P,) array of bool
+        True too beyond a bound.
+    """
     lower = np.array([p.lower for p in damper.parameters])
     upper = np.array([p.upper for p in damper.parameters])
     return (theta <= lower) | (theta >= upper)
@@ -250,8 +341,8 @@ class Identifiability:
     condition: float
 
 
-def identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray,
-                    covariance: np.ndarray, free: np.ndarray) -> Identifiability:
+def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray,
+                     covariance: np.ndarray, free: np.ndarray) -> Identifiability:
     """Singular directions of the sensitivities to relative changes of the free parameters.
 
     A direction v of relative changes is open where √(vᵀ D⁻¹ C D⁻¹ v) > ½ with C the covariance and D the natural sizes,
@@ -270,7 +361,7 @@ def identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, 
     names = [n for n, f in zip(damper.names, free, strict=True) if f]
     if not names:
         return Identifiability((), 1.0)
-    sizes = natural_sizes(damper, theta, jacobian, measured)[free]
+    sizes = _natural_sizes(damper, theta, jacobian, measured)[free]
     norms = np.linalg.norm(jacobian[:, free], axis=0) * sizes
     lost = ~(norms > SINGULAR * norms.max()) if norms.max() > 0 else np.ones(len(names), dtype=bool)
     out = [f"{n}: has no effect on these data" for n, gone in zip(names, lost, strict=True) if gone]
@@ -288,7 +379,7 @@ def identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, 
     return Identifiability(tuple(out), float("inf") if lost.any() else condition)
 
 
-def natural_sizes(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def _natural_sizes(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """(P,) what a change of 100 % is: the value, or where that is near zero, what moves the force by a twentieth."""
     effect = np.linalg.norm(jacobian, axis=0)
     small = np.where(effect > 0, NEGLIGIBLE * np.linalg.norm(measured) / np.where(effect > 0, effect, 1.0), 0.0)

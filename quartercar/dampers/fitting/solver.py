@@ -40,11 +40,33 @@ class SearchCoordinates:
         return out
 
     def of(self, theta: np.ndarray) -> np.ndarray:
-        """Coordinates of parameters, brought inside the bounds."""
+        """Coordinates of parameters, brought inside the bounds.
+
+        Parameters
+        ----------
+        theta : (k,) array
+            Parameters, SI.
+
+        Returns
+        -------
+        (k,) array
+            Logarithms where `log` is true.
+        """
         return self._moved(np.clip(theta, self._least, self._most))
 
     def values(self, point: np.ndarray) -> np.ndarray:
-        """Parameters at a point, inside the bounds to the last digit."""
+        """Parameters at a point, inside the bounds to the last digit.
+
+        Parameters
+        ----------
+        point : (k,) array
+            Coordinates; at or beyond a bound the bound itself is returned.
+
+        Returns
+        -------
+        (k,) array
+            Parameters, SI.
+        """
         out = np.array(point, dtype=float)
         out[self.log] = np.exp(np.minimum(out[self.log], 700.0))
         out[point <= self.lower] = self._least[point <= self.lower]
@@ -52,7 +74,18 @@ class SearchCoordinates:
         return np.clip(out, self._least, self._most)
 
     def slope(self, theta: np.ndarray) -> np.ndarray:
-        """(k,) derivative of the parameters in their coordinates."""
+        """(k,) derivative of the parameters in their coordinates.
+
+        Parameters
+        ----------
+        theta : (k,) array
+            Parameters, SI.
+
+        Returns
+        -------
+        (k,) array
+            The parameter itself where `log` is true, else 1.
+        """
         return np.where(self.log, theta, 1.0)
 
 

@@ -27,6 +27,11 @@ def best_starts(damper: StaticDamper, drives: Sequence[Drive], grid: Sequence[Ma
         Values of nonlinear parameters; clipped to their bounds.
     count : int
         How many to return.
+
+    Returns
+    -------
+    list of (P,) array
+        Parameters, SI, inside their bounds, by rising squared residual on about `SAMPLES` samples.
     """
     thin = [_thinned(d, -(-sum(e.n_samples for e in drives) // SAMPLES)) for d in drives]
     force = np.concatenate([d.force for d in thin if d.force is not None])
@@ -59,6 +64,11 @@ def ranked_starts(damper: LawDamper, drives: Sequence[Drive], candidates: Iterab
     candidates : iterable of (P,) array
     count : int
         How many to return.
+
+    Returns
+    -------
+    list of (P,) array
+        Those that diverge last.
     """
     ranked = []
     for vector in candidates:
@@ -71,7 +81,18 @@ def ranked_starts(damper: LawDamper, drives: Sequence[Drive], candidates: Iterab
 
 
 def path(drive: Drive) -> np.ndarray:
-    """(n,) the integral of the velocity, its drift taken off [m]."""
+    """(n,) the integral of the velocity, its drift taken off [m].
+
+    Parameters
+    ----------
+    drive : Drive
+        Its velocity is read [m/s].
+
+    Returns
+    -------
+    (n,) array
+        Zero at both ends [m].
+    """
     way = np.cumsum(drive.velocity) * drive.sample_time
     return way - np.linspace(way[0], way[-1], way.size)
 

@@ -40,6 +40,18 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
         Parameters that move.
     settings : FitSettings
         Its evaluations and tolerance.
+
+    Returns
+    -------
+    damper : SemiActiveDamper
+        The start that led there, with the parameters found.
+    esr : float
+        Of the free run on `drives`, each about its own mean.
+
+    Raises
+    ------
+    InputError
+        The free run diverges from every start.
     """
     parts = [PartialResiduals(s, drives, free) for s in starts]
     begun = [(part, trial) for part in parts if (trial := part.trial(part.start())) is not None]
@@ -59,7 +71,22 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
 
 
 def unseen(damper: SemiActiveDamper, drives: Sequence[Drive], free: Sequence[str]) -> tuple[str, ...]:
-    """Those of some parameters on which the force along these drives does not depend."""
+    """Those of some parameters on which the force along these drives does not depend.
+
+    Parameters
+    ----------
+    damper : SemiActiveDamper
+        At the parameters to look from.
+    drives : sequence of Drive
+        With forces.
+    free : sequence of str
+        Names of parameters to look at.
+
+    Returns
+    -------
+    tuple of str
+        Empty too where the run diverges.
+    """
     part = PartialResiduals(damper, drives, free)
     now = part.trial(part.start())
     if now is None or not free:
@@ -85,18 +112,46 @@ class PartialResiduals(Generic[D]):
         self.coordinates = SearchCoordinates([damper.parameters[i] for i in self.free])
 
     def start(self) -> np.ndarray:
-        """Coordinates of the damper's own values."""
+        """Coordinates of the damper's own values.
+
+        Returns
+        -------
+        (k,) array
+            Of the parameters that move; logarithms where one moves by its logarithm.
+        """
         return self.coordinates.of(self.base[self.free])
 
     def trial(self, point: np.ndarray) -> Trial | None:
-        """Residual at a point of the search; None where the run diverges."""
+        """Residual at a point of the search; None where the run diverges.
+
+        Parameters
+        ----------
+        point : (k,) array
+            Coordinates of the parameters that move.
+
+        Returns
+        -------
+        Trial or None
+            Residual F̂ − F [N], and all parameters.
+        """
         theta = self.base.copy()
         theta[self.free] = self.coordinates.values(point)
         residual = self.problem.model(theta) - self.problem.measured
         return Trial(point, theta, residual) if np.isfinite(residual).all() else None
 
     def jacobian(self, trial: Trial) -> np.ndarray:
-        """(m, k) derivative of the residual in the coordinates."""
+        """(m, k) derivative of the residual in the coordinates.
+
+        Parameters
+        ----------
+        trial : Trial
+            What `trial` returned.
+
+        Returns
+        -------
+        (m, k) array
+            [N per unit of the coordinate].
+        """
         return self.problem.sensitivity(trial.theta, self.free) * self.coordinates.slope(trial.theta[self.free])
 
 
@@ -225,13 +280,39 @@ def identify_stepwise(damper: SemiActiveDamper, records: Sequence[Record],
 
 
 def stepwise_start(damper: SemiActiveDamper, drives: Sequence[Drive]) -> SemiActiveDamper:
-    """A quick step-by-step identification as a start for `fit`."""
+    """A quick step-by-step identification as a start for `fit`.
+
+    Parameters
+    ----------
+    damper : SemiActiveDamper
+        Structure; its values start the search.
+    drives : sequence of Drive
+        With forces.
+
+    Returns
+    -------
+    SemiActiveDamper
+        Found by short searches.
+    """
     quick = FitSettings(evaluations=15, tasting_evaluations=6, tolerance=1e-4)
     return _identify(damper, drives, [""] * len(drives), quick).damper
 
 
 def sort_records(damper: SemiActiveDamper, drives: Sequence[Drive]) -> Sorted:
-    """Separate slow runs, constant currents by node, and moving currents."""
+    """Separate slow runs, constant currents by node, and moving currents.
+
+    Parameters
+    ----------
+    damper : SemiActiveDamper
+        Gives the current nodes; without nodes no current counts.
+    drives : sequence of Drive
+        One for each record.
+
+    Returns
+    -------
+    Sorted
+        Places in `drives`.
+    """
     fastest = max(float(np.abs(d.velocity).max()) for d in drives)
     nodes = np.array(damper.nodes or (0.0,))
     gap = np.diff(nodes).min() if nodes.size > 1 else np.inf
@@ -300,6 +381,19 @@ def gas_from_slow(damper: SemiActiveDamper, drives: Sequence[Drive]) -> tuple[di
     """Gas parameters halfway between slow extension and slow compression, and the ESR; None where that fails.
 
     Friction that differs between the directions cannot be separated from preload here: half the difference goes there.
+
+    Parameters
+    ----------
+    damper : SemiActiveDamper
+        Which gas parameters it has.
+    drives : sequence of Drive
+        Slow runs at constant current, with forces.
+
+    Returns
+    -------
+    (dict of str to float, float) or None
+        Values by name, SI, and the ESR of the straight line with friction. None without drives, where one direction is
+        less than a tenth of the moving samples, or where a spring is wanted and nothing moves.
     """
     if not drives:
         return None

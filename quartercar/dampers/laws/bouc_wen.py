@@ -157,7 +157,21 @@ class BoucWen(DynamicDamper):
 
     # -- running -----------------------------------------------------------------------------------------------------
     def coefficients(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """((12,) coefficients as `_bouc_wen_kernels.spencer_run` takes them, (2,) gas stiffness and force)."""
+        """((12,) coefficients as `_bouc_wen_kernels.spencer_run` takes them, (2,) gas stiffness and force).
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        theta : (12,) array
+            c_0, its share per current, k_0, c_1, its share per current, F_y, its share per current, β, γ, δ, n, η, of a
+            z that saturates at 1.
+        springs : (2,) array
+            k_1 [N/m] and F_g [N].
+        """
         p = dict(zip(self.names, vector, strict=True))
         rate, b = 1.0 / p["yield_displacement"], p["hysteresis_shape"]
         theta = [p["viscous_damping"], p.get("viscous_damping_per_current", 0.0), p.get("parallel_stiffness", 0.0),
@@ -308,6 +322,26 @@ class BoucWen(DynamicDamper):
                        current_range: tuple[float, float] | None = None) -> BoucWen:
         """The model of a printed set of parameters in SI.
 
+        Parameters
+        ----------
+        printed : SpencerParameters
+            In SI.
+        current_unit : str
+            Unit of what schedules the printed set: ``"V"``, ``"A"`` or ``"1"``.
+        current_range : (float, float), optional
+            Currents for which it was found.
+
+        Returns
+        -------
+        BoucWen
+            A printed η of 0, current at once, becomes a rate of 1e5 1/s; without dependence on the current there is
+            none.
+
+        Raises
+        ------
+        InputError
+            A ≤ 0 or β + γ ≤ 0: z does not saturate.
+
         Examples
         --------
         >>> from quartercar.dampers.laws.bouc_wen import LORD
@@ -332,7 +366,23 @@ class BoucWen(DynamicDamper):
                    current_range=current_range)
 
     def published(self, A: float = 1.0) -> SpencerParameters:
-        """The printed form for a chosen A, the number that the data cannot determine (z in metres)."""
+        """The printed form for a chosen A, the number that the data cannot determine (z in metres).
+
+        Parameters
+        ----------
+        A : float
+            The printed A, dimensionless.
+
+        Returns
+        -------
+        SpencerParameters
+            In SI.
+
+        Raises
+        ------
+        InputError
+            A gas force without a gas spring, which the printed form cannot hold.
+        """
         theta, (stiffness, gas) = self.coefficients(self.vector)
         c0a, c0b, k0, c1a, c1b, ya, yb, beta, gamma, delta, n, eta = map(float, theta)
         top = A / delta

@@ -22,7 +22,15 @@ EPS = 4 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class Branch:
-    """A flow path from one node to another; `path` is any composition of laminar and turbulent losses."""
+    """A flow path from one node to another; `path` is any composition of laminar and turbulent losses.
+
+    Attributes
+    ----------
+    start, end : str
+        Names of its nodes; flow from `start` to `end` is positive.
+    path : Path
+        Its loss.
+    """
 
     start: str
     end: str
@@ -31,7 +39,15 @@ class Branch:
 
 @dataclass(frozen=True)
 class Loop:
-    """Branches around one mesh, with +1 where the loop runs along a branch and −1 where it runs against it."""
+    """Branches around one mesh, with +1 where the loop runs along a branch and −1 where it runs against it.
+
+    Attributes
+    ----------
+    places : (m,) array of int
+        Places of its branches in `Bridged.branches`.
+    signs : (m,) array
+        1 or −1.
+    """
 
     places: np.ndarray
     signs: np.ndarray
@@ -91,6 +107,11 @@ class Bridged(Path):
         ----------
         flow : float
             Through the terminals [m³/s].
+
+        Returns
+        -------
+        (b,) array
+            In the order of `branches`.
 
         Raises
         ------

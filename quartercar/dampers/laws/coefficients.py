@@ -32,15 +32,52 @@ class Coefficient(ABC):
 
     @abstractmethod
     def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n,) the coefficient at each current."""
+        """(n,) the coefficient at each current.
+
+        Parameters
+        ----------
+        current : (n,) array
+            In the unit of the law's current.
+        theta : (p,) array
+            Values of `parameters`.
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the coefficient.
+        """
 
     @abstractmethod
     def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, len(θ)) its derivative in each parameter."""
+        """(n, len(θ)) its derivative in each parameter.
+
+        Parameters
+        ----------
+        current : (n,) array
+            In the unit of the law's current.
+        theta : (p,) array
+            Values of `parameters`.
+
+        Returns
+        -------
+        (n, p) array
+            [unit of the coefficient per unit of the parameter].
+        """
 
     @abstractmethod
     def constant(self, value: float) -> dict[str, float]:
-        """Parameters that come nearest to one value at every current; a start for a search."""
+        """Parameters that come nearest to one value at every current; a start for a search.
+
+        Parameters
+        ----------
+        value : float
+            In the unit of the coefficient.
+
+        Returns
+        -------
+        dict of str to float
+            By parameter name.
+        """
 
     @abstractmethod
     def powers(self, theta: np.ndarray) -> np.ndarray:
@@ -150,7 +187,18 @@ class Controlled(Coefficient):
         return {p.name: value for p in self.parameters}
 
     def powers(self, theta: np.ndarray) -> np.ndarray:
-        """The coefficients a_0, a_1, … of c(i) = a_0 + a_1 i + a_2 i²."""
+        """The coefficients a_0, a_1, … of c(i) = a_0 + a_1 i + a_2 i².
+
+        Parameters
+        ----------
+        theta : (degree + 1,) array
+            Control values b_k.
+
+        Returns
+        -------
+        (degree + 1,) array
+            [unit of the coefficient per power of the current].
+        """
         points = np.linspace(*self.span, self.degree + 1)
         return np.linalg.solve(np.vander(points, increasing=True), self.value(points, theta))
 
@@ -186,7 +234,13 @@ class Controlled(Coefficient):
 
 @dataclass(frozen=True)
 class Proportional(Coefficient):
-    """c(i) = θ i: nothing without current."""
+    """c(i) = θ i: nothing without current.
+
+    Attributes
+    ----------
+    parameter : Parameter
+        θ, the slope over the current.
+    """
 
     parameter: Parameter
     linear: bool = True
@@ -264,6 +318,23 @@ def settled_span(span: tuple[float, float] | None, fitted: tuple[float, float] |
     """Span of the control values: as set, else the fitted currents, else 0 to 1.
 
     Set it where `current_range` may change later: control values belong to their span.
+
+    Parameters
+    ----------
+    span : (float, float) or None
+        Lowest and highest current as set.
+    fitted : (float, float) or None
+        Currents of the fit; not taken where they are one current.
+
+    Returns
+    -------
+    (float, float)
+        Lowest and highest current.
+
+    Raises
+    ------
+    InputError
+        A span whose end is not above its beginning.
     """
     if span is None:
         span = fitted if fitted is not None and fitted[1] > fitted[0] else (0.0, 1.0)

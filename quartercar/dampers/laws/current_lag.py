@@ -81,7 +81,20 @@ class CurrentLag:
         return tuple(found.values())
 
     def unpack(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(4,) time constants and (4,) delays of a vector in the order of `parameters`."""
+        """(4,) time constants and (4,) delays of a vector in the order of `parameters`.
+
+        Parameters
+        ----------
+        vector : array
+            Values of `parameters`, real or complex.
+
+        Returns
+        -------
+        times : (4,) array
+            T of compression rise, compression fall, rebound rise, rebound fall [s]; `NO_LAG` without a lag.
+        delays : (4,) array
+            τ in the same order [s].
+        """
         if self.sharing == "none":
             return np.full(4, NO_LAG, vector.dtype), np.zeros(4, vector.dtype)
         names = [p.name for p in self.parameters]
@@ -99,6 +112,11 @@ class CurrentLag:
             [s]
         vector : array
             Values of `parameters`, real or complex.
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the command, of the type of `vector`; the command itself where it is constant or has no lag.
         """
         if self.sharing == "none" or not np.ptp(current):
             return current.astype(vector.dtype)

@@ -90,7 +90,18 @@ class ExtendedBoucWen(SemiActiveDamper):
         return cls(nodes=proposed_nodes(facts), lag="full" if facts.switches else "none", **facts.common)
 
     def tables(self, vector: np.ndarray) -> np.ndarray:
-        """(2, M, 7) of c_0, k_0, c_1, α, β, γ, δ for compression and rebound, over the nodes."""
+        """(2, M, 7) of c_0, k_0, c_1, α, β, γ, δ for compression and rebound, over the nodes.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (2, M, 7) array
+            SI; compression first.
+        """
         rows = self.parted(vector)[0].reshape(self.rows, 2, len(ROW)).transpose(1, 0, 2)
         delta, share = rows[..., 4], rows[..., 5]
         turned = np.stack([(1 - share) * delta, share * delta, delta], axis=-1)
@@ -110,7 +121,24 @@ class ExtendedBoucWen(SemiActiveDamper):
 
     def rest(self, displacement: float, velocity: float, current: float, force: float | None,
              vector: np.ndarray) -> np.ndarray:
-        """(3,) u_f, y and z at the start of a run: k_0 unloaded, z by the measured force or settled at the speed."""
+        """(3,) u_f, y and z at the start of a run: k_0 unloaded, z by the measured force or settled at the speed.
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Motion at the first sample [m], [m/s].
+        current : float
+            Command at the first sample, taken as settled.
+        force : float or None
+            Measured force at the first sample [N]; None for a settled z.
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (3,) array
+            u_f, y [m] and z [1], of the type of `vector`; |z| is 1 at most.
+        """
         c0, _, c1, alpha = self.mixture(velocity, current, vector)[:4]
         preload = self.parted(vector)[1]
         if force is None:
@@ -130,7 +158,22 @@ class ExtendedBoucWen(SemiActiveDamper):
         return c1 * velocity / alpha
 
     def mixture(self, velocity: float, current: float, vector: np.ndarray) -> np.ndarray:
-        """(7,) c_0, k_0, c_1, α, β, γ, δ at a speed and a settled current."""
+        """(7,) c_0, k_0, c_1, α, β, γ, δ at a speed and a settled current.
+
+        Parameters
+        ----------
+        velocity : float
+            v_d, which separates compression and rebound [m/s].
+        current : float
+            u_f, in the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (7,) array
+            SI.
+        """
         from quartercar.dampers.laws._semi_active_kernels import mixed, sense
 
         row = np.empty(7, vector.dtype)
@@ -200,6 +243,18 @@ class ExtendedBoucWen(SemiActiveDamper):
         The largest of (α δ max(1, 2γ/δ) + k_0)/(c_0 + c_1), z being far from or leaving its saturation, and of n δ |r|,
         z being saturated while the hysteresis slips at r = (c_1 |v| − α)/(c_0 + c_1). The second can be the larger one
         by far: a sharp hysteresis ends an explicit step even where its force is small.
+
+        Parameters
+        ----------
+        speed : float
+            Largest speed, its sign not read [m/s].
+        current : float
+            u_f, in the damper's `current_unit`.
+
+        Returns
+        -------
+        float
+            [1/s].
         """
         rates = []
         for v in (-abs(speed), abs(speed)):

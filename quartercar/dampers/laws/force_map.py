@@ -106,7 +106,18 @@ class ForceMap(SemiActiveDamper):
                    spring=facts.has_displacement, lag="full" if facts.switches else "none", **facts.common)
 
     def table(self, vector: np.ndarray) -> np.ndarray:
-        """(M, N) forces over nodes and knots [N]."""
+        """(M, N) forces over nodes and knots [N].
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (M, N) array
+            One row for each node, a single one without nodes; the column of velocity 0 is zero [N].
+        """
         rows = self.parted(vector)[0]
         return np.ascontiguousarray(np.insert(rows, self.knots.index(0.0), 0.0, axis=1))
 

@@ -179,6 +179,11 @@ def jenkins_ratio(yield_force: float, stiffness: float, amplitude: float, freque
     frequency : float
         f [Hz].
 
+    Returns
+    -------
+    float
+        [1/s].
+
     Examples
     --------
     >>> [round(jenkins_ratio(1e3, 1e6, x, 5.0), 1) for x in (0.002, 0.005, 0.02)]

@@ -16,13 +16,42 @@ SWEEPS = 36
 
 
 def series_pressure(Q: np.ndarray | float, C_L: float, C_Q: float) -> np.ndarray:
-    """Δp = C_L Q + C_Q Q|Q| (5) [Pa]."""
+    """Δp = C_L Q + C_Q Q|Q| (5) [Pa].
+
+    Parameters
+    ----------
+    Q : array or float
+        Flow [m³/s].
+    C_L : float
+        Laminar resistance [Pa·s/m³].
+    C_Q : float
+        Turbulent coefficient [Pa·s²/m⁶].
+
+    Returns
+    -------
+    array
+        Δp, of the shape of `Q` [Pa].
+    """
     Q = np.asarray(Q, dtype=float)
     return C_L * Q + C_Q * Q * np.abs(Q)
 
 
 def series_flow(dp: np.ndarray | float, C_L: float, C_Q: float) -> np.ndarray:
     """Q = 2Δp/(C_L + √(C_L² + 4C_Q|Δp|)): (5) without its cancellation, and finite for C_Q = 0 [m³/s].
+
+    Parameters
+    ----------
+    dp : array or float
+        Δp [Pa].
+    C_L : float
+        Laminar resistance [Pa·s/m³].
+    C_Q : float
+        Turbulent coefficient [Pa·s²/m⁶].
+
+    Returns
+    -------
+    array
+        Q, of the shape of `dp` [m³/s]; 0 where both losses are 0.
 
     Examples
     --------
@@ -45,6 +74,11 @@ def parallel_flow(dp: np.ndarray | float, a: float, b: float) -> np.ndarray:
         branches in series (E3.1).
     b : float
         C_P,Q⁻¹ [m³/(s √Pa)]. An element Δp = C_Q Q|Q| has b = C_Q^(−1/2): C_P,Q of (6) is √C_Q of (4) (E3.2).
+
+    Returns
+    -------
+    array
+        Q, of the shape of `dp` [m³/s].
     """
     dp = np.asarray(dp, dtype=float)
     return a * dp + b * np.sign(dp) * np.sqrt(np.abs(dp))
@@ -52,6 +86,18 @@ def parallel_flow(dp: np.ndarray | float, a: float, b: float) -> np.ndarray:
 
 def parallel_pressure(Q: np.ndarray | float, a: float, b: float) -> np.ndarray:
     """√Δp = 2Q/(b + √(b² + 4aQ)), odd: (6) without its cancellation, and finite for a = 0 or b = 0 [Pa].
+
+    Parameters
+    ----------
+    Q : array or float
+        Flow [m³/s].
+    a, b : float
+        C_P,L⁻¹ [m³/(s Pa)] and C_P,Q⁻¹ [m³/(s √Pa)], as in `parallel_flow`.
+
+    Returns
+    -------
+    array
+        Δp, of the shape of `Q` [Pa]; 0 where both are 0.
 
     Examples
     --------
@@ -64,7 +110,24 @@ def parallel_pressure(Q: np.ndarray | float, a: float, b: float) -> np.ndarray:
 
 
 def mixed_flow(dp: np.ndarray | float, C_L: float, C_Q: float, leak: float) -> np.ndarray:
-    """Q = f_series(Δp) + leak·Δp: a series path with a laminar leak around it, leak = 1/C_leak (E3.9) [m³/s]."""
+    """Q = f_series(Δp) + leak·Δp: a series path with a laminar leak around it, leak = 1/C_leak (E3.9) [m³/s].
+
+    Parameters
+    ----------
+    dp : array or float
+        Δp [Pa].
+    C_L : float
+        Laminar resistance of the series path [Pa·s/m³].
+    C_Q : float
+        Its turbulent coefficient [Pa·s²/m⁶].
+    leak : float
+        Conductance of the leak [m³/(s Pa)].
+
+    Returns
+    -------
+    array
+        Q, of the shape of `dp` [m³/s].
+    """
     return series_flow(dp, C_L, C_Q) + leak * np.asarray(dp, dtype=float)
 
 
@@ -76,6 +139,22 @@ def mixed_pressure(Q: np.ndarray | float, C_L: float, C_Q: float, leak: float) -
         q = 2Q/(P + √(P² + 4 leak C_Q Q))        P = 1 + leak C_L        Δp = C_L q + C_Q q²
 
     leak = 0 is the series network, C_L = 0 the parallel one with a = leak, b = C_Q^(−1/2).
+
+    Parameters
+    ----------
+    Q : array or float
+        Flow [m³/s].
+    C_L : float
+        Laminar resistance of the series path [Pa·s/m³].
+    C_Q : float
+        Its turbulent coefficient [Pa·s²/m⁶].
+    leak : float
+        Conductance of the leak [m³/(s Pa)].
+
+    Returns
+    -------
+    array
+        Δp, of the shape of `Q` [Pa].
     """
     Q = np.asarray(Q, dtype=float)
     size, p = np.abs(Q), 1.0 + leak * C_L
@@ -95,16 +174,44 @@ class Path(ABC):
 
     @abstractmethod
     def pressure(self, flow: np.ndarray | float) -> np.ndarray:
-        """Δp that drives a flow [Pa]."""
+        """Δp that drives a flow [Pa].
+
+        Parameters
+        ----------
+        flow : array or float
+            Q [m³/s]; its sign is that of the pressure.
+
+        Returns
+        -------
+        array
+            Of the shape of `flow` [Pa].
+        """
 
     @abstractmethod
     def flow(self, pressure: np.ndarray | float) -> np.ndarray:
-        """Q under a pressure difference [m³/s]."""
+        """Q under a pressure difference [m³/s].
+
+        Parameters
+        ----------
+        pressure : array or float
+            Δp [Pa].
+
+        Returns
+        -------
+        array
+            Of the shape of `pressure` [m³/s].
+        """
 
 
 @dataclass(frozen=True)
 class Laminar(Path):
-    """Δp = C_L Q (4); `resistance` C_L [Pa·s/m³]."""
+    """Δp = C_L Q (4).
+
+    Attributes
+    ----------
+    resistance : float
+        C_L, above zero [Pa·s/m³].
+    """
 
     resistance: float
 
@@ -120,7 +227,13 @@ class Laminar(Path):
 
 @dataclass(frozen=True)
 class Turbulent(Path):
-    """Δp = C_Q Q|Q| (4); `coefficient` C_Q [Pa·s²/m⁶]."""
+    """Δp = C_Q Q|Q| (4).
+
+    Attributes
+    ----------
+    coefficient : float
+        C_Q, above zero [Pa·s²/m⁶].
+    """
 
     coefficient: float
 
@@ -136,6 +249,11 @@ class Turbulent(Path):
 
 class Series(Path):
     """Paths one after the other: one flow, the pressures add.
+
+    Parameters
+    ----------
+    *parts : Path
+        One at least.
 
     Examples
     --------
@@ -155,6 +273,11 @@ class Series(Path):
 
 class Parallel(Path):
     """Paths side by side: one pressure, the flows (the conductances, E3.1) add.
+
+    Parameters
+    ----------
+    *parts : Path
+        One at least.
 
     Examples
     --------
@@ -184,6 +307,22 @@ def invert_odd(function: Callable[[np.ndarray], np.ndarray], target: np.ndarray,
 
     ln u ← ln u + (ln target − ln f(u))/slope multiplies the error of ln u by 1 − s/slope, at most a third: it converges
     from anywhere, without a derivative or a bracket.
+
+    Parameters
+    ----------
+    function : callable
+        Of positive arrays, rising.
+    target : array
+        Values wanted, of either sign.
+    slope : float
+        Middle of the log-log slopes that are possible.
+    guess : callable
+        Of positive targets: where to start, above zero.
+
+    Returns
+    -------
+    array
+        u, of the shape of `target`; 0 where that is 0.
     """
     size = np.abs(target)
     moving = size > 0

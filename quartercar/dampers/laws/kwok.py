@@ -147,7 +147,20 @@ class Kwok(StaticDamper):
         return np.tanh(displacement / self.turning_stroke)
 
     def coefficients(self, current: np.ndarray, vector: np.ndarray) -> list[np.ndarray]:
-        """c, k, α, δ, f_0, (n,) each."""
+        """c, k, α, δ, f_0, (n,) each.
+
+        Parameters
+        ----------
+        current : (n,) array
+            In the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        list of (n,) array
+            [N·s/m], [N/m], [N], [1], [N].
+        """
         size = self.degree + 1
         return [f.value(current, vector[j * size: (j + 1) * size]) for j, f in enumerate(self.functions.values())]
 
@@ -178,12 +191,12 @@ class Kwok(StaticDamper):
         Parameters
         ----------
         sample_time : float
-            [s].
+            Period of the model [s].
 
         Returns
         -------
         LPVTransferFunction
-            It runs along ``damper.with_secants(record)``: the secants are channels that no record has.
+            Without memory; along records as measured: their polarity and zero of the displacement. It runs along ``damper.with_secants(record)``: the secants are channels that no record has.
         """
         degree = self.degree
         blocks = dict(zip(self.functions, np.split(self.vector[:-1], len(self.functions)), strict=True))
@@ -216,10 +229,12 @@ class Kwok(StaticDamper):
         Parameters
         ----------
         record : Record
+            With displacement, velocity and, where the law depends on it, current.
 
         Returns
         -------
         Record
+            A copy with both channels [1].
         """
         drive = self.drive(record)
         _, _, _, delta, _ = self.coefficients(drive.current, self.vector)

@@ -39,6 +39,22 @@ def network_force(speed: np.ndarray, laminar: float, quadratic: float, leak: flo
     """Force of a mixed network at speeds ≥ 0, `hydraulics.mixed_pressure` in the force domain [N].
 
     F = c_L q + c_Q q², q + F/c_leak = v; series for leak = 0, parallel for laminar = 0.
+
+    Parameters
+    ----------
+    speed : (n,) array
+        |v|, not below zero [m/s].
+    laminar : float
+        c_L [N·s/m].
+    quadratic : float
+        c_Q [N·s²/m²].
+    leak : float
+        1/c_leak [m/(N·s)].
+
+    Returns
+    -------
+    (n,) array
+        [N].
     """
     q, _ = _path_speed(speed, laminar, quadratic, leak)
     return (laminar + quadratic * q) * q
@@ -48,19 +64,35 @@ def network_gradient(speed: np.ndarray, laminar: float, quadratic: float, leak: 
     """(n, 4) derivative of `network_force` in c_L, c_Q, 1/c_leak and speed.
 
     With D = 1 + (c_L + 2c_Q q)/c_leak: ∂F/∂c_L = q/D, ∂F/∂c_Q = q²/D, ∂F/∂(1/c_leak) = −F F_q/D, ∂F/∂v = F_q/D.
+
+    Parameters
+    ----------
+    speed : (n,) array
+        |v|, not below zero [m/s].
+    laminar : float
+        c_L [N·s/m].
+    quadratic : float
+        c_Q [N·s²/m²].
+    leak : float
+        1/c_leak [m/(N·s)].
+
+    Returns
+    -------
+    (n, 4) array
+        [N per unit of the argument].
     """
     q, d = _path_speed(speed, laminar, quadratic, leak)
     slope = laminar + 2 * quadratic * q
     return np.column_stack([q / d, q**2 / d, -(laminar + quadratic * q) * q * slope / d, slope / d])
 
 
-def parallel_force(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
+def _parallel_force(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
     """Force of a parallel network at speeds ≥ 0, `hydraulics.parallel_pressure` in the force domain [N]."""
     return _root_force(speed, orifice, leak)[0] ** 2
 
 
-def parallel_gradient(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
-    """(n, 2) derivative of `parallel_force` in c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
+def _parallel_gradient(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
+    """(n, 2) derivative of `_parallel_force` in c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
     root, bottom = _root_force(speed, orifice, leak)
     common = np.divide(-2 * root**2, bottom, out=np.zeros_like(root), where=bottom > 0)
     return np.column_stack([common, common * root])
@@ -106,16 +138,31 @@ class NetworkDamper(StaticDamper):
         """Parameters of one network."""
 
     @abstractmethod
-    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """(n,) force of one network at speeds ≥ 0 [N]."""
 
     @abstractmethod
-    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, k) derivative of `network_law` in its parameters."""
+    def _network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(n, k) derivative of `_network_law` in its parameters."""
 
     @abstractmethod
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
-        """(k,) parameters of the network with these c_L, c_Q, 1/c_leak, those dropped that it has not."""
+        """(k,) parameters of the network with these c_L, c_Q, 1/c_leak, those dropped that it has not.
+
+        Parameters
+        ----------
+        laminar : float
+            c_L [N·s/m].
+        quadratic : float
+            c_Q [N·s²/m²].
+        leak : float
+            1/c_leak [m/(N·s)].
+
+        Returns
+        -------
+        (k,) array
+            In the order of `network`, SI.
+        """
 
     def check_settings(self) -> None:
         checks.positive(self.smoothing, "smoothing", "m/s")
@@ -144,7 +191,7 @@ class NetworkDamper(StaticDamper):
         hydraulic = np.zeros(velocity.size)
         for sign, places in self._sides():
             moving = np.maximum(sign * velocity, 0.0)
-            hydraulic += sign * self.network_law(moving, vector[places])
+            hydraulic += sign * self._network_law(moving, vector[places])
         return hydraulic + vector[-2] * np.tanh(velocity / self.smoothing) + vector[-1]
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
@@ -152,7 +199,7 @@ class NetworkDamper(StaticDamper):
         out = np.zeros((velocity.size, vector.size))
         for sign, places in self._sides():
             moving = np.maximum(sign * velocity, 0.0)
-            out[:, places] += sign * self.network_slopes(moving, vector[places])
+            out[:, places] += sign * self._network_slopes(moving, vector[places])
         out[:, -2] = np.tanh(velocity / self.smoothing)
         out[:, -1] = 1.0
         return out
@@ -220,10 +267,10 @@ class SeriesNetwork(NetworkDamper):
     source: ClassVar[str] = "source 003, (5)"
     network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC
 
-    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_force(speed, theta[0], theta[1], 0.0)
 
-    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_gradient(speed, theta[0], theta[1], 0.0)[:, :2]
 
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
@@ -249,11 +296,11 @@ class ParallelNetwork(NetworkDamper):
     source: ClassVar[str] = "source 003, (6)"
     network: ClassVar[tuple[Parameter, ...]] = ORIFICE, LEAK
 
-    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return parallel_force(speed, theta[0], theta[1])
+    def _network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return _parallel_force(speed, theta[0], theta[1])
 
-    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return parallel_gradient(speed, theta[0], theta[1])
+    def _network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return _parallel_gradient(speed, theta[0], theta[1])
 
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
         return np.array([max(quadratic, 1e-300) ** -0.5, leak])
@@ -279,10 +326,10 @@ class MixedNetwork(NetworkDamper):
     source: ClassVar[str] = "equations.md, E3.9"
     network: ClassVar[tuple[Parameter, ...]] = LAMINAR, QUADRATIC, LEAK
 
-    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_force(speed, theta[0], theta[1], theta[2])
 
-    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return network_gradient(speed, theta[0], theta[1], theta[2])[:, :3]
 
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:

@@ -28,7 +28,17 @@ TINY = 1e-300
 
 
 class PrintedTerm(NamedTuple):
-    """One direction of C_1 v + C_n |v|^n sign v as a paper prints it."""
+    """One direction of C_1 v + C_n |v|^n sign v as a paper prints it.
+
+    Attributes
+    ----------
+    linear : float
+        C_1 [N·s/m] or [N/(mm/s)].
+    power : float
+        C_n [N/(m/s)^n] or [N/(mm/s)^n].
+    exponent : float
+        n.
+    """
 
     linear: float
     power: float
@@ -60,7 +70,7 @@ class PowerLawDamper(StaticDamper):
         """Parameters of the forces that do not depend on how fast it moves; all enter linearly."""
 
     @abstractmethod
-    def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         """Force per unit of each of `statics`."""
 
     @abstractmethod
@@ -115,7 +125,7 @@ class PowerLawDamper(StaticDamper):
         rising, speed = velocity > 0, np.abs(velocity)
         linear, power, exponent = (np.where(rising, a, b) for a, b in zip(vector[:3], vector[3:6], strict=True))
         force = np.sign(velocity) * (linear * speed + power * (speed / self.reference_speed) ** exponent)
-        for weight, column in zip(vector[6:], self.static_columns(displacement, velocity), strict=True):
+        for weight, column in zip(vector[6:], self._static_columns(displacement, velocity), strict=True):
             force += weight * column
         return force
 
@@ -133,7 +143,7 @@ class PowerLawDamper(StaticDamper):
         for sign, exponent in ((1.0, vector[2]), (-1.0, vector[5])):
             moving = np.maximum(sign * velocity, 0.0)
             columns += [sign * moving, sign * (moving / self.reference_speed) ** exponent, np.zeros(velocity.size)]
-        return np.column_stack([*columns, *self.static_columns(displacement, velocity)])
+        return np.column_stack([*columns, *self._static_columns(displacement, velocity)])
 
     @staticmethod
     def _coefficients(vector: np.ndarray) -> np.ndarray:
@@ -156,6 +166,11 @@ class PowerLawDamper(StaticDamper):
         ----------
         unit : {"SI", "mm"}
             N and m/s, or N and mm/s.
+
+        Returns
+        -------
+        dict of str to PrintedTerm
+            By ``"extension"`` and ``"compression"``.
 
         Examples
         --------
@@ -188,6 +203,11 @@ class PowerLawDamper(StaticDamper):
             v_ref [m/s].
         **values : float
             The other parameters, SI.
+
+        Returns
+        -------
+        PowerLawDamper
+            Of the kind that the method is called on.
         """
         scale = PER_METRE[checks.one_of(unit, tuple(PER_METRE), "unit")]
         terms: dict[str, float] = dict(values)
@@ -197,7 +217,18 @@ class PowerLawDamper(StaticDamper):
         return cls(values=terms, reference_speed=reference_speed)
 
     def damping_force(self, velocity: np.ndarray | float) -> np.ndarray:
-        """F_d alone, without friction and gas [N]."""
+        """F_d alone, without friction and gas [N].
+
+        Parameters
+        ----------
+        velocity : array or float
+            [m/s].
+
+        Returns
+        -------
+        (n,) array
+            One entry for a number [N].
+        """
         v = np.atleast_1d(np.asarray(velocity, dtype=float))
         return self._columns(np.zeros(v.size), v, self.vector)[:, :6] @ self._coefficients(self.vector)[:6]
 
@@ -233,7 +264,7 @@ class PowerLaw(PowerLawDamper):
     def suited(cls, facts: Facts) -> PowerLaw:
         return cls(reference_speed=round(0.7 * facts.speed, 4) or 0.5, **facts.common)
 
-    def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         return []
 
     def with_statics(self, damping: Expr, x: Expr, v: Expr, weights: Sequence[Expr]) -> Expr:
@@ -287,7 +318,7 @@ class PowerLawFrictionGas(PowerLawDamper):
     def suited(cls, facts: Facts) -> PowerLawFrictionGas:
         return cls(reference_speed=round(0.7 * facts.speed, 4) or 0.5, spring=facts.has_displacement, **facts.common)
 
-    def static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         spring = [displacement] if self.spring else []
         return [np.tanh(velocity / self.friction_speed), -np.ones(velocity.size), *spring]
 

@@ -115,7 +115,18 @@ class LagDamper(DynamicDamper):
 
     @abstractmethod
     def series_loss(self, vector: np.ndarray) -> complex:
-        """Loss coefficient of the orifices behind a valve; 0 where there are none [N·s²/m²]."""
+        """Loss coefficient of the orifices behind a valve; 0 where there are none [N·s²/m²].
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        float or complex
+            A_P³/(N_O K_O)² [N·s²/m²].
+        """
 
     # -- contract ----------------------------------------------------------------------------------------------------
     @property
@@ -139,6 +150,11 @@ class LagDamper(DynamicDamper):
         design : ReliefValveDesign
         friction, preload : float
             [N].
+
+        Returns
+        -------
+        LagDamper
+            Of the kind that the method is called on.
 
         Raises
         ------
@@ -178,7 +194,24 @@ class LagDamper(DynamicDamper):
         return np.array([lifts[0], 0.0 * hydraulic, lifts[1], 0.0 * hydraulic, hydraulic / self.piston_area])
 
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
-        """(7), (8), (10) as printed, in metres and pascals; the stops swallow a poppet within `SEATING`."""
+        """(7), (8), (10) as printed, in metres and pascals; the stops swallow a poppet within `SEATING`.
+
+        Parameters
+        ----------
+        state : (5,) array
+            In the order of `states`.
+        displacement : float
+            Moves the volumes where `chamber_lengths` are given [m].
+        velocity : float
+            [m/s].
+        current : float
+            Not read.
+
+        Returns
+        -------
+        (5,) array
+            [unit of the state per second].
+        """
         value, area = self.values, self.piston_area
         pressure = state[4]
         opening = value["opening_force"] / area
@@ -254,7 +287,19 @@ class LagDamper(DynamicDamper):
         return (self.discharge_rise * self.precompression, jet, stop, self.smoothing, *self._inverse_lengths)
 
     def law(self, vector: np.ndarray) -> np.ndarray:
-        """(7,) parameters as the kernels read them."""
+        """(7,) parameters as the kernels read them.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (7,) array
+            Stiffness [N/m], orifice loss [N·s²/m²], opening force [N], valve loss [N·s²/m²], poppet frequency [rad/s]
+            and damping ratio, loss behind the valve [N·s²/m²].
+        """
         return np.array([*vector[:4], 2 * math.pi * vector[4], vector[5], self.series_loss(vector)], dtype=vector.dtype)
 
     @property

@@ -23,6 +23,11 @@ def effective_compressibility(fluid: float, container: float = math.inf, gas: fl
     gas_share : float
         V_G/V_C.
 
+    Returns
+    -------
+    float
+        [1/Pa].
+
     Examples
     --------
     >>> round(1 / effective_compressibility(1.5e9, gas=1e6, gas_share=0.01) / 1e8, 4)  # 1 % of gas: 100 B_G and softer
@@ -86,11 +91,33 @@ class ReliefValveDesign:
                 raise InputError(f"{f.name} must be positive", got=value)
 
     def flow_coefficient(self, effective_area: float) -> float:
-        """K = C_D A √(2/ρ), so that Q = K√Δp (3), (4) [m³/(s·√Pa)]."""
+        """K = C_D A √(2/ρ), so that Q = K√Δp (3), (4) [m³/(s·√Pa)].
+
+        Parameters
+        ----------
+        effective_area : float
+            C_D A, discharge coefficient times area [m²].
+
+        Returns
+        -------
+        float
+            K [m³/(s·√Pa)].
+        """
         return effective_area * math.sqrt(2 / self.density)
 
     def valve_flow(self, lift: float) -> float:
-        """K_V(x) of the poppet, (4) [m³/(s·√Pa)]."""
+        """K_V(x) of the poppet, (4) [m³/(s·√Pa)].
+
+        Parameters
+        ----------
+        lift : float
+            x, not below zero [m].
+
+        Returns
+        -------
+        float
+            [m³/(s·√Pa)]; 0 for a closed poppet.
+        """
         discharge = self.discharge * self.discharge_rise * lift / (1 + self.discharge_rise * lift)
         return self.flow_coefficient(discharge * math.pi * self.seat_diameter * lift * math.sin(self.cone_half_angle))
 
@@ -100,11 +127,33 @@ class ReliefValveDesign:
         return self.flow_coefficient(self.holes * self.hole_discharge * self.hole_area) if self.holes else math.inf
 
     def bypass_flow(self, lift: float) -> float:
-        """K*_V(x) = [K_V⁻² + (N_O K_O)⁻²]^{−1/2}, (9)."""
+        """K*_V(x) = [K_V⁻² + (N_O K_O)⁻²]^{−1/2}, (9).
+
+        Parameters
+        ----------
+        lift : float
+            x, not below zero [m].
+
+        Returns
+        -------
+        float
+            Of poppet and holes in series [m³/(s·√Pa)].
+        """
         return self.valve_flow(lift) * math.sqrt(self.valve_share(lift))
 
     def valve_share(self, lift: float) -> float:
-        """Part of Δp that the poppet bears: K_V⁻²/(K_V⁻² + (N_O K_O)⁻²)."""
+        """Part of Δp that the poppet bears: K_V⁻²/(K_V⁻² + (N_O K_O)⁻²).
+
+        Parameters
+        ----------
+        lift : float
+            x, not below zero [m].
+
+        Returns
+        -------
+        float
+            Between 0 and 1; 1 for a closed poppet, or without holes.
+        """
         return 1 / (1 + (self.valve_flow(lift) / self.ring_flow) ** 2)
 
     @property

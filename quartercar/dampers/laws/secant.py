@@ -11,6 +11,7 @@ def secant(s: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     s : (n,) array
+        Argument of the tanh.
 
     Returns
     -------

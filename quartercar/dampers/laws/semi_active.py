@@ -67,18 +67,48 @@ class SemiActiveDamper(LawDamper):
 
     @abstractmethod
     def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[Self]:
-        """Dampers of one row whose values, and gas where it is unknown, are guessed from forces at one current."""
+        """Dampers of one row whose values, and gas where it is unknown, are guessed from forces at one current.
+
+        Parameters
+        ----------
+        drives : sequence of Drive
+            At one constant current, with forces.
+        gas_known : bool
+            Whether the damper's own gas values hold.
+
+        Returns
+        -------
+        list of SemiActiveDamper
+            Of one row, without nodes.
+        """
 
     @abstractmethod
     def real_time(self, step: float = 1e-3) -> RealTime:
-        """A stepper for fixed-step simulation [s]: one sample in, one force out."""
+        """A stepper for fixed-step simulation [s]: one sample in, one force out.
+
+        Parameters
+        ----------
+        step : float
+            Time from call to call [s].
+
+        Returns
+        -------
+        RealTime
+            Its first call starts it settled.
+        """
 
     def stepper(self, step: float) -> DamperStepper:
         return RealTimeStepper(self, step)
 
     # -- settled here ------------------------------------------------------------------------------------------------
     def check_rows(self) -> None:
-        """Refuse nodes that make no table."""
+        """Refuse nodes that make no table.
+
+        Raises
+        ------
+        InputError
+            A single node, nodes that do not rise, an unknown kind of lag, a switch speed that is not positive.
+        """
         if len(self.nodes) == 1 or any(b <= a for a, b in pairwise(self.nodes)):
             raise InputError(f"{self.name}: current nodes must rise and be at least two, or none at all",
                              got=str(self.nodes))
@@ -90,7 +120,18 @@ class SemiActiveDamper(LawDamper):
         return CurrentLag(self.lag if self.nodes else "none", self.switch_speed)
 
     def at(self, index: int) -> str:
-        """A node with its unit, as in prose."""
+        """A node with its unit, as in prose.
+
+        Parameters
+        ----------
+        index : int
+            Place in `nodes`, from 0.
+
+        Returns
+        -------
+        str
+            E.g. ``"0.5 A"``; without unit for a duty.
+        """
         return f"{self.nodes[index]:g}" + (f" {self.current_unit}" if self.current_unit != "1" else "")
 
     @property
@@ -122,7 +163,22 @@ class SemiActiveDamper(LawDamper):
         """Whether it reads the displacement."""
 
     def parted(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows (M, R), gas (2,) stiffness and preload, and lag part of a vector."""
+        """Rows (M, R), gas (2,) stiffness and preload, and lag part of a vector.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        rows : (M, R) array
+            One row for each node, in the order of `row_parameters`; a single one without nodes.
+        gas : (2,) array
+            k_1 [N/m] and F_0 [N]; k_1 is 0 where it is no parameter.
+        lag : array
+            Values of the parameters of `current_lag`; empty without one.
+        """
         width, springs = self._sizes
         table = vector[: self.rows * width].reshape(self.rows, width)
         end = self.rows * width + springs
@@ -136,14 +192,38 @@ class SemiActiveDamper(LawDamper):
         return len(self.row_parameters), len(self.gas_parameters)
 
     def row(self, index: int) -> Self:
-        """The damper at one node, without current."""
+        """The damper at one node, without current.
+
+        Parameters
+        ----------
+        index : int
+            Place of the node, from 0; not read without nodes.
+
+        Returns
+        -------
+        SemiActiveDamper
+            Of one row, with this damper's gas values; the damper itself without nodes.
+        """
         if not self.nodes:
             return self
         values = {p.name: self.values[f"{p.name}_{index + 1}"] for p in self.row_parameters}
         return replace(self, nodes=(), values={**values, **self.gas_values}, current_range=None)
 
     def with_row(self, index: int, row: Self) -> Self:
-        """The same damper with one row and the gas spring taken from another one."""
+        """The same damper with one row and the gas spring taken from another one.
+
+        Parameters
+        ----------
+        index : int
+            Place of the node, from 0; not read without nodes.
+        row : SemiActiveDamper
+            Of one row, without nodes.
+
+        Returns
+        -------
+        SemiActiveDamper
+            A copy.
+        """
         mark = f"_{index + 1}" if self.nodes else ""
         return self.with_values(**{f"{p.name}{mark}": row.values[p.name] for p in self.row_parameters},
                                 **row.gas_values)
@@ -166,7 +246,18 @@ class SemiActiveDamper(LawDamper):
 
 
 def proposed_nodes(facts: Facts) -> tuple[float, ...]:
-    """Levels of the current where they are few, else rows evenly over its range; none where it is constant."""
+    """Levels of the current where they are few, else rows evenly over its range; none where it is constant.
+
+    Parameters
+    ----------
+    facts : Facts
+        Levels and range of the current in the training records.
+
+    Returns
+    -------
+    tuple of float
+        Rising, in the unit of the records' current; at most `MOST_NODES`.
+    """
     if not facts.current_varies or facts.current_range is None:
         return ()
     if 2 <= len(facts.levels) <= MOST_NODES:
@@ -176,22 +267,33 @@ def proposed_nodes(facts: Facts) -> tuple[float, ...]:
 
 
 def gas_spring(displacement: bool) -> tuple[Parameter, ...]:
-    """Parameters of F_gas = k_1 (x_d − x_0) = k_1 x_d + F_0; the constant alone where no displacement is read."""
+    """Parameters of F_gas = k_1 (x_d − x_0) = k_1 x_d + F_0; the constant alone where no displacement is read.
+
+    Parameters
+    ----------
+    displacement : bool
+        Whether the damper reads the displacement.
+
+    Returns
+    -------
+    tuple of Parameter
+        ``gas_stiffness`` where it does, and ``gas_preload``.
+    """
     constant = Parameter("gas_preload", "N", "force at rest F_0 = -k_1 x_0", 0.0)
     return (Parameter("gas_stiffness", "N/m", "gas spring k_1", 1000.0, 0.0), constant) if displacement else (constant,)
 
 
 def sub_steps(period: float) -> int:
-    """Sub-steps of a sampling interval, none longer than `LONGEST_STEP`.
+    """Sub-steps of a sampling interval.
 
     Parameters
     ----------
     period : float
-        [s].
+        Sampling interval [s].
 
     Returns
     -------
     int
-        At least 1.
+        At least one; none is longer than `LONGEST_STEP`.
     """
     return max(1, math.ceil(period / LONGEST_STEP - 1e-9))

@@ -39,7 +39,22 @@ class LaggedCurrent:
 
     @classmethod
     def of(cls, b: StepBuilder, damper: SemiActiveDamper, command: Expr) -> LaggedCurrent:
-        """Settled at the first command."""
+        """Settled at the first command.
+
+        Parameters
+        ----------
+        b : StepBuilder
+            Takes the states and tables, and the shift of the log at every step.
+        damper : SemiActiveDamper
+            Gives time constants and delays.
+        command : Expr
+            Commanded current at this sample.
+
+        Returns
+        -------
+        LaggedCurrent
+            Its state still stands at the last sample, until `advance`.
+        """
         times, delays = damper.current_lag.unpack(damper.parted(damper.vector)[2])
         depth = int(np.ceil(float(np.max(delays)) / b.sample_time)) + 3
         log = b.states("commands", np.zeros(depth), damper.current_unit, "commanded current, the newest first")
@@ -56,13 +71,36 @@ class LaggedCurrent:
                    b.table("delays", delays, "s", f"delays: {stated}"))
 
     def delayed(self, b: StepBuilder, q: Expr) -> Expr:
-        """Command at q ≤ 0 samples after this one, linear in between."""
+        """Command at q ≤ 0 samples after this one, linear in between.
+
+        Parameters
+        ----------
+        b : StepBuilder
+            Takes the variables.
+        q : Expr
+            Samples from this one, not above zero; not earlier than the log reaches.
+
+        Returns
+        -------
+        Expr
+            In the unit of the command.
+        """
         back = b.let("back", call("fmin", -call("fmin", call("floor", q), -1.0), float(self.log.shape[0] - 1)))
         share = b.let("share", q + back)
         return b.let("late", self.log[Rounded(back)] * (1.0 - share) + self.log[Rounded(back) - 1] * share)
 
     def advance(self, b: StepBuilder, begin: Expr, end: Expr, sense: Expr) -> None:
-        """Over the part begin…end of the interval that ends now; the edge by the command at its end."""
+        """Over the part begin…end of the interval that ends now; the edge by the command at its end.
+
+        Parameters
+        ----------
+        b : StepBuilder
+            Takes the statements.
+        begin, end : Expr
+            Ends of the part, as shares of the sampling interval, 0 to 1.
+        sense : Expr
+            s of `sense`, held over the part.
+        """
         h, uf, t, d = b.sample_time, self.state, self.times, self.delays
         up = b.let("up", ((1.0 - sense) * d[0] + sense * d[2]) / h)
         down = b.let("down", ((1.0 - sense) * d[1] + sense * d[3]) / h)
@@ -95,12 +133,42 @@ class LaggedCurrent:
 
 
 def sense(v: Expr, width: float) -> Expr:
-    """s(v) = ½ tanh(v/ε) + ½: 1 in rebound, 0 in compression."""
+    """s(v) = ½ tanh(v/ε) + ½: 1 in rebound, 0 in compression.
+
+    Parameters
+    ----------
+    v : Expr
+        v_d [m/s].
+    width : float
+        ε [m/s].
+
+    Returns
+    -------
+    Expr
+        Between 0 and 1.
+    """
     return 0.5 * call("tanh", v / width) + 0.5
 
 
 def place(b: StepBuilder, nodes: Array, value: Expr) -> tuple[Index, Expr]:
-    """Index and weight of a value between rising nodes, held beyond the ends."""
+    """Index and weight of a value between rising nodes, held beyond the ends.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Takes the search.
+    nodes : Array
+        Rising, two at least.
+    value : Expr
+        In the unit of the nodes.
+
+    Returns
+    -------
+    index : Index
+        Of the node below.
+    weight : Expr
+        Of the node above, between 0 and 1.
+    """
     j = b.index("node")
     with b.loop("node_scan", nodes.shape[0] - 1, 1) as i, b.when(value >= nodes[i]):
         b.set_index(j, i)

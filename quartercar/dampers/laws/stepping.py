@@ -17,6 +17,16 @@ def motion_steps(drive: Drive) -> np.ndarray:
 
     Slow sines at 200 Hz take two, a random motion up to 50 Hz at 500 Hz takes eight on average.
 
+    Parameters
+    ----------
+    drive : Drive
+        Its velocity [m/s] and period are read.
+
+    Returns
+    -------
+    (n − 1,) array of int
+        Between `FEWEST` and `MOST`.
+
     Examples
     --------
     >>> motion_steps(Drive(0.005, np.array([0.0, 0.001, 0.02]), np.zeros(3), np.zeros(3))).tolist()

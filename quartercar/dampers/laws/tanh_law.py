@@ -40,15 +40,23 @@ LAGS = (0.0, 0.03, 0.1, 0.3, 1.0)
 
 
 class Terms(NamedTuple):
-    """What a law of this family is made of."""
+    """What a law of this family is made of.
+
+    Attributes
+    ----------
+    yield_force, sharpness, post_yield : Coefficient
+        A_1 [N], A_3 [s/m], A_2 [N·s/m].
+    ratio : Coefficient or None
+        κ of the yield term [1/s]; None where the displacement is left out.
+    post_ratio : Coefficient or None
+        κ' of the viscous term [1/s]; None where it is that of the yield term.
+    """
 
     yield_force: Coefficient
     sharpness: Coefficient
     post_yield: Coefficient
     ratio: Coefficient | None
-    """κ of the yield term; None where the displacement is left out"""
     post_ratio: Coefficient | None
-    """κ of the viscous term; None where it is that of the yield term"""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -152,7 +160,18 @@ class TanhLaw(StaticDamper):
         return np.hstack([*columns, *([np.ones((velocity.size, 1))] if self.offset else [])])
 
     def pieces(self, vector: np.ndarray) -> list[np.ndarray]:
-        """θ of each of `terms`; empty where there is none."""
+        """θ of each of `terms`; empty where there is none.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        list of array
+            Five, in the order of `Terms`.
+        """
         return [vector[place] for place in self.places]
 
     @cached_property
@@ -168,7 +187,20 @@ class TanhLaw(StaticDamper):
 
     def factors(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                  vector: np.ndarray) -> Factors:
-        """Coefficients and lagged velocities along a motion."""
+        """Coefficients and lagged velocities along a motion.
+
+        Parameters
+        ----------
+        displacement, velocity, current : (n,) array
+            Motion from the centre [m], [m/s], and current.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        Factors
+            (n,) each.
+        """
         values = [None if c is None else c.value(current, theta)
                   for c, theta in zip(self.settled, self.pieces(vector), strict=True)]
         y, s, c, ratio, post_ratio = values
@@ -198,12 +230,29 @@ class TanhLaw(StaticDamper):
         return self.force(x, 0.0, float(np.clip(0.0, *self.currents))).reshape(x.shape)
 
     def current_powers(self) -> dict[str, np.ndarray]:
-        """Coefficients of the powers 1, i, i² of every coefficient that is a polynomial in the current, SI."""
+        """Coefficients of the powers 1, i, i² of every coefficient that is a polynomial in the current, SI.
+
+        Returns
+        -------
+        dict of str to (d + 1,) array
+            By the name of the coefficient; a constant has one entry.
+        """
         return {c.prototype.name: c.powers(theta)
                 for c, theta in zip(self.terms, self.pieces(self.vector), strict=True) if isinstance(c, Controlled)}
 
     def coefficients_at(self, current: float) -> Mapping[str, float]:
-        """A_1, A_3, A_2, κ (and κ' where it differs) at a current, by the names of the sheet."""
+        """A_1, A_3, A_2, κ (and κ' where it differs) at a current, by the names of the sheet.
+
+        Parameters
+        ----------
+        current : float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        mapping of str to float
+            ``A_1`` [N], ``A_3`` [s/m], ``A_2`` [N·s/m], ``kappa`` and ``kappa_post`` [1/s], as far as the law has them.
+        """
         names = ("A_1", "A_3", "A_2", "kappa", "kappa_post")
         at = np.array([float(current)])
         return {n: float(c.value(at, theta)[0])
@@ -226,12 +275,12 @@ class TanhLaw(StaticDamper):
         Parameters
         ----------
         sample_time : float
-            [s].
+            Period of the model [s].
 
         Returns
         -------
         LPVTransferFunction
-            With displacement it runs along ``damper.with_saturation(record)``.
+            Without memory; along records as measured: their polarity and zero of the displacement. With displacement it runs along ``damper.with_saturation(record)``.
 
         Raises
         ------
@@ -283,10 +332,12 @@ class TanhLaw(StaticDamper):
         Parameters
         ----------
         record : Record
+            With the channels that the law reads.
 
         Returns
         -------
         Record
+            A copy with the channel [1].
         """
         drive = self.drive(record)
         factors = self.factors(drive.displacement, drive.velocity, drive.current, self.vector)
@@ -295,7 +346,15 @@ class TanhLaw(StaticDamper):
 
 
 class Factors(NamedTuple):
-    """(n,) each: A_1, A_3, A_2, v + κ x and v + κ' x."""
+    """(n,) each: A_1, A_3, A_2, v + κ x and v + κ' x.
+
+    Attributes
+    ----------
+    yield_force, sharpness, post_yield : (n,) array
+        A_1 [N], A_3 [s/m], A_2 [N·s/m].
+    lagged, post_lagged : (n,) array
+        v + κ x and v + κ' x [m/s].
+    """
 
     yield_force: np.ndarray
     sharpness: np.ndarray

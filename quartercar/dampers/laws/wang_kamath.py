@@ -111,17 +111,54 @@ class WangKamath(DynamicDamper):
 
     # -- running -----------------------------------------------------------------------------------------------------
     def basis(self, current: np.ndarray | float) -> np.ndarray:
-        """(n, degree + 1) Bernstein polynomials at currents, those outside the interval brought to its ends."""
+        """(n, degree + 1) Bernstein polynomials at currents, those outside the interval brought to its ends.
+
+        Parameters
+        ----------
+        current : array or float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        (n, degree + 1) array
+            Rows sum to 1; one row for a number.
+        """
         u = np.clip(np.atleast_1d(np.asarray(current, dtype=float)) / self.current_scale, 0.0, 1.0)
         d = self.degree
         return np.stack([math.comb(d, m) * u**m * (1 - u) ** (d - m) for m in range(d + 1)], axis=1)
 
     def coefficients(self, current: np.ndarray | float, vector: np.ndarray) -> np.ndarray:
-        """(n, 5) w_1 … w_5 at currents."""
+        """(n, 5) w_1 … w_5 at currents.
+
+        Parameters
+        ----------
+        current : array or float
+            In the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (n, 5) array
+            w_1 [m·s], w_2 [m], w_3, w_4, w_5 [m/s].
+        """
         return self.basis(current) @ vector[: 5 * (self.degree + 1)].reshape(5, self.degree + 1).T
 
     def scale(self, current: np.ndarray | float, vector: np.ndarray) -> np.ndarray:
-        """(n,) force where f = 1, at currents; those below zero count as none [N]."""
+        """(n,) force where f = 1, at currents; those below zero count as none [N].
+
+        Parameters
+        ----------
+        current : array or float
+            In the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI, real or complex.
+
+        Returns
+        -------
+        (n,) array
+            `force_scale` itself without growth [N].
+        """
         i = np.maximum(np.atleast_1d(np.asarray(current, dtype=float)), 0.0)
         return self.force_scale * (1.0 + vector[5] * i if self.growing else np.ones(i.size))
 

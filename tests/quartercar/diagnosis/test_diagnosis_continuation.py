@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, without_noise
 
-from lpvid.diagnosis.continuation import Continued, ahead
+from lpvid.condition.continuation import Continued, ahead
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import before_filter, derivative
 

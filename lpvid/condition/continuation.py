@@ -34,7 +34,18 @@ class Continued:
 
     @classmethod
     def predicted(cls, x: np.ndarray, sample_time: float) -> Continued:
-        """A signal, (n,), that goes on as `ahead` predicts from either end, and fades to its mean."""
+        """A signal, (n,), that goes on as `ahead` predicts from either end, and fades to its mean.
+
+        Parameters
+        ----------
+        x : (n,) array
+        sample_time : float
+            [s].
+
+        Returns
+        -------
+        Continued
+        """
         n, mean = x.size, float(x.mean())
         count, near = (min(round(time / sample_time), most) for time, most in ((LENGTH, n // 2), (LOOKED_AT, n)))
         fade = np.cos(np.pi / 2 * np.clip(np.linspace(-1.0, 1.0, count), 0.0, 1.0)) ** 2
@@ -44,7 +55,21 @@ class Continued:
 
     @classmethod
     def reflected(cls, x: np.ndarray, sample_time: float, length: float) -> Continued:
-        """A signal, (n,), that goes on for a length [s] as its reflection at either end, which keeps the slope."""
+        """A signal, (n,), that goes on for a length [s] as its reflection at either end, which keeps the slope.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Of two samples at least.
+        sample_time : float
+            [s].
+        length : float
+            At either end [s]; shorter where the signal is.
+
+        Returns
+        -------
+        Continued
+        """
         count = int(np.clip(round(length / sample_time), 1, x.size - 1))
         return cls._joined(2 * x[0] - x[count:0:-1], x, 2 * x[-1] - x[-2: -2 - count: -1], sample_time)
 
@@ -60,7 +85,20 @@ class Continued:
         return cls(np.fft.rfft(np.concatenate([longer, ramp])), omega, before.size, x.size)
 
     def back(self, spectrum: np.ndarray, finer: int = 1) -> np.ndarray:
-        """(n finer,) the samples of the signal, from what its spectrum was made to; between them on a finer clock."""
+        """(n finer,) the samples of the signal, from what its spectrum was made to; between them on a finer clock.
+
+        Parameters
+        ----------
+        spectrum : (m,) complex array
+            At the frequencies `omega`.
+        finer : int
+            Times as fast as the signal's a clock is on which its samples are wanted.
+
+        Returns
+        -------
+        (n finer,) array
+            In the unit of the signal.
+        """
         size = finer * (2 * self.spectrum.size - 2)
         return finer * np.fft.irfft(spectrum, size)[finer * self.lead: finer * (self.lead + self.n_samples)]
 
@@ -71,6 +109,18 @@ def ahead(x: np.ndarray, count: int) -> np.ndarray:
     By Burg's method (Kay 1988, Modern Spectral Estimation, sec. 7.6), whose predictor is stable: sines go on as they
     are, what noise hides or chance drives dies away.
 
+    Parameters
+    ----------
+    x : (n,) array
+        On an even clock, the oldest sample first.
+    count : int
+        Samples wanted.
+
+    Returns
+    -------
+    (count,) array
+        In the unit of x.
+
     Examples
     --------
     >>> t = 0.01 * np.arange(400)
@@ -78,7 +128,7 @@ def ahead(x: np.ndarray, count: int) -> np.ndarray:
     >>> bool(np.abs(ahead(wave[:300], 100) - wave[300:]).max() < 0.05)
     True
     """
-    from lpvid.diagnosis._prediction_kernels import go_on
+    from lpvid.condition._prediction_kernels import go_on
 
     out = np.empty(count)
     go_on(np.ascontiguousarray(x, dtype=float), min(ORDER, x.size // 3), out)

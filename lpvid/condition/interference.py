@@ -1,0 +1,156 @@
+"""Interference: bands of a displacement in which what the motion drives does not follow, as hum of the mains."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.condition.resampling import true_runs
+
+STRETCH, FEWEST = 1.0, 4
+"""length of the stretches whose spectra are averaged at most [s], and how many there are at least"""
+SHORT = 100
+"""samples of a stretch at least, from so many on a derivative in the band of the motion has less error than one by
+polynomials of eleven samples"""
+QUIET = 0.3
+"""share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
+ABOVE = 2.0
+"""times the level of the sensor's noise that is taken off, to be safe"""
+FOLLOWS = 0.25
+"""force over velocity in a band of its own, as a share of that in the first one, up to which the band is interference:
+half of its power moves (with less, what is taken for motion in error is more than what is lost), and dry friction that
+a slow motion turns over follows a faster one beside it with half of its slope"""
+
+
+def of_motion(power: np.ndarray, noise: float) -> np.ndarray:
+    """Wiener's share (S − 2N)₊/S of a power S that is no noise of the sensor.
+
+    Parameters
+    ----------
+    power : (m,) array
+        S, of a channel by frequency.
+    noise : float
+        N, the level at the top of its band.
+
+    Returns
+    -------
+    (m,) array
+    """
+    return np.maximum(1 - ABOVE * noise / np.maximum(power, 1e-300), 0.0)
+
+
+def interference(values: np.ndarray, output: np.ndarray, period: float, finer: int = 1) -> np.ndarray:
+    """Whether frequencies of a displacement that stand out of its noise are none of the motion.
+
+    A band that lies apart from the first one moves the output as the first one does: the slope of the force over the
+    velocity by regression over the band, G = Σ V* F/Σ |V|² with V = jω X, is not biased by what else is in the force.
+    Where a share h of the power does not move, G is smaller by 1 − h; below `FOLLOWS` times that of the first band it
+    is interference.
+
+    Parameters
+    ----------
+    values : (n,) array
+        The displacement.
+    output : (n,) array
+        What the motion drives, a damper's force.
+    period : float
+        Sampling period [s].
+    finer : int
+        As for `power_of`.
+
+    Returns
+    -------
+    (m,) bool array
+        At the frequencies of `power_of`; nowhere where the output never changes.
+
+    Examples
+    --------
+    >>> t = np.arange(6000) / 300
+    >>> noise = np.random.default_rng(0).standard_normal((2, t.size))
+    >>> read = np.sin(2 * np.pi * t) + 0.01 * np.sin(2 * np.pi * 50 * t) + 1e-3 * noise[0]
+    >>> hum = interference(read, np.cos(2 * np.pi * t) + 0.1 * noise[1], 1 / 300)
+    >>> bool(hum[50]), bool(hum[1])
+    (True, False)
+    """
+    from scipy.signal import detrend, get_window
+
+    frequency, power, noise = power_of(values, period, finer)
+    none = np.zeros(frequency.size, dtype=bool)
+    bands = true_runs(of_motion(power, noise) > 0.5)
+    if len(bands) < 2 or not np.ptp(output):
+        return none
+    taper = get_window("hann", values.size)
+    fine = np.fft.rfftfreq(values.size, period)
+    velocity, force = 2j * np.pi * fine * np.fft.rfft(detrend(values) * taper), np.fft.rfft(detrend(output) * taper)
+    slopes = []
+    for a, b in bands:
+        inside = slice(*np.searchsorted(fine, ((a - 0.5) * frequency[1], (b - 0.5) * frequency[1])))
+        moved = float(np.sum(np.abs(velocity[inside]) ** 2))
+        slopes.append(abs(np.vdot(velocity[inside], force[inside])) / max(moved, 1e-300))
+    for (a, b), slope in zip(bands[1:], slopes[1:], strict=True):
+        if slope < FOLLOWS * slopes[0]:
+            none[a - 1:b + 1] = True  # with the frequencies beside it, which have a part of it
+    return none
+
+
+def stretch_samples(samples: int, period: float) -> int:
+    """Samples of the stretches whose spectra are averaged: fewer where there were too few stretches.
+
+    Parameters
+    ----------
+    samples : int
+        Of the record.
+    period : float
+        Sampling period [s].
+
+    Returns
+    -------
+    int
+    """
+    return min(samples, max(int(min(STRETCH / period, samples / FEWEST)), 2))
+
+
+def power_of(values: np.ndarray, period: float, finer: int = 1) -> tuple[np.ndarray, np.ndarray, float]:
+    """Frequencies, power by Welch's method, and the level of the sensor's noise.
+
+    A line is taken off every stretch: the jump between the ends of a slow stroke would stand above the noise far beyond
+    where it moves.
+
+    Parameters
+    ----------
+    values : (n,) array
+    period : float
+        Sampling period [s].
+    finer : int
+        How many times as fast the clock is as that by which the channel was recorded.
+
+    Returns
+    -------
+    frequency : (m,) array
+        [Hz]
+    power : (m,) array
+        Spectral density.
+    noise : float
+    """
+    from scipy.signal import welch
+
+    size = stretch_samples(values.size, period)
+    frequency, power = welch(values, 1 / period, nperseg=size, detrend="linear")
+    return frequency, power, float(np.median(top_of(frequency, power, finer)))
+
+
+def top_of(frequency: np.ndarray, power: np.ndarray, finer: int = 1) -> np.ndarray:
+    """Power at the top of the band that was recorded, where there is noise alone.
+
+    Parameters
+    ----------
+    frequency, power : (m,) array
+    finer : int
+        As for `power_of`.
+
+    Returns
+    -------
+    (k,) array
+        Of the upper `QUIET` of the band.
+    """
+    recorded = power[frequency <= frequency[-1] / finer]
+    return recorded[-round(QUIET * recorded.size):]
