@@ -273,7 +273,7 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
 
 def _before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
     """Measured output, baseline and extended model over the record on which the baseline is most wrong."""
-    worst = max(shown, key=lambda s: float(np.nanmean((s.measured - s.before) ** 2)))
+    worst = draw.most_wrong(shown)
     unit = worst.unit or "1"
     runs = {"measured": worst.measured, "baseline": worst.before, "extended model": worst.after}
     errors = {n: worst.measured - runs[n] for n in ("baseline", "extended model")}
