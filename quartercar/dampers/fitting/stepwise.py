@@ -60,7 +60,7 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     begun.sort(key=lambda pair: pair[1].cost)
     tried = []
     for part, trial in begun[:FOLLOWED] if len(begun) > 1 else []:
-        found = search_law(part, trial.point, settings.tasting_evaluations, 1e-4)
+        found = search_law(part, trial.point, settings.short_evaluations, 1e-4)
         tried.append((part, trial if found is None else found.trial))
     part, trial = min(tried or begun[:1], key=lambda pair: pair[1].cost)
     found = search_law(part, trial.point, settings.evaluations, settings.tolerance)
@@ -294,7 +294,7 @@ def stepwise_start(damper: SemiActiveDamper, drives: Sequence[Drive]) -> SemiAct
     SemiActiveDamper
         Found by short searches.
     """
-    quick = FitSettings(evaluations=15, tasting_evaluations=6, tolerance=1e-4)
+    quick = FitSettings(evaluations=15, short_evaluations=6, tolerance=1e-4)
     return _identify(damper, drives, [""] * len(drives), quick).damper
 
 
