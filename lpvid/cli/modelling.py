@@ -207,7 +207,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
 
     Returns
     -------
-    Outcome
+    ReportedIdentification
 
     Raises
     ------

@@ -358,7 +358,7 @@ class Diagnosis(Shown):
         What was done to the data, and what to beware of.
     complete : bool
         False after an interruption.
-    weights : Weights or None
+    weights : SetProbabilities or None
         Of sets and families, where the engine weighs them.
     """
 

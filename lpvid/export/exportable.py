@@ -230,7 +230,7 @@ def flow_of(noun: Any, options: Options | None = None) -> Any:
 
     Returns
     -------
-    Flow or None
+    lpvid.export.flow.Flow or None
         By the first exporter that accepts the noun.
     """
     for exporter in () if isinstance(noun, Exportable) else exporters():

@@ -28,7 +28,7 @@ def sweep_record(
 
     Parameters
     ----------
-    problem : Problem
+    problem : PredictionErrorProblem
     model : LPVTransferFunction
     signals : y (n, ny), u (width, n), phi (M, n)
     state : e (n, ny), and x (n, ny) or the equation error

@@ -25,7 +25,7 @@ def augmented(model: LPVTransferFunction) -> RealizationLayout:
 
     Returns
     -------
-    Layout
+    RealizationLayout
     """
     ny, nu, na, past = model.n_outputs, model.n_filter_inputs, model.na, max(model.n_lags - 1, 0)
     base, split, n = model.basis, na * ny, na * ny + past * nu

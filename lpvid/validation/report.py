@@ -42,7 +42,7 @@ class Validation(Shown):
     ----------
     label : str
         "training", "held-out" or "partly training".
-    overall : Pair
+    overall : FigurePair
         Pooled free-run and one-step figures.
     records : tuple of RecordFigures
     residual_tests : tuple of ResidualTest

@@ -64,7 +64,7 @@ class BestCurrents:
         In the damper's current unit.
     run : CarRun
         The ride under that command, as `replay` gives it to nine digits.
-    figures : criteria.Ride
+    figures : RideFigures
         Of that run, computed as of any law.
     passivity : RidePassivity
     objective : float
@@ -98,7 +98,7 @@ class CurrentSequenceProblem:
     seed : int
     sample_time : float
         Of the loop [s].
-    reference : criteria.Ride
+    reference : RideFigures
         Unit of the figures: the passive car.
     objective : Objective
         As of a tuning.
@@ -223,7 +223,7 @@ def best_currents(problem: CurrentSequenceProblem, starts: Mapping[str, np.ndarr
 
     Parameters
     ----------
-    problem : Problem
+    problem : CurrentSequenceProblem
     starts : mapping of str to (n,) array
         Commands to start from, by name.
     effort : Effort, optional

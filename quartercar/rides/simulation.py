@@ -113,7 +113,7 @@ class Ride:
     seed : int
     run : CarRun
         Every signal, the start included.
-    figures : criteria.Ride
+    figures : RideFigures
         Comfort, tyre load, stroke, the start left out.
     passivity : RidePassivity
     at_limits, out_of_reach : float

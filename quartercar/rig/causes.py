@@ -53,7 +53,7 @@ class Cause:
         One line.
     source : str
         Section of the equation sheet.
-    numbers : tuple of Number
+    numbers : tuple of CauseParameter
         Parameters with default, unit and meaning.
     apply : callable
         (setup, parameters, strength) to setup.

@@ -186,7 +186,7 @@ class MeasuredRoad(RideRoad):
 
     Attributes
     ----------
-    track : Track
+    track : roads.Track
     speed : float
         [m/s].
     laps : int

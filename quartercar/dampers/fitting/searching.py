@@ -89,7 +89,7 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
 
     Returns
     -------
-    best : SearchEnd
+    best : DamperSearchEnd
         Of least cost on all data.
     starts : Starts
         How many were tried, followed, and ended at that cost.
@@ -232,7 +232,7 @@ def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) 
 
     Returns
     -------
-    SearchEnd or None
+    DamperSearchEnd or None
         None where the run diverges at the start.
     """
     if problem.damper.linear:

@@ -100,7 +100,7 @@ class PartialResiduals(Generic[D]):
 
     Attributes
     ----------
-    coordinates : Coordinates
+    coordinates : SearchCoordinates
         Of those that move.
     """
 
