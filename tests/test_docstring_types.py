@@ -18,6 +18,8 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("lpvid", "quartercar")
 SECTIONS = ("Parameters", "Attributes", "Other Parameters", "Returns", "Yields")
@@ -28,6 +30,8 @@ BESIDE = frozenset(dir(builtins)) | frozenset(dir(typing)) | {"Axes", "Dataset"}
 """with those of matplotlib and xarray that need no package before them."""
 OPTIONAL = ("control", "distributed", "pandas", "polars", "xarray")
 """packages that need not be installed."""
+FOREIGN = ("NonlinearIOSystem", "Axes", "Figure")
+"""classes of other packages that prose names without their package."""
 LATER = frozenset({"lpvid/diagnosis/evidence/judging.py: JudgedSet: Problem",
                    "lpvid/diagnosis/evidence/judging.py: judge: Search"})
 """Known ones, to be mended with the next change of their module."""
@@ -128,12 +132,56 @@ def unknown_types(modules: dict[str, list[ast.AST]], public: set[str]) -> list[s
     return found
 
 
-def test_every_type_that_a_docstring_names_exists() -> None:
-    modules = {p.relative_to(ROOT).as_posix(): statements(p)
-               for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))}
-    public = {name for folder in PACKAGES for name in exported(ROOT / folder)}
+@pytest.fixture(scope="module")
+def texts() -> dict[str, str]:
+    paths = [p for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))]
+    return {p.relative_to(ROOT).as_posix(): p.read_text(encoding="utf8") for p in paths}
+
+
+@pytest.fixture(scope="module")
+def modules(texts: dict[str, str]) -> dict[str, list[ast.AST]]:
+    return {name: statements(text) for name, text in texts.items()}
+
+
+@pytest.fixture(scope="module")
+def public() -> set[str]:
+    return {name for folder in PACKAGES for name in exported(ROOT / folder)}
+
+
+def test_every_type_that_a_docstring_names_exists(modules: dict[str, list[ast.AST]], public: set[str]) -> None:
     found = set(unknown_types(modules, public))
     assert len(modules) > 100 and not found - LATER, "\n".join(sorted(found - LATER))
+
+
+REFERENCE = re.compile(r"(?<!`)`([A-Za-z_][\w.]*)`(?!`)")
+
+
+def unknown_references(texts: dict[str, str], modules: dict[str, list[ast.AST]], public: set[str]) -> list[str]:
+    """``module: reference`` of what stands in single backquotes, names a class or module, and is none.
+
+    A part in capital and small letters must be a class, a name that the module binds or an attribute; the module that
+    a path of small letters begins with must exist.
+    """
+    names = {n.name for nodes in modules.values() for n in nodes if isinstance(n, (ast.ClassDef, ast.FunctionDef))}
+    bound = {name for nodes in modules.values() for name in bound_names(nodes)}
+    places = {part for module in modules for part in module.removesuffix(".py").split("/")}
+    found = []
+    for module, text in texts.items():
+        for reference in REFERENCE.findall(text):
+            first, *rest = reference.split(".")
+            capital = next((part for part in (first, *rest) if re.match("[A-Z][A-Za-z0-9]*[a-z]", part)), None)
+            if is_foreign(first) or capital in FOREIGN:
+                continue
+            lost = capital is not None and capital not in names | bound | public
+            if lost or (capital is not None and rest and first.islower() and first not in places | bound | names):
+                found.append(f"{module}: {reference}")
+    return found
+
+
+def test_every_class_that_backquotes_name_exists(texts: dict[str, str], modules: dict[str, list[ast.AST]],
+                                                 public: set[str]) -> None:
+    found = unknown_references(texts, modules, public)
+    assert not found, "\n".join(found)
 
 
 SOURCE = '''
@@ -177,3 +225,9 @@ def test_what_is_unknown_and_what_is_not() -> None:
     modules = {"m": statements(SOURCE), "other": statements("class TwoWords: ...\nclass Single: ...")}
     assert set(unknown_types(modules, {"Exported"})) == {
         "m: Known: Gone", "m: act: elsewhere.Known", "m: act: module.Lost", "m: act: Single", "m: act: Missing"}
+
+
+def test_which_references_are_lost() -> None:
+    modules = {"own/place.py": statements("class Known:\n    size: int\nLIMIT = 1")}
+    text = "`Known.size` `place.Known` `Gone` `nowhere.Known` `lost` `LIMIT` `numpy.Gone` ``Not.Looked`` `Known`"
+    assert unknown_references({"m": text}, modules, set()) == ["m: Gone", "m: nowhere.Known"]

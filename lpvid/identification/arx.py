@@ -212,7 +212,7 @@ class ARX(Structure):
         return self.solved(records, box, self.factor(records, box))
 
     def places(self) -> np.ndarray:
-        """(columns, 4) part, lag index, signal and basis function of every regressor column, as in a `Layout`."""
+        """(columns, 4) part, lag index, signal and basis function of every regressor column (`ParameterLayout`)."""
         return self._places(self._filter_width())[0]
 
     def factor(self, records: Sequence[Record], box: Scheduling, start: int | None = None) -> Factor:

@@ -35,7 +35,7 @@ def sweep_record(
     slopes : (n, ny) arrays
         Columns of the free stage parameters.
     absorb : callable
-        ``absorb(write, rows)``, see `Problem.sweep`.
+        ``absorb(write, rows)``, see `PredictionErrorProblem.sweep`.
     """
     from lpvid.identification.pem_problem import CHUNK
 

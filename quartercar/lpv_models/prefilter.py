@@ -103,6 +103,7 @@ class Prefiltered(Embedding):
 
     @property
     def held(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the inner plant holds, and its control: the command of a coil keeps its value between samples."""
         return (*self.inner.held, self.control)
 
     @property

@@ -293,7 +293,7 @@ def lowest_current(car: QuarterCar, road: RideRoad, seed: int, sample_time: floa
 def replay(car: QuarterCar, elevation: np.ndarray, sample_time: float, command: np.ndarray) -> CarRun:
     """The ordinary ride under a given command: as `simulation.drive`, without sensors, observer and law.
 
-    Step by step with the cars of `fleet`: the check of `best_currents`, a hundred times slower.
+    Step by step with the cars of `vehicle.batch`: the check of `best_currents`, a hundred times slower.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights,
     step : float
         Between samples [s].
     car : (4, 10) array
-        P, R and both W of `integrator.Stages.ramp` side by side (4, 2, 1, 1 columns), then (k, c, m_s) and (k_t, c_t).
+        P, R and both W of `IntegratorStages.ramp` side by side (4, 2, 1, 1 columns), then (k, c, m_s) and (k_t, c_t).
     table, grid : (G, 8 + na + 3 nb) array, (2,) array
         Coefficients of law, past forces, past inputs by the current felt: piecewise linear from grid[0] in steps
         grid[1]. Forces are about that at rest.

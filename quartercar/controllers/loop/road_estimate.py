@@ -29,7 +29,7 @@ class RoadEstimator:
 
     ::
 
-        ẋ = A x + B_F (F + e) + B_r ż_r,    ż_r = −2π n_00 V z_r + w       e, sensors as in `Observer`
+        ẋ = A x + B_F (F + e) + B_r ż_r,    ż_r = −2π n_00 V z_r + w       e, sensors as in `KalmanObserver`
         ẑ_r(k−j | k) = ẑ_r(k−j | k−1) + g_j ν(k),    g_j = E[z_r(k−j) x̃(k)ᵀ] Cᵀ S⁻¹,  ν the innovation, S its covariance
 
     Parameters
@@ -82,7 +82,7 @@ class RoadEstimator:
         self._register = np.zeros((setting.cars, samples + 1))
 
     def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(cars, samples + 1) elevations now and 1, 2 … samples ago [m]; arguments as of `Observer`."""
+        """(cars, samples + 1) elevations now and 1, 2 … samples ago [m]; arguments as of `KalmanObserver`."""
         ahead = times(self._x, self._step) + force_before[:, None] * self._drive
         y = np.column_stack([read[n] for n in self._names])
         new = y - times(ahead, self._c) - force[:, None] * self._d
