@@ -302,7 +302,7 @@ def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
     Raises
     ------
     InputError
-        A name that is no input, a value outside the range that the model knows, or no input left.
+        A name that is no input, a value outside the model's range, or no input left.
     """
     if not at:
         return found

@@ -23,7 +23,7 @@ SPAN = 1024
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One record, scaled: letters φ (n, M), past signals z (n, nz), what the output sees at once (n, nd), y (n, ny)."""
+    """One record, scaled: letters φ (n, M), past signals z (n, nz), what acts on y directly (n, nd), y (n, ny)."""
 
     phi: np.ndarray
     z: np.ndarray

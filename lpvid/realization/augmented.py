@@ -32,7 +32,7 @@ def augmented(model: LPVTransferFunction) -> RealizationLayout:
     arrays = {"A": Varying(n, n), "B": Varying(n, nu), "C": Varying(ny, n), "D": Varying(ny, nu),
               "state_offset": Varying(n), "output_offset": Varying(ny), "observer_gain": Varying(n, ny)}
     assert model.c is not None
-    # the output equation, written into y and into the slot that remembers y
+    # the output equation, written into y and into the slot that holds y
     targets = [("C", "D", "output_offset", slice(0, ny))]
     if na:
         targets.append(("A", "B", "state_offset", slice(0, ny)))

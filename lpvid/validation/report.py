@@ -49,7 +49,7 @@ class Validation(Shown):
         On one-step residuals.
     extrapolation_share : float
         Share of samples whose scheduling lies outside the training box, or outside the convex hull of the training
-        scheduling where the model knows it.
+        scheduling where the model has one.
     regimes : tuple of Regime
         Where the free run is wrong.
     k_steps : tuple of Figures

@@ -261,7 +261,7 @@ class Damper(Parametrised, Adaptable, Shown):
         Parameters
         ----------
         step : float
-            [s]; a model with a clock of its own wants that.
+            [s]; a model with a clock of its own takes only that.
 
         Returns
         -------

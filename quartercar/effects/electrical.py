@@ -267,7 +267,7 @@ def _jump_error(signals: Sequence[Signals]) -> float:
 
 
 class CurrentEffect(GridEffect):
-    """A cause that acts on the current before the law sees it."""
+    """A cause that acts on the current before the law reads it."""
 
     family: ClassVar[str] = "electrical"
     stage: ClassVar[str] = "current"

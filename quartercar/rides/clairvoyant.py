@@ -218,7 +218,7 @@ def best_currents(problem: CurrentSequenceProblem, starts: Mapping[str, np.ndarr
 
     L-BFGS-B (Byrd, Lu, Nocedal, Zhu 1995) with the exact gradient of the discrete run, limits by an augmented
     Lagrangian, from several starts; the best is carried on. The problem is not convex: what is found is a current that
-    this damper could have had, so that the true optimum is at least as good. No law, which knows less, can be better
+    this damper could have had, so that the true optimum is at least as good. No law, which reads less, can be better
     than that optimum.
 
     Parameters

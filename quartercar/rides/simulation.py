@@ -300,7 +300,7 @@ def extrapolation(run: CarRun) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        ``current``, ``speed``, ``stroke``: those that the damper's model reads and whose range it knows.
+        ``current``, ``speed``, ``stroke``: those that the damper's model reads and whose range it has.
     """
     damper = run.car.damper
     if damper is None:

@@ -334,7 +334,7 @@ CAUSES: tuple[Cause, ...] = (
           lambda s, p, k: s.changed(colour_std=k * p["std"], colour_pole=p["pole"],
                                     colour_share=k * p["proportional"])),
 )
-"""Every cause that this rig knows."""
+"""Every cause that this rig can simulate."""
 
 
 def _scaled(setup: Setup, channel: str, factor: float) -> Setup:

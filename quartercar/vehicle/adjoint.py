@@ -146,7 +146,7 @@ class _Filter:
 
 
 def coefficients_at(damper: Damper, currents: np.ndarray, rest: float) -> Coefficients:
-    """Coefficients of one stage at each of (N,) currents felt, past forces counted from zero.
+    """Coefficients of one stage at each of (N,) lagged currents, past forces counted from zero.
 
     Parameters
     ----------

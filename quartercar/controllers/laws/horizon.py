@@ -93,7 +93,7 @@ class Horizon:
     @classmethod
     def of(cls, parameters: CarParameters, damper: Damper | None, coil: Coil, sample_time: float,
            samples: int) -> Horizon:
-        """The model for a car as its designer knows it.
+        """The predictive model of a car.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ from quartercar.controllers.loop.sensing import MeasurementSet
 
 CUTOFF = 0.01
 """of the road's spectrum, n_00, below which it is flat [cycles/m], as in `quartercar.roads.iso8608`: no sensor of the
-axle sees the elevation itself"""
+axle measures the elevation itself"""
 BAND = np.geomspace(0.5, 20.0, 40)
 """of body and wheel modes, in which the error of the road counts [Hz]"""
 
@@ -48,7 +48,7 @@ class RoadEstimator:
         g_j.
     error : (samples + 1,) array
         Standard deviation of the error of ẑ_r(k−j | k) on the road of the settings [m]; most of it is elevation that
-        no sensor sees and that cancels in differences.
+        no sensor measures and that cancels in differences.
     road_error : float
         Share of the road's spectrum that no amount of later readings determines, mean over `BAND`.
     """

@@ -92,7 +92,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     models : "all", or names and dampers
         Names of `model_names` are fitted; a `Damper` is compared as it is (a published parameter set, a saved fit).
     held_out : sequence of Record, optional
-        Data that no fit sees; left out, the last third of every record.
+        Data that no fit uses; left out, the last third of every record.
     settings : CompareSettings, optional
     progress : callable
         Receives what is being done.
