@@ -54,6 +54,15 @@ class NamedClasses:
     def get(self, name: str) -> type:
         """The class behind a name.
 
+        Parameters
+        ----------
+        name : str
+            Own names come before registered ones, these before those of installed packages.
+
+        Returns
+        -------
+        type
+
         Raises
         ------
         InputError
@@ -96,11 +105,25 @@ class NamedClasses:
         return cls
 
     def forget(self, name: str) -> None:
-        """Take back `register`; nothing where the name was not registered."""
+        """Take back `register`; nothing where the name was not registered.
+
+        Parameters
+        ----------
+        name : str
+        """
         self._registered.pop(name, None)
 
     def name_of(self, cls: type) -> str | None:
-        """The name under which a class is known; None for another."""
+        """The name under which a class is known; None for another.
+
+        Parameters
+        ----------
+        cls : type
+
+        Returns
+        -------
+        str or None
+        """
         own = (cls.__module__, cls.__name__)
         for name, place in self._own.items():
             if place == own:

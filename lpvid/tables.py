@@ -141,7 +141,25 @@ def parse_toml(text: str, where: str, template: str = "--template prints one") -
 
 
 def within(where: str, read: Callable[[], T]) -> T:
-    """`read()`, its faults named with the file they are in, once."""
+    """`read()`, its faults named with the file they are in, once.
+
+    Parameters
+    ----------
+    where : str
+        The file, for messages.
+    read : callable
+        Takes nothing.
+
+    Returns
+    -------
+    object
+        What `read` gives.
+
+    Raises
+    ------
+    InputError
+        That of `read`, with the file in front where it is not there yet.
+    """
     try:
         return read()
     except InputError as error:
@@ -150,13 +168,40 @@ def within(where: str, read: Callable[[], T]) -> T:
 
 
 def known_keys(table: Mapping[str, Any], allowed: Sequence[str], what: str) -> None:
-    """Refuse keys that nothing reads."""
+    """Refuse keys that nothing reads.
+
+    Parameters
+    ----------
+    table : mapping
+        As read.
+    allowed : sequence of str
+        Keys that are read.
+    what : str
+        What the table is, for the message, which also names the nearest key.
+    """
     for key in table:
         _checks.known_name(key, list(allowed), f"key of {what}")
 
 
 def tables_of(value: object, what: str) -> list[Mapping[str, Any]]:
-    """A list of tables, or one table."""
+    """A list of tables, or one table.
+
+    Parameters
+    ----------
+    value : object
+        As read.
+    what : str
+        Its key, for messages.
+
+    Returns
+    -------
+    list of mapping
+
+    Raises
+    ------
+    InputError
+        Something else than tables.
+    """
     if isinstance(value, Mapping):
         return [value]
     if not isinstance(value, list):
@@ -266,7 +311,24 @@ def numbers_of(table: object, units: Mapping[str, str], where: str, what: str = 
 
 
 def texts_of(value: object, what: str) -> tuple[str, ...]:
-    """A text or a list of texts."""
+    """A text or a list of texts.
+
+    Parameters
+    ----------
+    value : object
+        As read.
+    what : str
+        Its key, for messages.
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    InputError
+        Something else than texts.
+    """
     listed = [value] if isinstance(value, str) else value
     if not isinstance(listed, list) or not all(isinstance(v, str) for v in listed):
         raise InputError(f"{what} must be a list of names", got=repr(value))
@@ -274,7 +336,26 @@ def texts_of(value: object, what: str) -> tuple[str, ...]:
 
 
 def matrix_of(value: object, shape: tuple[int | None, int | None], what: str) -> np.ndarray:
-    """A matrix written as a list of rows."""
+    """A matrix written as a list of rows.
+
+    Parameters
+    ----------
+    value : object
+        As read; its entries are numbers taken as SI, or texts such as "5 mm".
+    shape : (int or None, int or None)
+        Rows and columns that it must have; None for any number.
+    what : str
+        Its key, for messages.
+
+    Returns
+    -------
+    (rows, columns) array
+
+    Raises
+    ------
+    InputError
+        No list of rows, rows of unequal length, or another shape.
+    """
     rows = value if isinstance(value, list) else None
     if rows is None or not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
         raise InputError(f"{what} must be a list of rows of equal length", got=repr(value))

@@ -23,7 +23,20 @@ CHUNK = 100_000
 
 
 def heads(records: Sequence[Record], output: str) -> list[list[float]]:
-    """First samples of each record's output, for ``metadata["training"]["heads"]``; still ones give no information."""
+    """First samples of each record's output, for ``metadata["training"]["heads"]``; still ones give no information.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The first `RECORDS` count.
+    output : str
+        Channel or role.
+
+    Returns
+    -------
+    list of list of float
+        `SAMPLES` values each, to nine digits; records that are shorter, or constant there, are left out.
+    """
     cuts = (r[output][:SAMPLES] for r in records[:RECORDS])
     return [[float(f"{x:.9g}") for x in cut] for cut in cuts if len(cut) == SAMPLES and np.ptp(cut) > 0]
 
@@ -111,6 +124,16 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
 def usual_range(columns: Sequence[np.ndarray]) -> list[float]:
     """Lowest and highest value at which a variable is driven, without the ripple of filters and the rarest samples.
 
+    Parameters
+    ----------
+    columns : sequence of (n,) arrays
+        One per record, in the unit of the variable.
+
+    Returns
+    -------
+    [float, float]
+        The quantiles `USUAL` of the smoothed values.
+
     Examples
     --------
     >>> steps = np.repeat([0.0, 2.0, 0.0, 2.0], 50)
@@ -141,6 +164,10 @@ def roles(record: Record, names: Sequence[str]) -> dict[str, str]:
     names : sequence of str
         Channels or roles that the model reads and simulates.
 
+    Returns
+    -------
+    dict of str to str
+
     Examples
     --------
     >>> run = Record({"v": [0.0, 1.0], "voltage": [0.0, 0.0], "F": [0.0, 1.0]}, 0.1, roles={"velocity": "v"})
@@ -163,6 +190,10 @@ def recalled(records: Sequence[Record], metadata: Mapping) -> list[Record]:
     records : sequence of Record
     metadata : mapping
         The model's.
+
+    Returns
+    -------
+    list of Record
     """
     known = metadata.get("roles", {})
     if not isinstance(known, Mapping):

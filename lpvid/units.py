@@ -14,7 +14,16 @@ from lpvid.errors import InputError
 
 
 class InSI(NamedTuple):
-    """Values in SI, the SI unit as text, and whether the source unit was understood."""
+    """Values in SI, the SI unit as text, and whether the source unit was understood.
+
+    Parameters
+    ----------
+    values : array
+        As given where the source unit was not understood.
+    unit : str
+        Empty for a pure number, and where the source unit was not understood.
+    known : bool
+    """
 
     values: np.ndarray
     unit: str
@@ -189,6 +198,7 @@ def to_si(values: Any, unit: str | None) -> InSI:
     Parameters
     ----------
     values : array
+        As given where the source unit was not understood.
         Samples in `unit`.
     unit : str or None
         Unit as the header gave it; None or "" leaves the values as they are.
@@ -294,12 +304,33 @@ def quantity_to_si(value: object, unit: str | None = None) -> tuple[float, str]:
 
 
 def is_known(unit: str) -> bool:
-    """True when the unit can be converted to SI."""
+    """True when the unit can be converted to SI.
+
+    Parameters
+    ----------
+    unit : str
+        As it stands in a header.
+
+    Returns
+    -------
+    bool
+    """
     return _scale(unit) is not None
 
 
 def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
     """Units that a channel or role of this name would have, where its own is known and none of them; empty otherwise.
+
+    Parameters
+    ----------
+    name : str
+        Channel or role, in upper or lower case.
+    si_unit : str
+        As this module writes it; empty where it is not known.
+
+    Returns
+    -------
+    tuple of str
 
     Examples
     --------
@@ -312,6 +343,15 @@ def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
 
 def same_kind(si_unit: str, other: str) -> bool:
     """True when two SI unit texts have the same dimension (radians count as one).
+
+    Parameters
+    ----------
+    si_unit, other : str
+        As this module writes them.
+
+    Returns
+    -------
+    bool
 
     Examples
     --------
@@ -370,6 +410,16 @@ def _pint_scale(text: str) -> _UnitScale | None:
 
 def base_exponents(si_unit: str) -> dict[str, float]:
     """Exponents of the base units in an SI unit as this module writes it; a name that it does not know stands as it is.
+
+    Parameters
+    ----------
+    si_unit : str
+        Empty for a pure number.
+
+    Returns
+    -------
+    dict of str to float
+        Those that are 0 left out; empty for a pure number.
 
     Examples
     --------

@@ -28,7 +28,7 @@ NAME = re.compile(r"(?<![\w.])((?:\w+\.)*)([A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*)")
 """A name in capitals (a constant, a dimension of an array) is no type."""
 BESIDE = frozenset(dir(builtins)) | frozenset(dir(typing)) | {"Axes", "Dataset"}
 """with those of matplotlib and xarray that need no package before them."""
-OPTIONAL = ("control", "distributed", "pandas", "polars", "xarray")
+OPTIONAL = ("asammdf", "control", "distributed", "nptdms", "pandas", "polars", "xarray")
 """packages that need not be installed."""
 FOREIGN = ("NonlinearIOSystem", "Axes", "Figure")
 """classes of other packages that prose names without their package."""

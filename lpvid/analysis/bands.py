@@ -45,7 +45,18 @@ class Band:
     kind: str
 
     def contains(self, values: np.ndarray) -> np.ndarray:
-        """Which of `values` (shaped as `low`) lie inside the band."""
+        """Which of `values` (shaped as `low`) lie inside the band.
+
+        Parameters
+        ----------
+        values : array
+            In the unit of the band.
+
+        Returns
+        -------
+        array of bool
+            Ends included; False for NaN.
+        """
         return (values >= self.low) & (values <= self.high)
 
     def __str__(self) -> str:
@@ -103,6 +114,12 @@ def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
     Returns
     -------
     Band
+
+    Raises
+    ------
+    InputError
+        Fewer than two models, a level outside of (0, 1), a band with noise without a generator, or models that all
+        diverge on the record.
     """
     drawn = _drawn(models, level)
     runs = [simulate(m, record) for m in drawn]
@@ -121,7 +138,22 @@ def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
 
 
 def frequency_response(model: Model, at: Sequence[float] | np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """(n, n_outputs, n_filter_inputs) complex frozen frequency response at frequencies [Hz]."""
+    """(n, n_outputs, n_filter_inputs) complex frozen frequency response at frequencies [Hz].
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Its linear part counts, behind any input stage.
+    at : (n_scheduling,) array
+        Held scheduling, in physical units.
+    frequencies : (n,) array
+        [Hz]
+
+    Returns
+    -------
+    (n, n_outputs, n_filter_inputs) complex array
+        In units of output per input.
+    """
     hertz = np.asarray(frequencies, dtype=float)
     if isinstance(model, LPVTransferFunction):
         a, b, _ = model.coefficients(at)

@@ -72,7 +72,24 @@ class Bound(Encoded):
 
 
 def judged(quantity: str, certificate: BoundCertificate | None, lower: float, upper: float, why: str) -> Bound:
-    """The outcome of a search."""
+    """The outcome of a search.
+
+    Parameters
+    ----------
+    quantity : str
+        "h2-norm", "decay-rate" or "pole-region".
+    certificate : BoundCertificate or None
+        What the search found.
+    lower, upper : float
+        As in `Bound`.
+    why : str
+        Why there is no certificate; not used where there is one.
+
+    Returns
+    -------
+    Bound
+        With the verdict that goes with the certificate.
+    """
     if certificate is None:
         return Bound(quantity, "not certified", lower, upper, None, why)
     verdict = "certified" if certificate.between_grid else "certified on a grid only"
@@ -97,14 +114,33 @@ class BoundSearch:
     region: Region | None = None
 
     def frame(self) -> Frame:
-        """Coordinates for the program, signals as they are; the model's own where a frozen system is unstable."""
+        """Coordinates for the program, signals as they are; the model's own where a frozen system is unstable.
+
+        Returns
+        -------
+        Frame
+            Of the frozen systems on a grid, with gain 1.
+        """
         if worst_pole(self.system, self.box)[0] >= 0 or not self.system.order:
             return Frame(np.eye(self.system.order), 1.0, 1.0)
         points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
         return replace(frame_of(self.system, points), gain=1.0)
 
     def at(self, level: float, bases: Iterable[Basis]) -> BoundCertificate | None:
-        """A certificate of a level, one between grid points before one on the grid."""
+        """A certificate of a level, one between grid points before one on the grid.
+
+        Parameters
+        ----------
+        level : float
+            H2 norm, or decay rate [1/s]; not used for a region.
+        bases : iterable of Basis
+            Of the storage function, in the order in which they are tried.
+
+        Returns
+        -------
+        BoundCertificate or None
+            None where no basis gives one.
+        """
         return _first(self._proposed(level, bases))
 
     def _proposed(self, level: float, bases: Iterable[Basis]) -> Iterator[BoundCertificate]:
@@ -126,7 +162,24 @@ class BoundSearch:
                     yield certificate
 
     def checked(self, matrices: np.ndarray, basis: Basis, level: float, solver: str) -> BoundCertificate | None:
-        """The certificate, if numpy agrees."""
+        """The certificate, if numpy agrees.
+
+        Parameters
+        ----------
+        matrices : (K, n, n) array
+            P over the basis, in the model's own coordinates.
+        basis : Basis
+            The K functions.
+        level : float
+            H2 norm, or decay rate [1/s]; not used for a region.
+        solver : str
+            What proposed the matrices.
+
+        Returns
+        -------
+        BoundCertificate or None
+            None where the inequality does not hold.
+        """
         storage = Storage(matrices, basis, self.box, self.system.sample_time)
         problem = inequality_of(self.quantity, level, self.region)(self.system, storage)
         outcome = recheck_inequality(problem, budget=ATTEMPT)
@@ -147,14 +200,44 @@ def _first(found: Iterator[BoundCertificate]) -> BoundCertificate | None:
 
 
 def scaled_outputs(system: Driven, factor: float) -> Driven:
-    """The system with outputs times a factor."""
+    """The system with outputs times a factor.
+
+    Parameters
+    ----------
+    system : Driven
+        w → z.
+    factor : float
+        Of C and D.
+
+    Returns
+    -------
+    Driven
+        Same states and inputs; its digest stays that of `system`.
+    """
     moved = system.coefficients.copy()
     moved[:, system.order :] *= factor
     return replace(system, coefficients=moved)
 
 
 def largest(holds: Callable[[float], bool], low: float, high: float, steps: int) -> float:
-    """The largest value found at which `holds`, by bisection between one where it does and one where it may not."""
+    """The largest value found at which `holds`, by bisection between one where it does and one where it may not.
+
+    Parameters
+    ----------
+    holds : callable
+        From a value to bool; true below some value, false above it.
+    low : float
+        Where it holds.
+    high : float
+        Where it may not; never returned.
+    steps : int
+        Bisections, each of which halves the interval.
+
+    Returns
+    -------
+    float
+        At least `low`.
+    """
     for _ in range(steps):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)

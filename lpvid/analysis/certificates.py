@@ -34,7 +34,18 @@ class Checkable(Protocol):
     """A certificate that can recompute its claim for a model."""
 
     def check(self, model: Any) -> Recheck:
-        """What numpy finds about the claim."""
+        """What numpy finds about the claim.
+
+        Parameters
+        ----------
+        model : model
+            What the certificate is about.
+
+        Returns
+        -------
+        Recheck
+            Whether the claim holds, its margin, and why where it does not.
+        """
         ...
 
 
@@ -90,7 +101,20 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
 
 
 def certificate_for(model: Model, scheduling: Scheduling) -> StabilityCertificate | None:
-    """The certificate of `certify_stability` for a box with rates, or None; trajectories are not searched for."""
+    """The certificate of `certify_stability` for a box with rates, or None; trajectories are not searched for.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With a basis of polynomials or splines.
+    scheduling : Scheduling
+        The model's variables, with the range and rates [units per second] to cover; None for any motion.
+
+    Returns
+    -------
+    StabilityCertificate or None
+        None also where a frozen model is unstable.
+    """
     system = autonomous(model)
     box = box_of(system.readings, scheduling)
     frozen = frozen_rates(system, grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3)))
@@ -110,7 +134,20 @@ def certificate_for(model: Model, scheduling: Scheduling) -> StabilityCertificat
 
 
 def behind_filter(model: Model, scheduling: Scheduling) -> Scheduling:
-    """The scheduling with the rate bounds that the model's own filter imposes, whatever the command does."""
+    """The scheduling with the rate bounds that the model's own filter imposes, whatever the command does.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With a scheduling filter or none.
+    scheduling : Scheduling
+        Range and rates of the command.
+
+    Returns
+    -------
+    Scheduling
+        `scheduling` itself without a filter, and in continuous time.
+    """
     stage = model.scheduling_stage
     if stage is None or model.sample_time is None:
         return scheduling
@@ -132,6 +169,11 @@ def verify(certificate: Checkable, model: Any) -> Verification:
     Returns
     -------
     Verification
+
+    Raises
+    ------
+    InputError
+        What is no certificate.
     """
     if not isinstance(certificate, Checkable):
         raise InputError("this is no certificate", got=type(certificate).__name__)

@@ -251,6 +251,20 @@ def certified_share(certificate: StabilityCertificate, models: Iterable[Model], 
 def scaled(box: Scheduling, factor: float, towards: str) -> Scheduling:
     """The box with its widths times a factor.
 
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges and rates.
+    factor : float
+        Above zero.
+    towards : str
+        "centre": both ends move; "upper" or "lower": that end moves and the other one stays.
+
+    Returns
+    -------
+    Scheduling
+        With the same rates.
+
     Examples
     --------
     >>> scaled(Scheduling(("p",), (0.0,), (2.0,)), 2.0, "upper").upper

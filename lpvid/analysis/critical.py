@@ -59,6 +59,19 @@ class CriticalLine:
 
     ``values`` change the stability of the model; ``crossings`` also has the poles that cross while others are already
     unstable. ``stable_intervals`` are open, over the whole real line.
+
+    Attributes
+    ----------
+    line : Line
+        Where it was looked.
+    values, crossings : tuple of Critical
+        Rising.
+    stable_intervals : tuple of (float, float)
+        In the unit of the line; ends may be infinite.
+    exact : bool
+        False where a grid was searched in place of the whole line.
+    notes : tuple of str
+        Poles that stay on the boundary or only touch it, and what was found by bisection or on a grid.
     """
 
     line: Line
@@ -99,6 +112,11 @@ class CriticalScheduling:
 
     A frozen-stable model can still be unstable while its scheduling variable moves: two matrices whose poles are all
     zero, applied in turn, can make every state grow. `certify_stability` covers that; this result does not.
+
+    Attributes
+    ----------
+    lines : tuple of CriticalLine
+        One along a direction, else one for each variable.
     """
 
     lines: tuple[CriticalLine, ...]
@@ -124,7 +142,18 @@ class CriticalScheduling:
         return tuple(n for line in self.lines for n in line.notes)
 
     def along(self, variable: str) -> CriticalLine:
-        """The line of one scheduling variable."""
+        """The line of one scheduling variable.
+
+        Parameters
+        ----------
+        variable : str
+            One of the variables whose axes were followed.
+
+        Returns
+        -------
+        CriticalLine
+            Along its axis.
+        """
         labels = [c.line.label for c in self.lines]
         return self.lines[labels.index(_checks.known_name(variable, labels, "line"))]
 

@@ -17,7 +17,21 @@ FRACTIONS = np.array([0.01, 0.06, 0.15, 0.3, 0.45, 0.55, 0.7, 0.85, 0.94, 0.99])
 
 @dataclass(frozen=True)
 class Crossing:
-    """A pole on the boundary at s; `direction` is that of its own move for rising s."""
+    """A pole on the boundary at s; `direction` is that of its own move for rising s.
+
+    Parameters
+    ----------
+    s : float
+        In the unit of the line.
+    kind : str
+        "+1", "-1" or "complex" (discrete time), "zero" or "imaginary" (continuous time).
+    pole : complex
+        z, or s [1/s].
+    residual : float
+        Distance of the pole to the boundary; in continuous time relative to the largest pole.
+    direction : str
+        "to-unstable", "to-stable" or "touching"; empty until it is known.
+    """
 
     s: float
     kind: str
@@ -28,7 +42,17 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Group:
-    """Crossings at one and the same s, and whether the model is stable just before and just after."""
+    """Crossings at one and the same s, and whether the model is stable just before and just after.
+
+    Parameters
+    ----------
+    s : float
+        In the unit of the line.
+    crossings : tuple of Crossing
+        All at s.
+    before, after : bool
+        No pole is unstable, or on the boundary throughout, below s and above it.
+    """
 
     s: float
     crossings: tuple[Crossing, ...]
@@ -43,7 +67,25 @@ class Group:
 
 @dataclass(eq=False)
 class LineSearch:
-    """What was found along a line."""
+    """What was found along a line.
+
+    Attributes
+    ----------
+    groups : list of Group
+        Rising in s.
+    stable_intervals : list of (float, float)
+        Open, rising; ends may be infinite.
+    always : list of (float, float, tuple of str)
+        Where a pole stays on the boundary, from and to, and the kinds of crossing that it stands for.
+    bisected : int
+        Crossings that were found by bisection.
+    exact : bool
+        False where a grid was searched.
+    window : (float, float)
+        Range of that grid.
+    why_grid : str
+        Why it was; empty where `exact`.
+    """
 
     groups: list[Group] = field(default_factory=list)
     stable_intervals: list[tuple[float, float]] = field(default_factory=list)
@@ -55,7 +97,17 @@ class LineSearch:
 
 
 class UnstablePoleCounter:
-    """Counts unstable poles along a line; −1 where a pole is too close to the boundary to decide."""
+    """Counts unstable poles along a line; −1 where a pole is too close to the boundary to decide.
+
+    Parameters
+    ----------
+    models : FrozenFamily
+        Matrices whose eigenvalues are the poles, by held scheduling.
+    line : Line
+        Along which poles are counted.
+    always : list of (float, float, tuple of str)
+        As in `LineSearch`; poles on the boundary there are no reason for −1.
+    """
 
     def __init__(self, models: FrozenFamily, line: Line, always: list[tuple[float, float, tuple[str, ...]]]) -> None:
         self.models, self.line, self.always = models, line, always
@@ -63,12 +115,36 @@ class UnstablePoleCounter:
         self.size = max(1e-3 * float(np.abs(box).max()), 1e-300)
 
     def fixed(self, s: np.ndarray) -> np.ndarray:
-        """Whether a pole is known to lie on the boundary there."""
+        """Whether a pole is known to lie on the boundary there.
+
+        Parameters
+        ----------
+        s : (n,) array
+            Values along the line.
+
+        Returns
+        -------
+        (n,) array of bool
+            False throughout where no pole stays on the boundary.
+        """
         inside = [(s >= low) & (s <= high) for low, high, _ in self.always]
         return np.any(inside, axis=0) if inside else np.zeros(s.shape, dtype=bool)
 
     def margins(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, N) poles at `s` and their relative distance to the boundary."""
+        """(n, N) poles at `s` and their relative distance to the boundary.
+
+        Parameters
+        ----------
+        s : (n,) array
+            Values along the line.
+
+        Returns
+        -------
+        (n, N) complex array
+            z, or s [1/s].
+        (n, N) array
+            Negative where a pole decays; |z| − 1, or Re s over the size of the poles.
+        """
         poles = self.models.poles(self.line.points(s))
         scale = np.ones(s.size) if self.models.discrete else np.maximum(np.abs(poles).max(axis=1), self.size)
         return poles, stability_margin(poles, self.models.discrete) / scale[:, None]
@@ -84,7 +160,22 @@ class UnstablePoleCounter:
 
 
 def search(models: FrozenFamily, names: tuple[str, ...], line: Line) -> LineSearch:
-    """Every crossing along a line, and the intervals on which the frozen model is stable."""
+    """Every crossing along a line, and the intervals on which the frozen model is stable.
+
+    Parameters
+    ----------
+    models : FrozenFamily
+        Matrices whose eigenvalues are the poles, by held scheduling.
+    names : tuple of str
+        All scheduling variables, in the order of the line's points.
+    line : Line
+        Followed over the whole real line; on a grid over three half widths on either side of the middle.
+
+    Returns
+    -------
+    LineSearch
+        One stable interval, the whole line, for a model without poles.
+    """
     if models.order == 0:
         return LineSearch(stable_intervals=[(-np.inf, np.inf)])
     result = LineSearch()

@@ -76,6 +76,11 @@ def diverging_trajectory(system: Driven, scheduling: Scheduling) -> Divergence |
     system : Driven
     scheduling : Scheduling
         The variables themselves (not their delayed copies) with the box and the rates in question.
+
+    Returns
+    -------
+    Divergence or None
+        None also for a system without states.
     """
     if not system.order:
         return None

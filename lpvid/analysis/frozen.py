@@ -24,6 +24,15 @@ class Line:
     """A straight line p(s) = origin + s·direction through the scheduling space.
 
     Along one variable's axis s is that variable in its own unit, and ``low``…``high`` its box.
+
+    Parameters
+    ----------
+    label, unit : str
+        What s is; along a direction it has no unit.
+    origin, direction : (n_scheduling,) array
+        In the units of the variables.
+    low, high : float
+        Values of s inside the box; −1 and 1 where the line misses it.
     """
 
     label: str
@@ -34,7 +43,18 @@ class Line:
     high: float
 
     def points(self, s: np.ndarray | float) -> np.ndarray:
-        """(n, n_scheduling) points for `s` of shape (n,)."""
+        """(n, n_scheduling) points for `s` of shape (n,).
+
+        Parameters
+        ----------
+        s : float or (n,) array
+            Values along the line.
+
+        Returns
+        -------
+        (n, n_scheduling) array
+            One row for a single value.
+        """
         return self.origin + np.atleast_1d(np.asarray(s, dtype=float))[:, None] * self.direction
 
     @property
@@ -49,7 +69,18 @@ class Line:
         return half if half > 1e-12 * max(abs(self.low), abs(self.high), 1e-300) else max(abs(self.centre), 1.0)
 
     def text(self, value: float) -> str:
-        """A value of s with its unit."""
+        """A value of s with its unit.
+
+        Parameters
+        ----------
+        value : float
+            Of s.
+
+        Returns
+        -------
+        str
+            Six digits.
+        """
         return f"{value:.6g} {self.unit}".rstrip()
 
 
@@ -59,6 +90,27 @@ def lines(model: Model, variable: str | Sequence[str] | None = None,
     """The line along `direction` through `at`, or the axis of every variable (or of those named) through `at`.
 
     `at` is a point or a mapping of names, by default the middle of the box; variables left out of a mapping stay there.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Its box names the variables.
+    variable : str or sequence of str, optional
+        Variables whose axes to follow; all by default.
+    at : mapping or (n_scheduling,) sequence, optional
+        A point of every line, in the variables' units.
+    direction : mapping or (n_scheduling,) sequence, optional
+        In the variables' units; what a mapping leaves out stands still.
+
+    Returns
+    -------
+    tuple of Line
+        Empty for a model without scheduling variables.
+
+    Raises
+    ------
+    InputError
+        Both a variable and a direction, a direction of zeros, an unknown name, or a vector of another length.
     """
     box = model.box
     origin = _vector(at, box, "at", box.centre)
@@ -109,17 +161,47 @@ def _range(box: Scheduling, origin: np.ndarray, along: np.ndarray) -> tuple[floa
 # -- matrices ---------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class FrozenMatrix:
-    """A matrix constant + Σ_m tensor[..., m, :, :] φ_m; leading axes of `tensor` stand for several models."""
+    """A matrix constant + Σ_m tensor[..., m, :, :] φ_m; leading axes of `tensor` stand for several models.
+
+    Parameters
+    ----------
+    constant : (N, N) array
+        What does not move.
+    tensor : (..., M, N, N) array
+        One matrix for each basis function φ_m.
+    """
 
     constant: np.ndarray
     tensor: np.ndarray
 
     def at(self, phi: np.ndarray) -> np.ndarray:
-        """(..., n, N, N) matrices for basis values `phi` of shape (n, M)."""
+        """(..., n, N, N) matrices for basis values `phi` of shape (n, M).
+
+        Parameters
+        ----------
+        phi : (n, M) array
+            Values of the basis at n points.
+
+        Returns
+        -------
+        (..., n, N, N) array
+            For every model and point.
+        """
         return self.constant + np.einsum("pm,...mij->...pij", phi, self.tensor, optimize=True)
 
     def size_at(self, phi: np.ndarray) -> np.ndarray:
-        """(n,) how large the terms are that are added up in `at`: the yardstick of its rounding error."""
+        """(n,) how large the terms are that are added up in `at`: the yardstick of its rounding error.
+
+        Parameters
+        ----------
+        phi : (n, M) array
+            Values of the basis at n points.
+
+        Returns
+        -------
+        (..., n) array
+            Largest absolute row sum of the terms.
+        """
         terms = np.abs(self.constant) + np.einsum("pm,...mij->...pij", np.abs(phi), np.abs(self.tensor), optimize=True)
         return terms.sum(axis=-1).max(axis=-1)
 
@@ -130,6 +212,19 @@ class FrozenFamily:
 
     ``plus`` and ``minus`` are singular exactly where a pole is +1 or −1 (discrete); ``plus`` where a pole is 0
     (continuous). For a transfer function they are D(±1, p) itself, of the size of the output.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of held scheduling values.
+    matrix : FrozenMatrix
+        (N, N) A, or companion matrix, whose eigenvalues are the poles.
+    plus : FrozenMatrix
+        Of size N, or of the number of outputs.
+    minus : FrozenMatrix or None
+        None in continuous time.
+    sample_time : float or None
+        [s]; None in continuous time.
     """
 
     basis: Basis
@@ -149,16 +244,49 @@ class FrozenFamily:
         return self.matrix.constant.shape[-1]
 
     def matrices(self, p: np.ndarray) -> np.ndarray:
-        """(n, N, N) frozen state matrices at `p` of shape (n, n_scheduling)."""
+        """(n, N, N) frozen state matrices at `p` of shape (n, n_scheduling).
+
+        Parameters
+        ----------
+        p : (n, n_scheduling) array
+            Held scheduling values.
+
+        Returns
+        -------
+        (..., n, N, N) array
+            Leading axes stand for several models.
+        """
         return self.matrix.at(basis_values(self.basis, p))
 
     def poles(self, p: np.ndarray) -> np.ndarray:
-        """(n, N) frozen poles at `p`."""
+        """(n, N) frozen poles at `p`.
+
+        Parameters
+        ----------
+        p : (n, n_scheduling) array
+            Held scheduling values.
+
+        Returns
+        -------
+        (..., n, N) complex array
+            z, or s [1/s]; in no order.
+        """
         return np.linalg.eigvals(self.matrices(p)).astype(complex)
 
 
 def family(model: Model) -> FrozenFamily:
-    """The frozen family of one model."""
+    """The frozen family of one model.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Discrete, or a continuous state space.
+
+    Returns
+    -------
+    FrozenFamily
+        With na·n_outputs poles of a transfer function, one for each state of a state space.
+    """
     if isinstance(model, LPVTransferFunction):
         na, ny, m = model.na, model.n_outputs, model.basis.size
         n = na * ny
@@ -181,7 +309,20 @@ def family(model: Model) -> FrozenFamily:
 
 
 def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:
-    """|λ| − 1 (discrete) or Re λ (continuous) of every pole: negative where it decays."""
+    """|λ| − 1 (discrete) or Re λ (continuous) of every pole: negative where it decays.
+
+    Parameters
+    ----------
+    poles : complex array
+        z, or s [1/s].
+    discrete : bool
+        Discrete time.
+
+    Returns
+    -------
+    array
+        Of the same shape.
+    """
     return np.abs(poles) - 1.0 if discrete else np.real(poles)
 
 
@@ -189,14 +330,42 @@ def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:
 
 
 def basis_values(basis: Basis, p: np.ndarray) -> np.ndarray:
-    """(n, M) values at unrelated points `p` (n, n_scheduling), not along a trajectory."""
+    """(n, M) values at unrelated points `p` (n, n_scheduling), not along a trajectory.
+
+    Parameters
+    ----------
+    basis : Basis
+        M functions.
+    p : (n, n_scheduling) array
+        Every point is held by itself.
+
+    Returns
+    -------
+    (n, M) array
+        Also of a basis that reads p at several times.
+    """
     if basis.lags == (0, 0):
         return basis.evaluate(p)
     return np.vstack([basis.evaluate(point[None, :]) for point in p])
 
 
 def breakpoints(basis: Basis, names: Sequence[str], line: Line) -> np.ndarray:
-    """Rising values of s at which a spline's next piece begins."""
+    """Rising values of s at which a spline's next piece begins.
+
+    Parameters
+    ----------
+    basis : Basis
+        With its knots.
+    names : sequence of str
+        All scheduling variables, in the order of the line's points.
+    line : Line
+        Along which they lie.
+
+    Returns
+    -------
+    (·,) array
+        In the unit of the line; empty for a basis without pieces, and where its variables stand still.
+    """
     parts = []
     for name, knots in basis.knots_of.items():
         i = list(names).index(name)

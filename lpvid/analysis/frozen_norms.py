@@ -109,7 +109,24 @@ def _crossings(system: Matrices, level: float) -> np.ndarray:
 
 
 def largest_frozen_norm(system: Driven, box: Scheduling) -> tuple[float, np.ndarray, float]:
-    """Largest H-infinity norm over a grid, refined around it: (norm, p, frequency [rad/s])."""
+    """Largest H-infinity norm over a grid, refined around it: (norm, p, frequency [rad/s]).
+
+    Parameters
+    ----------
+    system : Driven
+        w → z; stable at every held value.
+    box : Scheduling
+        One entry for each reading.
+
+    Returns
+    -------
+    float
+        Norm, in units of z per w.
+    (readings,) array
+        Scheduling where it is.
+    float
+        Frequency [rad/s]; may be infinite.
+    """
     points = grid(box, POINTS.get(len(box.names), 2))
     discrete = system.sample_time is not None
 

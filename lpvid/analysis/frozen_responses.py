@@ -66,7 +66,20 @@ def _transfer_function(model: LPVTransferFunction, at: Sequence[float] | np.ndar
 
 
 def settling_samples(model: LPVTransferFunction | LPVStateSpace, places: Sequence[np.ndarray]) -> int:
-    """Samples in which every frozen model has settled, within `SHORTEST` and `LONGEST`."""
+    """Samples in which every frozen model has settled, within `SHORTEST` and `LONGEST`.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Discrete in time.
+    places : sequence of (n_scheduling,) arrays
+        Held scheduling, in physical units.
+
+    Returns
+    -------
+    int
+        `LONGEST` where a pole does not decay.
+    """
     moduli = [float(np.abs(model.frozen_poles(p)).max(initial=0.0)) for p in places]
     slowest = min(max(moduli, default=0.0), 1 - 1e-9)
     wanted = SETTLED / -np.log(slowest) if slowest > 0 else 0.0

@@ -17,6 +17,21 @@ class FrozenStability(Encoded):
     """Whether the frozen model is stable over its box, and where it is closest to losing stability.
 
     It gives no information on a scheduling variable that moves; see `certify_stability`.
+
+    Attributes
+    ----------
+    stable : bool
+        At every point of the grid, and between them along the lines of `critical`.
+    max_modulus : float or None
+        Largest |z|; None in continuous time.
+    max_real_part : float or None
+        Largest Re s [1/s]; None in discrete time.
+    at : dict of str to float
+        Scheduling where that is.
+    points : int
+        Points of the grid.
+    critical : CriticalScheduling
+        Along the axis of every variable, through the middle of the box.
     """
 
     caveat = CAVEAT

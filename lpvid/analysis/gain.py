@@ -130,6 +130,16 @@ def l2_gains(system: LPVStateSpace, rates: Sequence[Rate], basis: Basis | None =
         As for `l2_gain`.
     rates : sequence
         Each as the ``rate`` of `l2_gain`.
+
+    Returns
+    -------
+    tuple of Gain
+        One for each rate; all "unstable" where a frozen model is.
+
+    Raises
+    ------
+    InputError
+        No rate at all, and whatever `l2_gain` refuses.
     """
     also = () if basis is None else tuple(n for n in basis.names if n in system.box.names)
     plant = driven(system, also)
@@ -174,7 +184,22 @@ def _judged(plant: Driven, worst: WorstCase, certificate: GainCertificate | None
 
 
 def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
-    """The requested box: rates left out are the box's own, an infinite one is no bound."""
+    """The requested box: rates left out are the box's own, an infinite one is no bound.
+
+    Parameters
+    ----------
+    box : Scheduling
+        The model's variables with their own range and rates.
+    rate : float, sequence or mapping of name to float, or None
+        Bound of |dp/dt| [units per second]; infinite for any motion.
+    range : pair, pairs or mapping of name to pair, or None
+        Lower and upper value; None keeps the box's own.
+
+    Returns
+    -------
+    Scheduling
+        The same variables in the same order.
+    """
     def tamed(value: float | None) -> float | None:
         return None if value is None or value == math.inf else value
 

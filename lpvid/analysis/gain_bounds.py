@@ -59,7 +59,13 @@ class GainBounds:
     _frame: Frame | None = None
 
     def prepare(self, rate: tuple[float | None, ...]) -> None:
-        """State and compile ahead whatever a sweep over rates may ask for."""
+        """State and compile ahead whatever a sweep over rates may ask for.
+
+        Parameters
+        ----------
+        rate : tuple of float or None
+            [units per second] of each variable; in continuous time only which of them are None counts.
+        """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         for basis in self._bases(box):
             search = self._search(basis, box, DENSITIES[0])
@@ -67,7 +73,18 @@ class GainBounds:
                 search.prepare(box)
 
     def certify(self, rate: tuple[float | None, ...]) -> GainCertificate | None:
-        """The least bound that passes the re-check for these rates; one between grid points goes before one on it."""
+        """The least bound that passes the re-check for these rates; one between grid points goes before one on it.
+
+        Parameters
+        ----------
+        rate : tuple of float or None
+            [units per second] of each variable; None for any motion.
+
+        Returns
+        -------
+        GainCertificate or None
+            None where nothing passes.
+        """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         best: GainCertificate | None = None
         for basis in self._bases(box):
@@ -152,7 +169,20 @@ def _blended(least: StorageProposal, inner: StorageProposal) -> Iterator[Storage
 
 
 def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:
-    """Bases of storage functions from poor to rich: a constant, then polynomials in what may not jump."""
+    """Bases of storage functions from poor to rich: a constant, then polynomials in what may not jump.
+
+    Parameters
+    ----------
+    system : Driven
+        For the kind of time.
+    box : Scheduling
+        With the rates.
+
+    Yields
+    ------
+    Basis
+        In discrete time polynomials of degree 1 also in variables that may jump.
+    """
     yield Polynomial((), 0)
     bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
     names = box.names if system.sample_time is not None else tuple(bounded)
@@ -163,6 +193,20 @@ def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:
 
 def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
     """A basis for the storage function, bound to the box.
+
+    Parameters
+    ----------
+    basis : Basis
+        As given by the user.
+    box : Scheduling
+        One entry for each reading, with the rates.
+    discrete : bool
+        Discrete time: no condition on rates or slopes.
+
+    Returns
+    -------
+    Basis
+        With the box's ranges.
 
     Raises
     ------
@@ -187,7 +231,22 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
 
 
 def worst_pole(system: Driven, box: Scheduling) -> tuple[float, np.ndarray]:
-    """Largest real part, or modulus less 1, of the frozen poles on a grid, and where."""
+    """Largest real part, or modulus less 1, of the frozen poles on a grid, and where.
+
+    Parameters
+    ----------
+    system : Driven
+        Its A alone counts.
+    box : Scheduling
+        One entry for each reading.
+
+    Returns
+    -------
+    float
+        [1/s] in continuous time; −∞ without states. Negative: every frozen model on the grid is stable.
+    (readings,) array
+        Scheduling where it is.
+    """
     points = grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3))
     if not system.order:
         return -math.inf, points[0]

@@ -29,6 +29,16 @@ def bialternate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     (a⊙b)_(ij),(kl) = ½(a_ik b_jl − a_il b_jk + b_ik a_jl − b_il a_jk), i < j, k < l: a⊙a has the eigenvalues
     λ_i λ_j and 2a⊙I the eigenvalues λ_i + λ_j (Fuller 1968).
 
+    Parameters
+    ----------
+    a, b : (n, n) array
+        Factors; the product is symmetric in them.
+
+    Returns
+    -------
+    (n(n−1)/2, n(n−1)/2) array
+        Rows and columns are the pairs i < j, in lexical order.
+
     Examples
     --------
     >>> bialternate(np.diag([2.0, 3.0, 5.0]), np.diag([2.0, 3.0, 5.0])).diagonal()
@@ -42,7 +52,21 @@ def bialternate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One polynomial piece of a frozen family: A(s) = Σ_k matrix[k] t^k, t = (s − centre)/half, for low < s < high."""
+    """One polynomial piece of a frozen family: A(s) = Σ_k matrix[k] t^k, t = (s − centre)/half, for low < s < high.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends, in the unit of the line; may be infinite.
+    centre, half : float
+        What t is measured by, in the same unit.
+    matrix : (degree + 1, N, N) array
+        Coefficients of A, in balanced states.
+    guardians : dict of str to (·, m, m) array
+        Coefficients, in powers of t, of the matrix that is singular at a crossing of that kind.
+    always : tuple of str
+        Kinds whose matrix is singular at every t.
+    """
 
     low: float
     high: float
@@ -53,13 +77,39 @@ class Piece:
     always: tuple[str, ...] = ()
 
     def contains(self, s: float) -> bool:
-        """Whether `s` lies in the piece, ends included."""
+        """Whether `s` lies in the piece, ends included.
+
+        Parameters
+        ----------
+        s : float
+            In the unit of the line.
+
+        Returns
+        -------
+        bool
+            True also a share 1e-9 of `half` beyond the ends.
+        """
         slack = 1e-9 * self.half
         return self.low - slack <= s <= self.high + slack
 
 
 def pieces(models: FrozenFamily, names: tuple[str, ...], line: Line) -> list[Piece] | None:
-    """The polynomial pieces along a line with their guardian maps, or None if the basis is not piecewise polynomial."""
+    """The polynomial pieces along a line with their guardian maps, or None if the basis is not piecewise polynomial.
+
+    Parameters
+    ----------
+    models : FrozenFamily
+        Matrices whose eigenvalues are the poles, by held scheduling.
+    names : tuple of str
+        All scheduling variables, in the order of the line's points.
+    line : Line
+        Along which s runs.
+
+    Returns
+    -------
+    list of Piece or None
+        From −∞ to ∞ without gaps.
+    """
     moving = [n for n, d in zip(names, line.direction, strict=True) if d]
     degree = models.basis.piece_degree(moving)
     if degree is None:
@@ -89,7 +139,7 @@ def _piece(
         return _trimmed(np.tensordot(invert, entry.at(phi), axes=1), float(entry.size_at(phi).max(initial=0.0)))
 
     matrix = _balanced(polynomial(models.matrix))
-    guardians = guardian_polynomials(matrix, models.discrete)
+    guardians = _guardian_polynomials(matrix, models.discrete)
     if models.minus is None:
         guardians["zero"] = polynomial(models.plus)
         sizes = {"zero": models.plus}
@@ -101,7 +151,7 @@ def _piece(
     return Piece(*ends, centre, half, matrix, guardians, _always_on_boundary(piece, models.discrete, scales))
 
 
-def guardian_polynomials(matrix: np.ndarray, discrete: bool) -> dict[str, np.ndarray]:
+def _guardian_polynomials(matrix: np.ndarray, discrete: bool) -> dict[str, np.ndarray]:
     """Matrix polynomials that are singular where a *pair* of poles sits on the boundary.
 
     det(A⊙A − I) = 0 in discrete time, det(2A⊙I) = 0 in continuous time, for A = Σ_k matrix[k] t^k.
@@ -141,7 +191,7 @@ def _trimmed(coefficients: np.ndarray, yardstick: float) -> np.ndarray:
     return cleaned[: top + 1]
 
 
-def polynomial_value(coefficients: np.ndarray, t: float) -> np.ndarray:
+def _polynomial_value(coefficients: np.ndarray, t: float) -> np.ndarray:
     """Σ_k coefficients[k] t^k by Horner's rule."""
     value = coefficients[-1]
     for c in coefficients[-2::-1]:
@@ -159,6 +209,16 @@ def polynomial_eigenvalues(coefficients: np.ndarray) -> np.ndarray:
 
     Companion linearisation and the QZ algorithm, after scaling t so that the first and the last coefficient are equally
     large; eigenvalues at infinity (a singular last coefficient) are left out.
+
+    Parameters
+    ----------
+    coefficients : (degree + 1, m, m) array
+        From the constant upwards.
+
+    Returns
+    -------
+    (·,) complex array
+        Empty for a constant, and for m = 0.
 
     Examples
     --------
@@ -186,7 +246,18 @@ def polynomial_eigenvalues(coefficients: np.ndarray) -> np.ndarray:
 
 
 def candidates(piece: Piece) -> list[tuple[str, float]] | None:
-    """Where a guardian map of the piece vanishes, as (kind, t); None if its eigenvalue problem is too large."""
+    """Where a guardian map of the piece vanishes, as (kind, t); None if its eigenvalue problem is too large.
+
+    Parameters
+    ----------
+    piece : Piece
+        With its guardian maps.
+
+    Returns
+    -------
+    list of (str, float) or None
+        Inside the piece, or a thousandth of `half` beyond its ends; kinds that are always singular are left out.
+    """
     found: list[tuple[str, float]] = []
     for kind, coefficients in piece.guardians.items():
         if kind in piece.always:
@@ -207,6 +278,22 @@ def polish(piece: Piece, kind: str, t: float, discrete: bool) -> tuple[float, co
     """Newton steps on the pole's distance to the boundary: (t, pole, residual), or None for a spurious candidate.
 
     Spurious are real reciprocal pairs λ, 1/λ (continuous: ±λ), on which a⊙a − I vanishes too.
+
+    Parameters
+    ----------
+    piece : Piece
+        Where the candidate lies.
+    kind : str
+        Of the crossing.
+    t : float
+        Where the guardian map vanishes.
+    discrete : bool
+        Discrete time.
+
+    Returns
+    -------
+    (float, complex, float) or None
+        None where the pole is further from the boundary than `ON_BOUNDARY`.
     """
     start, best = t, None
     for _ in range(14):
@@ -230,7 +317,7 @@ def _nearest_pole(matrix: np.ndarray, t: float, kind: str, discrete: bool) -> tu
     """The pole of the candidate's kind, its slope dλ/dt = wᴴA'v/wᴴv, and the size that residuals are taken against."""
     from scipy.linalg import eig
 
-    a = polynomial_value(matrix, t)
+    a = _polynomial_value(matrix, t)
     solved: Any = eig(a, left=True, right=True)
     values, left, right = solved
     scale = 1.0 if discrete else max(float(np.abs(values).max()), 1e-3 * _terms(matrix, t), 1e-300)
@@ -244,7 +331,7 @@ def _nearest_pole(matrix: np.ndarray, t: float, kind: str, discrete: bool) -> tu
         return None, 0.0, scale
     if matrix.shape[0] == 1:
         return complex(values[i]), 0.0, scale
-    slope_matrix = polynomial_value(matrix[1:] * np.arange(1, matrix.shape[0])[:, None, None], t)
+    slope_matrix = _polynomial_value(matrix[1:] * np.arange(1, matrix.shape[0])[:, None, None], t)
     w, v = left[:, i].conj(), right[:, i]
     weight = w @ v
     slope = complex(w @ slope_matrix @ v / weight) if abs(weight) > 1e-14 else complex(np.nan)
@@ -255,10 +342,10 @@ def _always_on_boundary(piece: Piece, discrete: bool, scales: dict[str, float]) 
     """Kinds whose guardian map vanishes at every value: a pole that never leaves the boundary."""
     kinds = []
     at = (-0.7310585, 0.1192029, 0.6224593)
-    norm = max(float(np.abs(polynomial_value(piece.matrix, t)).sum(axis=1).max(initial=0.0)) for t in at)
+    norm = max(float(np.abs(_polynomial_value(piece.matrix, t)).sum(axis=1).max(initial=0.0)) for t in at)
     for kind, coefficients in piece.guardians.items():
         scale = scales.get(kind, 1.0 + norm**2 if discrete else norm)
-        singular = all(_singular(polynomial_value(coefficients, t), scale) for t in at)
+        singular = all(_singular(_polynomial_value(coefficients, t), scale) for t in at)
         if singular and all(_pole_there(piece, kind, t, discrete) for t in at):
             kinds.append(kind)
     return tuple(kinds)

@@ -62,7 +62,7 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
                      "noise passes with infinite variance")
     if worst_pole(plant, box)[0] >= 0:
         return Bound("h2-norm", "unstable", math.inf, math.inf, None, "a frozen pole does not decay")
-    lower = largest_frozen_h2(plant, box)
+    lower = _largest_frozen_h2(plant, box)
     bases = storage_bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]
     best: BoundCertificate | None = None
     for own in bases:
@@ -124,7 +124,7 @@ def _proposals(search: StorageSearch) -> Iterator[StorageProposal]:
                           level=(1 - part) * least.level + part * roomy.level)
 
 
-def largest_frozen_h2(plant: Driven, box: Scheduling) -> float:
+def _largest_frozen_h2(plant: Driven, box: Scheduling) -> float:
     """Largest H2 norm over a grid of frozen systems, by Lyapunov equations."""
     points = grid(box, {0: 1, 1: 81, 2: 13, 3: 6}.get(len(box.names), 3))
     best, discrete = 0.0, plant.sample_time is not None

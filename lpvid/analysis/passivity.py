@@ -90,7 +90,24 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
 
 def certificate_of(model: LPVTransferFunction, storage: Storage, multiplier: np.ndarray, outcome: Recheck
                    ) -> PassivityCertificate:
-    """The certificate of what `recheck_passivity` found to hold."""
+    """The certificate of what `recheck_passivity` found to hold.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        What it is about.
+    storage : Storage
+        P, in the model's own units.
+    multiplier : (L,) array
+        λ over `sector_basis` [unit of the output]; empty without a stage.
+    outcome : Recheck
+        Of the three.
+
+    Returns
+    -------
+    PassivityCertificate
+        `verified` where the outcome holds.
+    """
     return PassivityCertificate(
         certificate_kind(storage),
         storage.matrices,
@@ -121,6 +138,15 @@ def proven(model: LPVTransferFunction, program: PassiveProgram, iterate: Iterate
     iterate : Iterate
     units : (float, float)
         Speed and force.
+
+    Returns
+    -------
+    Storage
+        P over the box of what the inequality reads.
+    (L,) array
+        λ [unit of the output].
+    Recheck
+        Of both, for the model.
     """
     speed, force = units
     nu, na = model.n_filter_inputs, model.na
@@ -136,7 +162,7 @@ def proven(model: LPVTransferFunction, program: PassiveProgram, iterate: Iterate
 
 def _proofs(model: LPVTransferFunction, box: Scheduling, degree: int
             ) -> Iterator[tuple[Storage, np.ndarray, Recheck]]:
-    units = natural_units(model)
+    units = _natural_units(model)
     for density in (1, 2):
         program = PassiveProgram(scaled(model, *units), box, degree, np.zeros((0, 5), dtype=int), density)
         frame, room = frame_of(program.model), 0.0
@@ -155,7 +181,7 @@ def _proofs(model: LPVTransferFunction, box: Scheduling, degree: int
                 break
 
 
-def natural_units(model: LPVTransferFunction) -> tuple[float, float]:
+def _natural_units(model: LPVTransferFunction) -> tuple[float, float]:
     """(speed, force) in which the model's input and output are about one, at the centre of its box."""
     centre = model.box.centre[None]
     speed = float(slack(model, centre)[0]) if model.n_filter_inputs > 1 else 1.0

@@ -111,12 +111,36 @@ class PassivityCertificate(StorageCertificate):
         return text + self.where
 
     def storage_at(self, p: np.ndarray) -> np.ndarray:
-        """(N, n, n) P at scheduling values of shape (N, variables of the box)."""
+        """(N, n, n) P at scheduling values of shape (N, variables of the box).
+
+        Parameters
+        ----------
+        p : (N, variables) array
+            One column for each variable of the box.
+
+        Returns
+        -------
+        (N, n, n) array
+            In units of output times input.
+        """
         columns = [self.box.names.index(n) for n in self.basis.names]
         return np.tensordot(self.basis.evaluate(np.asarray(p, dtype=float)[:, columns]), self.matrices, axes=1)
 
     def stored(self, past: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """(N,) energy T·V [J for m/s and N] in pasts (N, n), in order y(k−1) − F₀ …, v(k−1), w(k−1) …, at p(k)."""
+        """(N,) energy T·V [J for m/s and N] in pasts (N, n), in order y(k−1) − F₀ …, v(k−1), w(k−1) …, at p(k).
+
+        Parameters
+        ----------
+        past : (N, n) array
+            Outputs less preload, then inputs with what the stage gives, the latest first.
+        p : (N, variables) array
+            p(k), one column for each variable of the box.
+
+        Returns
+        -------
+        (N,) array
+            Not negative where the certificate holds.
+        """
         return self.sample_time * np.einsum("ni,nij,nj->n", past, self.storage_at(p), past)
 
     def subject(self, model: LPVTransferFunction) -> Driven | None:
@@ -159,6 +183,11 @@ def recheck_passivity(model: LPVTransferFunction, storage: Storage, multiplier: 
         P over the box of what `supplied` reads.
     multiplier : (L,) array
         λ over `sector_basis`, affine: its sign at the corners of the box is its sign in it.
+
+    Returns
+    -------
+    Recheck
+        Fails, with a margin of NaN, where the multiplier is negative at a corner.
     """
     system, basis, box = supplied(model, multiplier), sector_basis(model), storage.box
     if multiplier.size:
@@ -169,5 +198,18 @@ def recheck_passivity(model: LPVTransferFunction, storage: Storage, multiplier: 
 
 
 def reading_box(model: LPVTransferFunction, scheduling: Scheduling) -> Scheduling:
-    """Box of what the inequality reads, with the rates of the scheduling."""
+    """Box of what the inequality reads, with the rates of the scheduling.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        One of which passivity can be stated.
+    scheduling : Scheduling
+        The model's variables.
+
+    Returns
+    -------
+    Scheduling
+        One entry for each reading, the tanh stage's variable included.
+    """
     return box_of(supplied(model, np.zeros(sector_basis(model).size)).readings, scheduling)

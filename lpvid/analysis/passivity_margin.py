@@ -73,7 +73,18 @@ class PassivityMargin:
         return bool(self.mask.any())
 
     def within(self, band: float | None) -> np.ndarray:
-        """(F,) which frequencies lie within a band [Hz]; all without one."""
+        """(F,) which frequencies lie within a band [Hz]; all without one.
+
+        Parameters
+        ----------
+        band : float or None
+            Highest frequency [Hz]; None for all.
+
+        Returns
+        -------
+        (F,) array of bool
+            The end of the band included.
+        """
         return np.ones(len(self.frequencies), dtype=bool) if band is None else self.frequencies <= band
 
     def description(self, band: float | None = BAND) -> str:
@@ -83,6 +94,11 @@ class PassivityMargin:
         ----------
         band : float or None
             [Hz]; None for up to half the sampling rate.
+
+        Returns
+        -------
+        str
+            Scheduling, frequencies and least damping; or where the frozen model is unstable.
         """
         inside = self.within(band)
         mask = self.mask[:, inside]
@@ -103,7 +119,13 @@ class PassivityMargin:
         return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
 
     def statement(self) -> str:
-        """What is reported of an unconstrained model: within `BAND`, and beyond it; empty if passive."""
+        """What is reported of an unconstrained model: within `BAND`, and beyond it; empty if passive.
+
+        Returns
+        -------
+        str
+            One sentence without subject.
+        """
         inside, everywhere = self.description(BAND), self.description(None)
         if not everywhere:
             return ""
@@ -187,7 +209,7 @@ def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray
                            model.input_stage is not None)
 
 
-def frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def _frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """(filter inputs, F) frozen responses of the linear part."""
     a, b, _ = model.coefficients(point)
     z = np.exp(-2j * np.pi * frequencies * model.sample_time)
@@ -198,7 +220,7 @@ def frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: 
 def _damping(model: LPVTransferFunction, point: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(len(f), -np.inf), np.zeros(len(f), dtype=bool)
-    response, stage = np.real(frozen_response(model, point, f)), model.input_stage
+    response, stage = np.real(_frozen_response(model, point, f)), model.input_stage
     if isinstance(stage, TanhStage):
         u = np.zeros((1, 1))
         u[0, 0] = 1e-9 * stage.v0

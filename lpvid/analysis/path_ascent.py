@@ -28,12 +28,22 @@ GAINED = 1e-4
 def ascended(forms: Forms, box: Scheduling, path: np.ndarray, tick: float) -> np.ndarray:
     """(L, n_scheduling) a periodic path with at least the gain of the given one over the window.
 
+    forms : callable
+        As `Forms`; None where the system cannot be stepped along a path.
+    box : Scheduling
+        Range and rates [units per second] to be kept.
+
     Parameters
     ----------
     path : (L, n_scheduling) array
         One period.
     tick : float
         Seconds from one point to the next.
+
+    Returns
+    -------
+    (L, n_scheduling) array
+        The given path where nothing raises its gain.
     """
     repeats = max(2, WINDOW // len(path))
     known = _state(forms, path, tick)

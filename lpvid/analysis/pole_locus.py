@@ -19,7 +19,19 @@ REAL_POLE = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class FixedPole(Encoded):
-    """A pole that does not depend on the scheduling variable."""
+    """A pole that does not depend on the scheduling variable.
+
+    Parameters
+    ----------
+    pole : complex
+        z, or s [rad/s]; of a pair the one with positive imaginary part.
+    branch : int
+        Column of the locus.
+    time_constant : float or None
+        −1/Re s [s]; None where it does not decay.
+    frequency_hz : float
+        |s|/2π [Hz].
+    """
 
     JSON = ("pole", "time_constant", "frequency_hz")
 
@@ -29,7 +41,18 @@ class FixedPole(Encoded):
     frequency_hz: float
 
     def text(self, variable: str) -> str:
-        """One line for a report."""
+        """One line for a report.
+
+        Parameters
+        ----------
+        variable : str
+            Name of the scheduling variable.
+
+        Returns
+        -------
+        str
+            With time constant [ms] and frequency [Hz].
+        """
         slow = f", time constant {self.time_constant * 1e3:.4g} ms" if self.time_constant is not None else ""
         return (f"{variable}-independent pole {_complex(self.pole)}{slow}, {self.frequency_hz:.4g} Hz: "
                 "suspect the rig or a filter rather than the device")
@@ -37,7 +60,17 @@ class FixedPole(Encoded):
 
 @dataclass(frozen=True)
 class Meeting(Encoded):
-    """Where two real poles become a complex pair ("pair") or the reverse ("real"), for a rising variable."""
+    """Where two real poles become a complex pair ("pair") or the reverse ("real"), for a rising variable.
+
+    Parameters
+    ----------
+    value : float
+        Of the scheduling variable, in its unit.
+    becomes : str
+        "pair" or "real".
+    pole : complex
+        Where they meet: z, or s [rad/s].
+    """
 
     JSON = ("value", "becomes")
 
@@ -181,7 +214,29 @@ def pole_locus(model: Model, variable: str | None = None, points: int = 201,
 
 def one_line(model: Model, variable: str | None, at: Mapping[str, float] | Sequence[float] | None,
              direction: Mapping[str, float] | Sequence[float] | None) -> Line:
-    """The single line that a plot over one variable needs."""
+    """The single line that a plot over one variable needs.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Its box names the variables.
+    variable : str or None
+        Which one; None where there is only one, or a direction.
+    at : mapping or (n_scheduling,) sequence, or None
+        Where the other variables stand; None for the middle of the box.
+    direction : mapping or (n_scheduling,) sequence, or None
+        Follow p(s) = at + s·direction instead.
+
+    Returns
+    -------
+    Line
+        With the range of the box.
+
+    Raises
+    ------
+    InputError
+        No scheduling variable, or several and none named; whatever `lines` refuses.
+    """
     listed = lines(model, variable, at, direction)
     if len(listed) != 1:
         raise InputError("a locus is drawn over one scheduling variable",
@@ -191,7 +246,27 @@ def one_line(model: Model, variable: str | None, at: Mapping[str, float] | Seque
 
 
 def grid_along(line: Line, points: int, span: tuple[float, float] | None) -> np.ndarray:
-    """`points` equal steps over `span`, or over the box."""
+    """`points` equal steps over `span`, or over the box.
+
+    Parameters
+    ----------
+    line : Line
+        Gives the range of the box.
+    points : int
+        Number of values, at least 2.
+    span : (float, float) or None
+        Lower and upper value, in the unit of the line; None for the box.
+
+    Returns
+    -------
+    (points,) array
+        Rising, ends included, read-only.
+
+    Raises
+    ------
+    InputError
+        Fewer than two points, or a range whose lower end is not below its upper end (a box without width too).
+    """
     _checks.count(points, "points", at_least=2)
     low, high = (line.low, line.high) if span is None else (_checks.real(x, "range") for x in span)
     if not low < high:

@@ -25,7 +25,13 @@ class Region(Protocol):
     """{s : L + sM + s̄Mᵀ ≺ 0}: a half plane, a disc, a cone (`lpvid.synthesis.criteria`)."""
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """L (symmetric) and M."""
+        """L (symmetric) and M.
+
+        Returns
+        -------
+        ((m, m) array, (m, m) array)
+            In units of the plane [1/s, or of z].
+        """
         ...
 
 

@@ -264,6 +264,16 @@ def _polytopic_margin(stack: np.ndarray, matrices: np.ndarray) -> float:
 def vertices(model: Model) -> np.ndarray:
     """(K, n, n) A at the corners of the box, of a discrete model affine in each variable by itself.
 
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Discrete in time.
+
+    Returns
+    -------
+    (K, n, n) array
+        2^v matrices for v readings; p at another delay counts as a further one.
+
     Raises
     ------
     InputError

@@ -36,6 +36,25 @@ class PoleBand(Encoded):
 
     ``low``, ``median``, ``high`` are pointwise quantiles, over the draws, of the largest |z| (continuous time: of the
     largest Re s [1/s]); ``cloud`` holds the poles of some draws, (n_draws, n, n_poles), for plots.
+
+    Attributes
+    ----------
+    variable, unit : str
+        What `p` measures.
+    p : (n,) array
+        Values of the scheduling variable.
+    low, median, high : (n,) array
+        1 (continuous time: 0) is the boundary of stability.
+    level : float
+        Coverage of the band, between 0 and 1.
+    share_stable : (n,) array
+        Of the draws, at each value by itself.
+    cloud : (n_draws, n, n_poles) complex array
+        z, or s [1/s].
+    draws : int
+        Models behind the quantiles.
+    is_discrete : bool
+        Discrete time.
     """
 
     JSON = ("variable", "unit", "p", "low", "median", "high", "level", "share_stable", "draws")
@@ -66,7 +85,23 @@ class PoleBand(Encoded):
 
 @dataclass(frozen=True)
 class StabilityProbability(Encoded):
-    """Share of drawn models that are frozen-stable over the whole range, with its Wilson interval."""
+    """Share of drawn models that are frozen-stable over the whole range, with its Wilson interval.
+
+    Attributes
+    ----------
+    probability : float
+        Share of the draws.
+    standard_error : float
+        Of the share; of none or all of the draws, half the interval's width over the normal quantile.
+    interval : (float, float)
+        Within 0 and 1.
+    level : float
+        Coverage of the interval.
+    draws : int
+        Models behind it.
+    exact : bool
+        Every draw was decided between grid points too.
+    """
 
     probability: float
     standard_error: float
@@ -105,6 +140,12 @@ def pole_band(models: Iterable[Model], variable: str | None = None, points: int 
     Returns
     -------
     PoleBand
+
+    Raises
+    ------
+    InputError
+        No model, models that differ in structure, a level outside of (0, 1), or a line or range that `pole_locus`
+        refuses.
 
     Examples
     --------
@@ -150,6 +191,11 @@ def stability_probability(models: Iterable[Model], box: Scheduling | None = None
     Returns
     -------
     StabilityProbability
+
+    Raises
+    ------
+    InputError
+        No model, models that differ in structure, a level outside of (0, 1), or a box with other variables.
 
     Examples
     --------
@@ -243,7 +289,24 @@ def _stable_between(model: Model, line: Line) -> bool | None:
 
 
 def share_of(hits: int, n: int, level: float, exact: bool) -> StabilityProbability:
-    """Wilson 1927: interval of a share, sensible at 0 and 1 too."""
+    """Wilson 1927: interval of a share, sensible at 0 and 1 too.
+
+    Parameters
+    ----------
+    hits : int
+        Draws that count.
+    n : int
+        All draws, at least 1.
+    level : float
+        Coverage of the interval, between 0 and 1.
+    exact : bool
+        Kept with the result.
+
+    Returns
+    -------
+    StabilityProbability
+        Interval from 0 for no hit, and to 1 where all are.
+    """
     z = NormalDist().inv_cdf(0.5 + level / 2)
     share = hits / n
     centre = (share + z * z / (2 * n)) / (1 + z * z / n)

@@ -48,7 +48,24 @@ class WorstCase(Coded):
 
     @classmethod
     def frozen(cls, box: Scheduling, point: np.ndarray, frequency: float, gain: float) -> WorstCase:
-        """One value, held."""
+        """One value, held.
+
+        Parameters
+        ----------
+        box : Scheduling
+            Names and units of the readings.
+        point : (readings,) array
+            Held value of each reading, in the variable's unit.
+        frequency : float
+            Of the worst input [rad/s].
+        gain : float
+            Reached there.
+
+        Returns
+        -------
+        WorstCase
+            Of kind "frozen", with period 0.
+        """
         return cls("frozen", box.names, box.units, np.array(point, dtype=float).reshape(1, -1), 0.0, frequency, gain)
 
     @classmethod
@@ -99,6 +116,11 @@ def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase, seed: i
     frozen : WorstCase
     seed : int
         Of the random variations.
+
+    Returns
+    -------
+    WorstCase
+        `frozen` itself where nothing can move, and for a system that reads p at several times.
     """
     if not system.order or not any(u > lo and r != 0 for lo, u, r in
                                    zip(box.lower, box.upper, box.rate, strict=True)):

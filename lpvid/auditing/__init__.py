@@ -19,7 +19,7 @@ RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     clock.unitless,
     values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
     values.duplicates,
-    motion.velocity_against_displacement, resting.rests, resting.flat_peaks,
+    motion.velocity_against_displacement, motion.hum, resting.rests, resting.flat_peaks,
     force.polarity, force.offset, force.drift,
     excitation.repeated, spectrum.moving_average, naming.nominal,
 )

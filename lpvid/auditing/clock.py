@@ -12,7 +12,18 @@ from lpvid.timebase import JITTER_LIMIT
 
 
 def jitter(view: View) -> Iterator[Finding]:
-    """Sampling intervals that differ by more than 1 % rms."""
+    """Sampling intervals that differ by more than 1 % rms.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``jitter``, a fault; its value is the rms deviation as a share of the period.
+    """
     base = view.record.time_base
     if base.n_samples > 2 and not base.invalid and not base.steady and base.period > 0:
         yield Finding("jitter", view.name, "", "fault",
@@ -22,7 +33,18 @@ def jitter(view: View) -> Iterator[Finding]:
 
 
 def rounded_stamps(view: View) -> Iterator[Finding]:
-    """Stamps that look unsteady only because they were printed with few digits."""
+    """Stamps that look unsteady only because they were printed with few digits.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``rounded-stamps``, a note; its value is the step in which time is printed [s].
+    """
     base = view.record.time_base
     if base.rounded and base.jitter_rms > JITTER_LIMIT:
         yield Finding("rounded-stamps", view.name, "", "note",
@@ -32,7 +54,18 @@ def rounded_stamps(view: View) -> Iterator[Finding]:
 
 
 def gaps(view: View) -> Iterator[Finding]:
-    """Intervals longer than 1.5 periods."""
+    """Intervals longer than 1.5 periods.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``time-gaps``, a warning; its value is the time lost [s].
+    """
     base = view.record.time_base
     if base.gaps:
         times = view.record.times
@@ -43,7 +76,18 @@ def gaps(view: View) -> Iterator[Finding]:
 
 
 def disorder(view: View) -> Iterator[Finding]:
-    """Duplicate, backward and invalid stamps."""
+    """Duplicate, backward and invalid stamps.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``duplicate-time``, ``backward-time`` and ``invalid-time``, all faults; their values count the rows.
+    """
     base = view.record.time_base
     for rows, name, what, mend in (
         (base.duplicates, "duplicate-time", "time repeats", "drop the repeated rows or print more digits"),
@@ -74,7 +118,18 @@ def unitless(view: View) -> Iterator[Finding]:
 
 
 def short(view: View) -> Iterator[Finding]:
-    """Too few rows for any model."""
+    """Too few rows for any model.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``few-samples`` below 64, a fault below 2; its value is the number of samples.
+    """
     n = view.record.n_samples
     if n < 64:
         yield Finding("few-samples", view.name, "", "fault" if n < 2 else "warning", f"{n} sample(s)",
@@ -82,7 +137,18 @@ def short(view: View) -> Iterator[Finding]:
 
 
 def mixed_rates(views: Sequence[View]) -> Iterator[Finding]:
-    """Records of one data set sampled at different rates."""
+    """Records of one data set sampled at different rates.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Records without a steady clock are left out.
+
+    Yields
+    ------
+    Finding
+        ``mixed-rates``, a warning; its value is the slowest record's period over the fastest's.
+    """
     periods = [(v.period, v.name) for v in views if v.period]
     if not periods:
         return

@@ -71,6 +71,10 @@ def input_coherence(views: Sequence[View], names: Sequence[str]) -> InputCoheren
         Records of one rate; those without these channels, or of another rate, are left out.
     names : sequence of str
         Two inputs or more, by channel or role.
+
+    Returns
+    -------
+    InputCoherence or None
     """
     from scipy.signal import get_window
 
@@ -148,7 +152,20 @@ def _is_derivative(views: Sequence[View], slow: str, fast: str) -> bool:
 
 
 def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Finding]:
-    """Inputs of a model that move together in all records, so that their shares in the output cannot be separated."""
+    """Inputs of a model that move together in all records, so that their shares in the output cannot be separated.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The data set.
+    names : sequence of str
+        Inputs of the model, by channel or role.
+
+    Yields
+    ------
+    Finding
+        ``coherent-inputs``, a warning; its value is the inflation of the variance.
+    """
     motions = one_per_motion(views, names)
     apart = input_coherence(views, motions) if len(motions) > 1 else None
     found = None if apart is None or apart.separable else input_coherence(views, names)

@@ -15,7 +15,19 @@ _MOTION = 0.05
 
 
 def scheduling(views: Sequence[View]) -> Iterator[Finding]:
-    """Range, levels, rate of change and time in motion of each scheduling candidate over the whole data set."""
+    """Range, levels, rate of change and time in motion of each scheduling candidate over the whole data set.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The data set.
+
+    Yields
+    ------
+    Finding
+        ``no-scheduling``, and for each candidate one of ``constant-scheduling``,
+        ``scheduling-constant-within-records`` or what its motion covers.
+    """
     names = list(dict.fromkeys(n for view in views for n in view.scheduling))
     lone = views[0].name if len(views) == 1 else ""
     if not names:
@@ -66,7 +78,18 @@ def _moving(having: Sequence[View], name: str, unit: str, low: float, high: floa
 
 
 def repeated(view: View) -> Iterator[Finding]:
-    """A motion that repeats itself within the record: time blocks of it are not independent."""
+    """A motion that repeats itself within the record: time blocks of it are not independent.
+
+    Parameters
+    ----------
+    view : View
+        One record; its displacement is looked at, or its velocity where there is none.
+
+    Yields
+    ------
+    Finding
+        ``repeated-segments``, a note; its value is the time after which the motion repeats [s].
+    """
     name = view.displacement or view.velocity
     if name is None or view.period is None:
         return
@@ -81,7 +104,18 @@ def repeated(view: View) -> Iterator[Finding]:
 
 
 def same_excitation(views: Sequence[View]) -> Iterator[Finding]:
-    """A moving channel that is the same, sample by sample, in two records."""
+    """A moving channel that is the same, sample by sample, in two records.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The data set.
+
+    Yields
+    ------
+    Finding
+        ``same-in-two-records`` for each such channel, a note; its value counts the pairs.
+    """
     seen: dict[tuple[str, int, float], str] = {}
     shared: dict[str, list[tuple[str, str]]] = {}
     for view in views:

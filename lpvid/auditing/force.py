@@ -18,6 +18,16 @@ def dissipation(view: View) -> tuple[float, float, float] | None:
 
     From the first to the last reversal of the motion, where a spring holds about the same energy; None where the motion
     turns less than twice: within less than a cycle, energy that is stored looks like energy that is taken or given.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Returns
+    -------
+    (float, float, float) or None
+        None also without force and velocity, or where one of them is constant.
     """
     if view.stroke is None:
         return None
@@ -36,7 +46,18 @@ def dissipation(view: View) -> tuple[float, float, float] | None:
 
 
 def polarity(view: View) -> Iterator[Finding]:
-    """A force that drives the motion on average: its sign, or the motion's, is the other convention."""
+    """A force that drives the motion on average: its sign, or the motion's, is the other convention.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``reversed-polarity``, a warning, or ``polarity-unclear``, a note; the value is the mean of F·v [W].
+    """
     found = dissipation(view)
     if found is None or view.force is None:
         return
@@ -54,7 +75,18 @@ def polarity(view: View) -> Iterator[Finding]:
 
 
 def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
-    """Records of one data set whose force has different signs."""
+    """Records of one data set whose force has different signs.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Records whose mean F·v is not clearly different from zero are left out.
+
+    Yields
+    ------
+    Finding
+        ``mixed-polarity``, a warning; its value counts the records with negative mean F·v.
+    """
     signs = [(view, found[0]) for view in views if (found := dissipation(view)) and found[2] > 4]
     minus = [v.name for v, likeness in signs if likeness < -0.05]
     plus = [v.name for v, likeness in signs if likeness > 0.05]
@@ -108,7 +140,18 @@ def _offset(view: View) -> tuple[float, float] | None:
 
 
 def offset(view: View) -> Iterator[Finding]:
-    """Mean force at zero velocity."""
+    """Mean force at zero velocity.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``force-offset`` above 5 % of the rms and four standard errors, a note; its value is the force [N].
+    """
     found = _offset(view)
     if found is None or view.stroke is None or view.force is None:
         return
@@ -122,7 +165,19 @@ def offset(view: View) -> Iterator[Finding]:
 
 
 def drift(view: View) -> Iterator[Finding]:
-    """Zero-velocity force that wanders in the course of the record."""
+    """Zero-velocity force that wanders in the course of the record.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``force-drift`` above 5 % of the rms and six standard errors, a warning; its value is the change over the
+        record [N].
+    """
     found = _at_rest(view)
     if found is None or view.stroke is None or view.force is None or view.period is None:
         return
@@ -142,7 +197,19 @@ def drift(view: View) -> Iterator[Finding]:
 
 
 def offset_between(views: Sequence[View]) -> Iterator[Finding]:
-    """Zero-velocity force that differs between records."""
+    """Zero-velocity force that differs between records.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The data set.
+
+    Yields
+    ------
+    Finding
+        ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning; its value is the largest
+        difference [N].
+    """
     found = [(view.name, *level, float(view.stroke[2].std())) for view in views
              if view.stroke is not None and (level := _offset(view)) is not None]
     if len(found) < 2:

@@ -26,7 +26,18 @@ MOST = 40
 
 
 def motion_gain_varies(views: Sequence[View]) -> Iterator[Finding]:
-    """Velocity over the derivative of displacement, from file to file."""
+    """Velocity over the derivative of displacement, from file to file.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Records whose velocity follows from their displacement count.
+
+    Yields
+    ------
+    Finding
+        ``motion-gain-varies``, a warning; its value is the largest difference of the gains.
+    """
     found = [(view.name, r.gain, view.velocity) for view in views
              if (r := relation(view)) is not None and r.residual < 0.05]
     if len(found) < 2:
@@ -40,7 +51,18 @@ def motion_gain_varies(views: Sequence[View]) -> Iterator[Finding]:
 
 
 def force_gain_varies(views: Sequence[View]) -> Iterator[Finding]:
-    """The force of two records of one motion and one command that differs by a factor and by nothing else."""
+    """The force of two records of one motion and one command that differs by a factor and by nothing else.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The first `MOST` with force and motion count.
+
+    Yields
+    ------
+    Finding
+        ``force-gain-varies``, a warning; its value is the factor between the pair that differs most.
+    """
     of_record = [(view, m) for view in views if (m := _motion(view)) is not None][:MOST]
     found = []
     for (one, a), (other, b) in combinations(of_record, 2):

@@ -11,6 +11,7 @@ from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 from lpvid.condition import delay
 from lpvid.condition.bandwidth import bandwidth
+from lpvid.condition.interference import interference, of_motion, power_of
 from lpvid.condition.resampling import interpolate
 
 _STENCIL = -np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -25,7 +26,19 @@ SOUND = 343.0
 
 @dataclass(frozen=True)
 class Relation:
-    """velocity(t) ≈ gain·ẋ(t − delay): gain, delay [samples], residual over rms, busiest frequency [Hz]."""
+    """velocity(t) ≈ gain·ẋ(t − delay): gain, delay [samples], residual over rms, busiest frequency [Hz].
+
+    Attributes
+    ----------
+    gain : float
+        1 for velocity and displacement in matching units; negative for opposite signs.
+    delay : float
+        Positive where the velocity lags [samples].
+    residual : float
+        rms of what is not explained, as a share of the velocity's.
+    busy : float
+        Frequency below which half of the velocity's power lies [Hz].
+    """
 
     gain: float
     delay: float
@@ -38,8 +51,54 @@ class Relation:
         return abs(abs(self.delay) - 0.5) < 0.03 and self.residual < 0.05
 
 
+def hum(view: View) -> Iterator[Finding]:
+    """Interference in a displacement without a velocity: small beside the stroke, and fast when it is differentiated.
+
+    Parameters
+    ----------
+    view : View
+
+    Yields
+    ------
+    Finding
+        Where its velocity is more than `APART` of that of the motion.
+    """
+    if view.velocity is not None or not (view.displacement and view.force) or view.period is None:
+        return
+    found = view.run(view.displacement, view.force)
+    if found is None:
+        return
+    moved, force = found
+    frequency, power, noise = power_of(moved - moved.mean(), view.period)
+    alien = interference(frequency, power, noise, moved, force, view.period)
+    if not alien.any():
+        return
+    fast = power * (2 * np.pi * frequency) ** 2
+    moving = fast[(of_motion(power, noise) > 0.5) & ~alien].sum()
+    share = float(np.sqrt(fast[alien].sum() / moving)) if moving > 0 else np.inf
+    if share > APART:
+        size = float(np.sqrt(power[alien].sum() * frequency[1]))
+        at = f"{frequency[np.argmax(np.where(alien, fast, 0.0))]:.0f}"
+        yield Finding("interference", view.name, view.displacement, "note",
+                      f"{size:.2g} m rms, most of it about {at} Hz, in which the force does not follow, as hum of the "
+                      f"mains: differentiated, {share:.0%} of the motion's velocity",
+                      "shield the sensor; fit and diagnose leave it out of the velocity that they derive", share)
+
+
 def velocity_against_displacement(view: View) -> Iterator[Finding]:
-    """Scale, delay and mismatch between the velocity channel and the slope of the displacement channel."""
+    """Scale, delay and mismatch between the velocity channel and the slope of the displacement channel.
+
+    Parameters
+    ----------
+    view : View
+        One record; without velocity or displacement nothing is found.
+
+    Yields
+    ------
+    Finding
+        Mismatch, ``velocity-sign``, ``velocity-scale``, a delay or a one-sided filter; value of the first two the
+        gain.
+    """
     pair = _pair(view)
     if pair is None or view.period is None or view.velocity is None:
         return
@@ -97,7 +156,17 @@ def magnitude(views: Sequence[View]) -> Iterator[Finding]:
 
 
 def relation(view: View) -> Relation | None:
-    """How the velocity of a record follows from its displacement; None where one of them is missing or at rest."""
+    """How the velocity of a record follows from its displacement; None where one of them is missing or at rest.
+
+    Parameters
+    ----------
+    view : View
+        One record; the answer is kept in its `known`.
+
+    Returns
+    -------
+    Relation or None
+    """
     if "relation" not in view.known:
         pair = _pair(view)
         view.known["relation"] = None if pair is None or view.period is None else _relate(*pair, view.period)

@@ -19,7 +19,19 @@ def _claimed(name: str, unit: str) -> float | None:
 
 
 def nominal(view: View) -> Iterator[Finding]:
-    """Amplitude [mm], frequency [Hz] and current [A] in the name against what the channels show."""
+    """Amplitude [mm], frequency [Hz] and current [A] in the name against what the channels show.
+
+    Parameters
+    ----------
+    view : View
+        One record; a name without such parts claims nothing.
+
+    Yields
+    ------
+    Finding
+        ``nominal-amplitude``, ``nominal-frequency`` and ``nominal-current``, all warnings; their values are what
+        the channel shows, in the units above.
+    """
     amplitude, frequency, current = (_claimed(view.name, unit) for unit in ("mm", "Hz", "A"))
     motion = view.displacement
     found = view.run(motion) if motion and view.period is not None else None

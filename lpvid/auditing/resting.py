@@ -29,7 +29,19 @@ off by itself has all of it"""
 
 
 def rests(view: View) -> Iterator[Finding]:
-    """A displacement that rests on exactly one value for long, as it does nowhere else."""
+    """A displacement that rests on exactly one value for long, as it does nowhere else.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``displacement-rests``, a warning where the force moves meanwhile, else a note; its value is the share of
+        the samples.
+    """
     name = view.displacement
     if name is None or view.period is None or not view.moves(name) or view.few_levels(name):
         return
@@ -76,7 +88,18 @@ def _moved(force: np.ndarray, at: int, length: int) -> tuple[float, float]:
 
 
 def flat_peaks(view: View) -> Iterator[Finding]:
-    """A force of which many samples lie within a hair of its largest value, without the noise that it has elsewhere."""
+    """A force of which many samples lie within a hair of its largest value, without the noise that it has elsewhere.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``force-clipped``, a warning, for either side; its value is the share of the samples.
+    """
     name = view.force
     if name is None or not view.moves(name) or view.few_levels(name):
         return

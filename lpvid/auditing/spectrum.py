@@ -15,7 +15,19 @@ _BROADBAND = 6.0
 
 
 def noise(views: Sequence[View]) -> Iterator[Finding]:
-    """Noise of each moving channel: the floor of its spectrum spread over the whole band, median over the records."""
+    """Noise of each moving channel: the floor of its spectrum spread over the whole band, median over the records.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The data set.
+
+    Yields
+    ------
+    Finding
+        ``noise-level`` by channel, a warning below 20 dB, else a note; its value is the noise's rms in the unit of
+        the channel.
+    """
     found: dict[str, list[tuple[float, float, bool]]] = {}
     for view in views:
         for name in view.usable:
@@ -52,7 +64,18 @@ def _noise(view: View, name: str) -> tuple[float, float, bool] | None:
 
 
 def oversampled(views: Sequence[View]) -> Iterator[Finding]:
-    """A rate far above what the signals fill makes neighbouring samples repeat each other."""
+    """A rate far above what the signals fill makes neighbouring samples repeat each other.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Records without a steady clock are left out.
+
+    Yields
+    ------
+    Finding
+        ``oversampled`` from a factor of 4 on, a note; its value is the widest band [Hz].
+    """
     widest, channel, rates = 0.0, "", []
     for view in views:
         if view.period is None:
@@ -83,14 +106,25 @@ def _filled(view: View, name: str) -> float:
 
 
 def moving_average(view: View) -> Iterator[Finding]:
-    """Nulls of the spectrum at every multiple of one frequency: a moving average over that period."""
+    """Nulls of the spectrum at every multiple of one frequency: a moving average over that period.
+
+    Parameters
+    ----------
+    view : View
+        One record; runs below 2048 samples are left out.
+
+    Yields
+    ------
+    Finding
+        ``moving-average`` by channel, a note; its value is the number of samples averaged.
+    """
     for name in view.usable:
         if name in view.scheduling or view.few_levels(name) or not view.moves(name):
             continue
         found = view.run(name)
         if found is None or view.period is None or found[0].size < 2048:
             continue
-        comb = comb_length(found[0], view.period)
+        comb = _comb_length(found[0], view.period)
         if comb:
             length, depth = comb
             yield Finding("moving-average", view.name, name, "note",
@@ -99,7 +133,7 @@ def moving_average(view: View) -> Iterator[Finding]:
                           f"{0.44 / (length * view.period):.3g} Hz", float(length))
 
 
-def comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
+def _comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
     """(samples averaged, depth of the nulls in dB), or None; nulls against the lobes beside each."""
     from scipy.signal import welch
 

@@ -13,7 +13,19 @@ from lpvid.units import contradicts
 
 
 def missing(view: View) -> Iterator[Finding]:
-    """NaN samples."""
+    """NaN samples.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``missing-samples`` by channel: a note, above 1 % a warning, for an empty channel a fault; its value is the
+        share of the samples.
+    """
     for name, channel in view.record.channels.items():
         share = float(np.mean(np.isnan(channel.values)))
         if share > 0 and not channel.fault:
@@ -28,7 +40,18 @@ def missing(view: View) -> Iterator[Finding]:
 
 
 def unusable(view: View) -> Iterator[Finding]:
-    """Text and infinite samples."""
+    """Text and infinite samples.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``text-in-numbers`` and ``infinite-samples``, both faults; the value of the second counts the samples.
+    """
     for name, channel in view.record.channels.items():
         if channel.fault:
             yield Finding("text-in-numbers", view.name, name, "fault", channel.fault,
@@ -41,7 +64,18 @@ def unusable(view: View) -> Iterator[Finding]:
 
 
 def units(view: View) -> Iterator[Finding]:
-    """Units not understood or not given."""
+    """Units not understood or not given.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``unknown-unit``, a warning, ``unit-contradicts-name``, a fault, or ``missing-unit``, a note.
+    """
     for name, channel in view.record.channels.items():
         if not channel.unit_known:
             yield Finding("unknown-unit", view.name, name, "warning",
@@ -57,7 +91,18 @@ def units(view: View) -> Iterator[Finding]:
 
 
 def constant(view: View) -> Iterator[Finding]:
-    """Channels that never move; scheduling candidates are judged over the whole data set."""
+    """Channels that never move; scheduling candidates are judged over the whole data set.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``constant-channel``, a warning; its value is that of the channel.
+    """
     for name in view.record.channels:
         values = view.finite(name)
         if name not in view.scheduling and values.size > 1 and np.ptp(values) == 0:
@@ -96,7 +141,18 @@ def spiked(view: View) -> Iterator[Finding]:
 
 
 def clipped(view: View) -> Iterator[Finding]:
-    """Flat tops: far more samples on the extreme value than just inside it, several in a row."""
+    """Flat tops: far more samples on the extreme value than just inside it, several in a row.
+
+    Parameters
+    ----------
+    view : View
+        One record; scheduling candidates and commands on few levels are left out.
+
+    Yields
+    ------
+    Finding
+        ``clipped``, a warning, for either side; its value is the share of the samples.
+    """
     for name in view.usable:
         values = view.finite(name)
         if name in view.scheduling or values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
@@ -128,12 +184,24 @@ def _plateau(x: np.ndarray) -> tuple[int, float] | None:
 
 
 def quantised(view: View) -> Iterator[Finding]:
-    """Values on a lattice that is coarse against the signal."""
+    """Values on a lattice that is coarse against the signal.
+
+    Parameters
+    ----------
+    view : View
+        One record; commands on few levels are left out.
+
+    Yields
+    ------
+    Finding
+        ``quantised`` for steps above 1/200 of the rms, from 1/20 on a warning; its value is the step in the unit of
+        the channel.
+    """
     for name in view.usable:
         values = view.finite(name)
         if values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
             continue
-        step = lattice(values)
+        step = _lattice(values)
         rms = float(values.std())
         if step is not None and step > rms / 200:
             bits = np.log2(np.ptp(values) / step + 1)
@@ -143,7 +211,7 @@ def quantised(view: View) -> Iterator[Finding]:
                           "a finer range or converter; noise below a step cannot be judged", step)
 
 
-def lattice(values: np.ndarray) -> float | None:
+def _lattice(values: np.ndarray) -> float | None:
     """Step of the lattice on which the values lie within a tenth, or None."""
     levels = np.unique(values[:20_000])
     if levels.size < 4:
@@ -170,7 +238,18 @@ def lattice(values: np.ndarray) -> float | None:
 
 
 def duplicates(view: View) -> Iterator[Finding]:
-    """Two channels that are one signal, up to a factor."""
+    """Two channels that are one signal, up to a factor.
+
+    Parameters
+    ----------
+    view : View
+        One record; its first 40 moving channels are compared.
+
+    Yields
+    ------
+    Finding
+        ``same-channel-twice``, a warning; its value is the correlation.
+    """
     names = [n for n in view.usable if view.moves(n)][:40]
     standard = {}
     for name in names:

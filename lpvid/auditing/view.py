@@ -59,7 +59,20 @@ class View:
         return [(a, b) for a, b in pairwise(edges) if b > a]
 
     def run(self, *names: str, longest: int = LONGEST) -> tuple[np.ndarray, ...] | None:
-        """The named channels over the longest unbroken run in which all are finite, or None below 64 samples."""
+        """The named channels over the longest unbroken run in which all are finite, or None below 64 samples.
+
+        Parameters
+        ----------
+        *names : str
+            Channels.
+        longest : int
+            Samples at most, from the start of the run.
+
+        Returns
+        -------
+        tuple of (n,) arrays, or None
+            None also without a steady clock.
+        """
         if self.period is None:
             return None
         signals = [self.record.channels[n].values for n in names]
@@ -73,24 +86,67 @@ class View:
         return tuple(s[first:last] for s in signals) if last - first >= 64 else None
 
     def finite(self, name: str) -> np.ndarray:
-        """Finite values of a channel."""
+        """Finite values of a channel.
+
+        Parameters
+        ----------
+        name : str
+            Channel.
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the channel, without the samples that are NaN or infinite.
+        """
         values = self.record.channels[name].values
         return values[np.isfinite(values)]
 
     def moves(self, name: str) -> bool:
-        """True when a channel is not constant."""
+        """True when a channel is not constant.
+
+        Parameters
+        ----------
+        name : str
+            Channel.
+
+        Returns
+        -------
+        bool
+            False below two finite samples.
+        """
         values = self.finite(name)
         return bool(values.size > 1 and np.ptp(values) > 0)
 
     def few_levels(self, name: str) -> bool:
-        """True for a command that rests on few values and jumps between them."""
+        """True for a command that rests on few values and jumps between them.
+
+        Parameters
+        ----------
+        name : str
+            Channel.
+
+        Returns
+        -------
+        bool
+            Up to 32 distinct values, and more than half of all samples equal to the one before.
+        """
         values = self.finite(name)
         if values.size < 2:
             return False
-        return distinct(values, _LEVELS) <= _LEVELS and bool(np.mean(np.diff(values) == 0) > 0.5)
+        return _distinct(values, _LEVELS) <= _LEVELS and bool(np.mean(np.diff(values) == 0) > 0.5)
 
     def rests(self, name: str) -> bool:
-        """True for a constant, and for a command that rests on few levels, noise or not."""
+        """True for a constant, and for a command that rests on few levels, noise or not.
+
+        Parameters
+        ----------
+        name : str
+            Channel.
+
+        Returns
+        -------
+        bool
+        """
         values = self.finite(name)
         if values.size < 2 or not np.ptp(values) > 0:
             return True
@@ -143,7 +199,19 @@ class View:
 
 
 def view(record: Record, scheduling: Sequence[str] | None) -> View:
-    """A record with its scheduling candidates: those named, else every channel in A, V or K or a pure number."""
+    """A record with its scheduling candidates: those named, else every channel in A, V or K or a pure number.
+
+    Parameters
+    ----------
+    record : Record
+        As it was read.
+    scheduling : sequence of str or None
+        Channels or roles; None to choose by unit.
+
+    Returns
+    -------
+    View
+    """
     if scheduling is not None:
         return View(record, tuple(record.resolve(s) for s in scheduling))
     found = tuple(k for k, c in record.channels.items()
@@ -151,7 +219,7 @@ def view(record: Record, scheduling: Sequence[str] | None) -> View:
     return View(record, found)
 
 
-def distinct(values: np.ndarray, stop: int) -> int:
+def _distinct(values: np.ndarray, stop: int) -> int:
     """Number of distinct values, counted no further than it takes to exceed `stop`."""
     if np.unique(values[: 40 * stop]).size > stop:
         return stop + 1
@@ -159,7 +227,19 @@ def distinct(values: np.ndarray, stop: int) -> int:
 
 
 def resting_levels(values: np.ndarray, low: float, high: float) -> int:
-    """Number of levels on which a signal rests for 95 % of the time, 0 when it has none (it is continuous)."""
+    """Number of levels on which a signal rests for 95 % of the time, 0 when it has none (it is continuous).
+
+    Parameters
+    ----------
+    values : (n,) array
+        Finite samples.
+    low, high : float
+        Range over which the samples are counted, in 64 classes.
+
+    Returns
+    -------
+    int
+    """
     counts = np.histogram(values, bins=64, range=(low, high))[0]
     busy = counts > 0.02 * values.size
     groups = int(np.sum(np.diff(np.concatenate(([0], busy.astype(int)))) == 1))

@@ -113,6 +113,11 @@ def align(record: Record, channel: str, seconds: float) -> Record:
     Record
         Shorter by the shift rounded up to whole samples, with a note.
 
+    Raises
+    ------
+    InputError
+        Unsteady time stamps, a channel that is not finite throughout, or a shift as long as the record.
+
     Examples
     --------
     >>> record = Record({"a": [1.0, 2, 3, 4], "late": [9.0, 1, 2, 3]}, sample_time=0.5)

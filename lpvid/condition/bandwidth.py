@@ -20,7 +20,22 @@ SHORTEST = 64
 
 
 def band(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(frequency [Hz], power spectral density) by Welch's method, mean removed."""
+    """(frequency [Hz], power spectral density) by Welch's method, mean removed.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Finite.
+    period : float
+        Sampling period [s].
+
+    Returns
+    -------
+    (f,) array
+        [Hz].
+    (f,) array
+        [squared unit of the values per Hz].
+    """
     from scipy.signal import welch
 
     size = min(4096, max(values.size // 4, 32))
@@ -34,6 +49,24 @@ def bandwidth(values: np.ndarray, period: float, share: float = 0.99, slope: boo
 
     With `slope`, of the derivative's power; with that or `quiet`, less twice the noise floor seen in the top fifth of
     the band, which differentiating would blow up and which fills the band at any rate.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Finite.
+    period : float
+        Sampling period [s].
+    share : float
+        Between 0 and 1.
+    slope : bool
+        Whether the derivative's power counts.
+    quiet : bool
+        Whether the noise floor is taken off.
+
+    Returns
+    -------
+    float
+        Half the sampling rate where no power is left.
     """
     frequency, power = band(values, period)
     if slope or quiet:
@@ -49,6 +82,14 @@ def widest_band(records: Sequence[Record]) -> float:
     """Bandwidth [Hz] of what moves in records, the widest: a displacement by its slope unless a velocity is there.
 
     Channels in units of `COMMANDS` do not count; 0 where nothing does.
+
+    Parameters
+    ----------
+    records : sequence of Record
+
+    Returns
+    -------
+    float
     """
     return max((_filled(record, name) for record in records for name in record.channels), default=0.0)
 

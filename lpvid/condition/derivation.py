@@ -30,7 +30,18 @@ class Derived:
     make: Callable[[np.ndarray, float], np.ndarray]
 
     def on(self, record: Record) -> Record:
-        """The record with this channel, unless it has one of this name or lacks the source."""
+        """The record with this channel, unless it has one of this name or lacks the source.
+
+        Parameters
+        ----------
+        record : Record
+            With a steady clock where the acceleration is computed.
+
+        Returns
+        -------
+        Record
+            The same where nothing is added.
+        """
         if record.has(self.name) or not record.has(self.source):
             return record
         return record.with_channel(self.name, self.make(record[self.source], record.time_base.period), self.unit)
@@ -47,6 +58,16 @@ DERIVED: Mapping[str, Derived] = {
 
 def derived(records: Sequence[Record], channels: Sequence[str] | None = None) -> list[Record]:
     """Records with every channel of `DERIVED` that they allow, or with those of these names.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    channels : sequence of str, optional
+        Names; those that are not in `DERIVED` are passed over. Left out, all of `DERIVED`.
+
+    Returns
+    -------
+    list of Record
 
     Examples
     --------

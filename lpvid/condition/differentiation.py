@@ -41,6 +41,11 @@ def differentiate(values: np.ndarray, sample_time: float, *, method: str = "savi
     -------
     (n,) array
 
+    Raises
+    ------
+    InputError
+        Another method, an even window, or an order that is not below it.
+
     Examples
     --------
     >>> t = 0.01 * np.arange(40)

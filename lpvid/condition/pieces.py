@@ -31,7 +31,25 @@ class Cutter:
     end: float = 0.0
 
     def cut(self, chunk: Record, channels: tuple[str, ...]) -> Iterator[tuple[Record, bool]]:
-        """Pieces of one chunk."""
+        """Pieces of one chunk.
+
+        Parameters
+        ----------
+        chunk : Record
+            The next one.
+        channels : tuple of str
+            Those that must be finite.
+
+        Yields
+        ------
+        Record, bool
+            A piece, and whether it continues the one before.
+
+        Raises
+        ------
+        InputError
+            Another sampling rate than before.
+        """
         for piece in _finite_pieces(chunk, channels):
             step = piece.sample_time
             assert step is not None

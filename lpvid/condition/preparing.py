@@ -22,6 +22,14 @@ _LOSSES = ("cut into", "dropped", "record '", "sign of")
 def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
     """Records with a velocity, derived from displacement where it was not measured, and notes on it.
 
+    Parameters
+    ----------
+    records : sequence of Record
+
+    Returns
+    -------
+    list of Record, tuple of str
+
     Raises
     ------
     InputError
@@ -44,7 +52,17 @@ def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
 
 
 def with_current(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
-    """Records in which a voltage stands for the current where no record has one, and notes on it."""
+    """Records in which a voltage stands for the current where no record has one, and notes on it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+
+    Returns
+    -------
+    list of Record, tuple of str
+        The records as they are, and no notes, where one has a current or one lacks a voltage.
+    """
     if any(r.has("current") for r in records) or not all(r.has(STAND_IN) for r in records):
         return list(records), ()
     return [r.with_roles({"current": r.resolve(STAND_IN)}) for r in records], (
@@ -53,7 +71,17 @@ def with_current(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ..
 
 
 def common_rate(records: Sequence[Record]) -> float | None:
-    """The rate that all records share [Hz]; None where they have no common one."""
+    """The rate that all records share [Hz]; None where they have no common one.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Those of a single sample are left out.
+
+    Returns
+    -------
+    float or None
+    """
     periods = [r.time_base.period for r in records if r.time_base.period > 0]
     if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
         return None
@@ -65,6 +93,15 @@ def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]
 
     By a whole number, to about `WANTED`, but never to less than `SPARE` times the bandwidth of what moves: an
     anti-alias filter would take away what the records were made to show.
+
+    Parameters
+    ----------
+    records : sequence of Record
+
+    Returns
+    -------
+    float or None, tuple of str
+        None, and no notes, up to `FASTEST` or where no whole number serves.
 
     Examples
     --------
@@ -86,7 +123,19 @@ def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]
 
 
 def one_clock(cut: Sequence[list[Record]], channels: Sequence[str]) -> list[list[Record]]:
-    """Training and held-out records with one sampling period; `segments` has seen to each part by itself."""
+    """Training and held-out records with one sampling period; `segments` has seen to each part by itself.
+
+    Parameters
+    ----------
+    cut : (training, held-out) lists of Record
+        From `segments`; the second may be empty.
+    channels : sequence of str
+        In use.
+
+    Returns
+    -------
+    list of list of Record
+    """
     if not cut[1]:
         return list(cut)
     both = segments([*cut[0], *cut[1]], channels, minimum=1)
@@ -94,5 +143,16 @@ def one_clock(cut: Sequence[list[Record]], channels: Sequence[str]) -> list[list
 
 
 def losses(records: Sequence[Record]) -> tuple[str, ...]:
-    """What was cut away from records or turned in them, each thing once."""
+    """What was cut away from records or turned in them, each thing once.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As prepared.
+
+    Returns
+    -------
+    tuple of str
+        Record and note, in the order of the records.
+    """
     return tuple(dict.fromkeys(f"record '{r.name}': {n}" for r in records for n in r.notes if n.startswith(_LOSSES)))

@@ -82,7 +82,27 @@ def resample(record: Record, sample_rate: float) -> Record:
 
 
 def on_clock(record: Record, period: float | None = None) -> tuple[Record, str]:
-    """The record on a uniform clock (of `period` [s], or its own mean rate), and what was done to it."""
+    """The record on a uniform clock (of `period` [s], or its own mean rate), and what was done to it.
+
+    Parameters
+    ----------
+    record : Record
+        A uniform one stays as it is.
+    period : float, optional
+        [s]; left out, the mean interval of the record.
+
+    Returns
+    -------
+    Record
+        NaN between runs of finite samples.
+    str
+        Empty where nothing was done.
+
+    Raises
+    ------
+    InputError
+        Time stamps out of order, or a single sample.
+    """
     if record.sample_time is not None:
         return replace(record, time=None), ""
     if not record.time_base.orderly or record.n_samples < 2:
@@ -109,13 +129,32 @@ def on_clock(record: Record, period: float | None = None) -> tuple[Record, str]:
 
 
 def finite_runs(values: np.ndarray) -> list[tuple[int, int]]:
-    """(first, last+1) of every unbroken run of finite samples of an (n,) or (n, channels) array."""
+    """(first, last+1) of every unbroken run of finite samples of an (n,) or (n, channels) array.
+
+    Parameters
+    ----------
+    values : (n,) or (n, channels) array
+        Of several channels all must be finite.
+
+    Returns
+    -------
+    list of (int, int)
+    """
     good = np.isfinite(values) if values.ndim == 1 else np.isfinite(values).all(axis=1)
     return true_runs(np.asarray(good))
 
 
 def true_runs(good: np.ndarray) -> list[tuple[int, int]]:
-    """(first, last+1) of every unbroken run of True."""
+    """(first, last+1) of every unbroken run of True.
+
+    Parameters
+    ----------
+    good : (n,) bool array
+
+    Returns
+    -------
+    list of (int, int)
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], good, [False])).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -139,6 +178,21 @@ def interpolate(values: np.ndarray, positions: np.ndarray, width: float = 1.0, c
 
     The kernel sinc(2·cutoff·x/width) under a Kaiser window of ±25·width samples, weights normalised to sum one.
     Positions within [0, n−1]; the signal is continued by odd reflection.
+
+    Parameters
+    ----------
+    values : (n, channels) array
+        Finite.
+    positions : (m,) array
+        In samples.
+    width : float
+        1 keeps the band; m takes out what positions m samples apart would fold back.
+    cutoff : float
+        Edge of the band as a share of the sampling rate, for `width` 1.
+
+    Returns
+    -------
+    (m, channels) array
     """
     n = values.shape[0]
     if positions.size == 0:

@@ -47,6 +47,11 @@ def split_tail(record: Record, fraction: float = 1 / 3) -> tuple[Record, Record]
     -------
     training, held_out : Record
 
+    Raises
+    ------
+    InputError
+        One of the parts would be empty.
+
     Examples
     --------
     >>> a, b = split_tail(Record({"x": np.arange(10.0)}, sample_time=1.0))
@@ -75,6 +80,11 @@ def blocks(record: Record, seconds: float, gap: float = 0.0) -> list[Record]:
     Returns
     -------
     list of Record
+
+    Raises
+    ------
+    InputError
+        A block longer than the record.
     """
     period = _uniform(record)
     length = max(round(_checks.positive(seconds, "seconds", "s") / period), 1)
@@ -107,6 +117,11 @@ def folds(records: Record | Sequence[Record], k: int, gap_seconds: float = 0.0, 
     Returns
     -------
     list of (list of Record, list of Record)
+
+    Raises
+    ------
+    InputError
+        A fold whose training or held-out part is empty.
 
     Examples
     --------

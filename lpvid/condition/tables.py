@@ -19,7 +19,18 @@ NO_TIME_UNIT = "gives no unit: taken as s"
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of a file: its name, samples in the file's own unit, the unit's text, and a fault if it has one."""
+    """One column of a file: its name, samples in the file's own unit, the unit's text, and a fault if it has one.
+
+    Attributes
+    ----------
+    name : str
+        As in the file.
+    values : (n,) array
+    unit : str or None
+        None where the file gives none.
+    fault : str or None
+        Why the column is no use, in words.
+    """
 
     name: str
     values: np.ndarray
@@ -29,7 +40,16 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class ColumnTable:
-    """Columns of equal length; `sample_time` [s] when the file states it apart from any column."""
+    """Columns of equal length; `sample_time` [s] when the file states it apart from any column.
+
+    Attributes
+    ----------
+    columns : sequence of Column
+        The time column, if any, is one of them.
+    sample_time : float or None
+    notes : sequence of str
+        What was left out on reading.
+    """
 
     columns: Sequence[Column]
     sample_time: float | None = None
@@ -116,7 +136,17 @@ def _listed(pairs: Iterable[tuple[str, int]]) -> str:
 
 
 def is_time_name(name: str) -> bool:
-    """True for the names under which a time column goes."""
+    """True for the names under which a time column goes.
+
+    Parameters
+    ----------
+    name : str
+        In upper or lower case.
+
+    Returns
+    -------
+    bool
+    """
     return name.casefold() in ("time", "t")
 
 

@@ -178,8 +178,9 @@ class Effect(ABC):
     """names of effects with which it works together physically, tried as a pair where neither helps alone"""
     added_later: ClassVar[tuple[str, ...]] = ()
     """parameters that it had not from the first: a file without them is read with them at neutral"""
-    rugged: ClassVar[bool] = False
-    """whether the error has many small valleys along the strength"""
+    rugged: ClassVar[str] = ""
+    """name of the number along which the error has many minima, as where a kink passes samples one by one: it is moved
+    by trial as well; "" where there is none"""
     path: ClassVar[str] = ""
     """what a lag, a delay or a filter holds up: "current", "motion", "force" or "all"; "" for everything else. Those of
     motion and force imitate each other and every dynamic cause: a set holds one of them"""
@@ -192,6 +193,8 @@ class Effect(ABC):
     form_of: ClassVar[str] = ""
     """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
     of its own. A special case that is another component (a stop, a linear spring) is none"""
+    contains: ClassVar[tuple[str, ...]] = ()
+    """names of other components that its equation has inside, so that it can do their work besides its own"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""

@@ -1,4 +1,4 @@
-"""Hops: strengths moved by trial where no derivative gives the direction: lags of whole samples, lost motion."""
+"""Hops: numbers moved by trial where no derivative gives the direction: lags of whole samples, lost motion, kinks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 SIZES = (5.0, 1.0)
 """samples by which a lag is moved at a time"""
 SHARES = (0.1, 0.02)
-"""shares of itself by which a rugged strength is moved at a time"""
+"""shares of itself by which a rugged number is moved at a time"""
 MOST = 12
 """hops of one size in one direction"""
 
@@ -19,7 +19,7 @@ UNMOVED = 1e-140
 
 
 def hopped(composition: Composition) -> list[tuple[int, bool]]:
-    """Places of the strengths that act in whole samples or are rugged, and whether they are the latter.
+    """Places of the numbers that act in whole samples or are rugged, and whether they are the latter.
 
     Parameters
     ----------
@@ -30,16 +30,21 @@ def hopped(composition: Composition) -> list[tuple[int, bool]]:
     list of (int, bool)
         Place in the parameter vector; True for one that is rugged.
     """
-    return [(place.start, e.rugged) for e, place in zip(composition.effects, composition.places, strict=True)
-            if e.stepwise or e.rugged]
+    found = []
+    for e, place in zip(composition.effects, composition.places, strict=True):
+        if e.rugged:
+            found.append((place.start + [p.name for p in e.parameters].index(e.rugged), True))
+        elif e.stepwise:
+            found.append((place.start, False))
+    return found
 
 
 def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
         ) -> tuple[np.ndarray, float]:
-    """Move each such strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
+    """Move each such number while that lowers the cost, the other parameters following by one Gauss-Newton step.
 
     A current that is held between samples makes the error jump where a delay passes a whole sample, so that the
-    derivative between jumps holds nothing of what lies behind them; lost motion makes it rugged.
+    derivative between jumps holds nothing of what lies behind them; lost motion and kinks make it rugged.
 
     Parameters
     ----------

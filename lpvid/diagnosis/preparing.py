@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,12 +80,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
     parts = [segments(part, roles, sample_rate=rate, minimum=SHORTEST) if part else []
              for part in (records[: len(training)], records[len(training):])]
     parts = one_clock(parts, roles)
-    if {"displacement", "velocity"} <= set(roles) and any(n.startswith(DERIVED) for n in motion):
-        parts = [[_quieter(r) for r in part] for part in parts]
-        quiet = [QUIETER in r.notes for part in parts for r in part if _derived(r)]
-        if any(quiet):
-            rest = "" if all(quiet) else f", in {sum(quiet)} of {len(quiet)} pieces; the others are too short for that"
-            motion = tuple(QUIETER + rest if n.startswith(DERIVED) else n for n in motion)
+    parts, motion = quiet_pieces(parts, motion)
     notes = (*motion, *stand_in, *why, *left, *losses([*parts[0], *parts[1]]))
     return PreparedRecords(tuple(_only(r, roles) for r in parts[0]), tuple(_only(r, roles) for r in parts[1]), notes)
 
@@ -112,13 +107,58 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
     return found, tuple(left)
 
 
-def _quieter(record: Record) -> Record:
-    """The record, a velocity that was derived here without the noise of the displacement beyond the band that moves."""
-    period, moved = record.sample_time or record.time_base.period, record["displacement"]
-    s = Signals(period, {"displacement": moved}, moved)
-    if not _derived(record) or not np.ptp(moved) or not has_band(s, "displacement"):
+def quiet_pieces(parts: Sequence[list[Record]], notes: tuple[str, ...]
+                 ) -> tuple[list[list[Record]], tuple[str, ...]]:
+    """Pieces whose derived velocity is without the sensor's noise (`with_quiet_velocity`).
+
+    Parameters
+    ----------
+    parts : sequence of list of Record
+        Training and held-out pieces.
+    notes : tuple of str
+        On what was derived, as `lpvid.condition.preparing.with_motion` gives them.
+
+    Returns
+    -------
+    parts : list of list of Record
+    notes : tuple of str
+        With what was done.
+    """
+    if not any(n.startswith(DERIVED) for n in notes):
+        return list(parts), notes
+    parts = [[with_quiet_velocity(r) for r in part] for part in parts]
+    quiet = [QUIETER in r.notes for part in parts for r in part if _derived(r)]
+    if any(quiet):
+        rest = "" if all(quiet) else f", in {sum(quiet)} of {len(quiet)} pieces; the others are too short for that"
+        notes = tuple(QUIETER + rest if n.startswith(DERIVED) else n for n in notes)
+    return parts, notes
+
+
+def with_quiet_velocity(record: Record) -> Record:
+    """The record, a velocity that was derived without noise and interference of the displacement's sensor.
+
+    A filter of so many samples, whatever the rate, leaves noise in the velocity of a slow record that is as large as
+    the motion, and what multiplies noise besides motion is fitted too small.
+
+    Parameters
+    ----------
+    record : Record
+        Uniform and finite, displacement [m].
+
+    Returns
+    -------
+    Record
+        As it is where its velocity was measured, it has no displacement, or is too short (400 samples) to find the
+        band in which it moves.
+    """
+    if not (_derived(record) and record.has("displacement") and np.ptp(record["displacement"])):
         return record
-    return record.with_channel("velocity", derivative(s, "displacement"), record.channel("velocity").unit, QUIETER)
+    period, moved = record.sample_time or record.time_base.period, record["displacement"]
+    s = Signals(period, {"displacement": moved}, record["force"] if record.has("force") else moved)
+    if not has_band(s, "displacement"):
+        return record
+    plain = replace(record, notes=tuple(n for n in record.notes if not n.startswith(DERIVED)))
+    return plain.with_channel("velocity", derivative(s, "displacement"), record.channel("velocity").unit, QUIETER)
 
 
 def _derived(record: Record) -> bool:

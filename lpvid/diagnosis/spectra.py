@@ -6,22 +6,25 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.condition.interference import (
+    ABOVE,
+    FEWEST,
+    SHORT,
+    interference,
+    of_motion,
+    power_of,
+    stretch_of,
+    top_of,
+)
 from lpvid.diagnosis.continuation import Continued
 from lpvid.diagnosis.signals import Signals, jumps
 
-QUIET = 0.3
-"""share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
-SHORT = 100
-"""samples below which nothing is undone"""
 BAND = 1.5
 """times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
-MANY, MEANT = 4, 0.05
-"""stretches from which on the end of the band is found; share of a channel's variance that is no sensor's noise"""
+MEANT = 0.05
+"""share of a channel's variance that is no sensor's noise"""
 LASTING = 50.0
 """times its time constant that a low-pass remembers what has been"""
-STRETCH, ABOVE = 1.0, 2.0
-"""length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
-stand above it"""
 RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
 """channels that may have been derived from another one"""
 COHERENT, FLAT = 0.5, 1.5
@@ -61,8 +64,9 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
     frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
     which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
-    Where that would take away what was meant to excite, all of the band does. One that jumps, or of so few stretches
-    that chance makes noise stand out, by central differences.
+    Bands of interference, in which the output does not follow, are left out.
+    Where that would take away what was meant to excite, all of the band does. One that jumps, or of few samples, by
+    central differences.
 
     Parameters
     ----------
@@ -85,11 +89,14 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
     if is_meant(values - _weighed(s, channel, inside), values):
         return _weighed(s, channel, lambda omega, share: 1j * omega)
-    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share))
+    at, power, noise = power_of(values, s.sample_time, s.finer)
+    alien = interference(at, power, noise, values, s.output, s.sample_time).astype(float)
+    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share)
+                    * (np.interp(omega, 2 * np.pi * at, alien) < 0.5))
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be found: one that does not jump, over stretches enough.
+    """Whether the band in which a channel moves can be found: one that does not jump, of samples enough.
 
     Parameters
     ----------
@@ -101,7 +108,7 @@ def has_band(s: Signals, channel: str) -> bool:
     -------
     bool
     """
-    return s[channel].size * s.sample_time >= MANY * STRETCH and not jumps(s[channel])
+    return s[channel].size >= FEWEST * SHORT and not jumps(s[channel])
 
 
 def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
@@ -216,32 +223,23 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
     for channel in dict.fromkeys([r for sources in RATES.values() for r in sources] + list(RATES)):
         if s.has(channel) and s[channel].size >= SHORT:
             source = next((r for r in RATES.get(channel, ()) if r in added and _derived(s, channel, r)), None)
-            level = _power(s[channel], s, STRETCH)[2]
+            level = power_of(s[channel], s.sample_time, s.finer)[2]
             added[channel] = np.gradient(added[source], s.sample_time) if source else \
                 np.sqrt(level / (2 * s.sample_time * s.finer)) * rng.standard_normal(s.n_samples)
     return weighed_alike(s.replace(**{c: s[c] + n for c, n in added.items()}), s)
 
 
 def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
-    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
-    at, power, noise = _power(x, s, STRETCH)
-    share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
+    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded.
+
+    What stands above the noise is motion in the band that begins at rest, and in further bands where the output follows
+    it: mains hum in a slow record, differentiated, is as large as the motion.
+    """
+    at, power, noise = power_of(x, s.sample_time, s.finer)
+    power = np.where(interference(at, power, noise, x, s.output, s.sample_time), noise, power)
+    share = of_motion(np.interp(omega, 2 * np.pi * at, power), noise)
     share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
     return np.where(omega <= omega[-1] / s.finer, share, 0.0)
-
-
-def _power(x: np.ndarray, s: Signals, stretch: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Frequencies [Hz] and power of a channel, averaged over stretches [s], and the level at the top of its band."""
-    from scipy.signal import welch
-
-    at, power = welch(x, 1 / s.sample_time, nperseg=min(x.size, max(round(stretch / s.sample_time), 2)))
-    return at, power, float(np.median(_top(at, power, s)))
-
-
-def _top(at: np.ndarray, power: np.ndarray, s: Signals) -> np.ndarray:
-    """Power at the top of the band that was recorded."""
-    recorded = power[at <= at[-1] / s.finer]
-    return recorded[-round(QUIET * recorded.size):]
 
 
 def _derived(s: Signals, channel: str, source: str) -> bool:
@@ -255,12 +253,11 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
 
     if s[source].size < SHORT:
         return False
-    stretch = min(STRETCH, s[source].size * s.sample_time / MANY)
-    at, power, noise = _power(s[source], s, stretch)
-    lower, upper = (float(np.median(half)) for half in np.array_split(_top(at, power, s), 2))
+    at, power, noise = power_of(s[source], s.sample_time, s.finer)
+    lower, upper = (float(np.median(half)) for half in np.array_split(top_of(at, power, s.finer), 2))
     if not 0 < max(lower, upper) < FLAT * min(lower, upper):
         return False
-    size = max(round(stretch / s.sample_time), 2)
+    size = max(int(stretch_of(s[source].size, s.sample_time) / s.sample_time), 2)
     common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]
     weight = welch(s[channel], 1 / s.sample_time, nperseg=size)[1] * (power < ABOVE * noise) * (at <= at[-1] / s.finer)
     return float(common @ weight) > COHERENT * float(weight.sum()) > 0

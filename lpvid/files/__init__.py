@@ -128,13 +128,34 @@ def _expand(item: str | Path) -> list[Path]:
 
 
 def natural(path: Path) -> list[tuple[int, int, str]]:
-    """Sorting key in which run2 comes before run10."""
+    """Sorting key in which run2 comes before run10.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of (int, int, str)
+        One entry per run of digits or of other characters, letters without their case.
+    """
     return [(0, int(part), "") if part.isdigit() else (1, 0, part.casefold())
             for part in re.split(r"([0-9]+)", str(path)) if part]
 
 
 def record_names(files: Iterable[Path]) -> list[str]:
-    """Stems of the files, with the extension and as many parent folders as it takes to separate them."""
+    """Stems of the files, with the extension and as many parent folders as it takes to separate them.
+
+    Parameters
+    ----------
+    files : iterable of Path
+        All of one data set.
+
+    Returns
+    -------
+    list of str
+        In the order of the files.
+    """
     resolved = [path.resolve() for path in files]
     bare = [path.with_suffix("") for path in resolved]
     tails = [path if bare.count(stem) > 1 else stem for path, stem in zip(resolved, bare, strict=True)]

@@ -44,7 +44,22 @@ def read_table(path: Path) -> ColumnTable:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """An MDF file of asammdf; whatever it cannot make sense of becomes one line."""
+    """An MDF file of asammdf; whatever it cannot make sense of becomes one line.
+
+    Parameters
+    ----------
+    path : Path
+
+    Yields
+    ------
+    asammdf.MDF
+        Open for reading.
+
+    Raises
+    ------
+    InputError
+        The file is no MDF file or is damaged, or asammdf is not installed.
+    """
     where = str(path)
     with path.open("rb") as stream:
         if stream.read(3) != b"MDF":
@@ -68,7 +83,26 @@ def _claim(group: Any) -> int:
 
 def signals(file: Any, group: int, first: int = 0, rows: int | None = None,
             wanted: Sequence[str] | None = None) -> list[Any]:
-    """Channels of a group, whole or `rows` samples from `first` on; of the names wanted, where any of them is there."""
+    """Channels of a group, whole or `rows` samples from `first` on; of the names wanted, where any of them is there.
+
+    Parameters
+    ----------
+    file : asammdf.MDF
+        From `opened`.
+    group : int
+        Channel group.
+    first : int
+        Row of the first sample; counts only with `rows`.
+    rows : int, optional
+        Left out, all of them.
+    wanted : sequence of str, optional
+        Channel names, in upper or lower case; left out, all channels.
+
+    Returns
+    -------
+    list of asammdf.Signal
+        Without the master channel, which each carries as time stamps.
+    """
     channels, master = file.groups[group].channels, file.masters_db.get(group)
     indices = [i for i in range(len(channels)) if i != master]
     if wanted is not None:
@@ -79,7 +113,25 @@ def signals(file: Any, group: int, first: int = 0, rows: int | None = None,
 
 
 def table(signals: list[Any], where: str) -> ColumnTable:
-    """Signals on one raster as columns after their clock."""
+    """Signals on one raster as columns after their clock.
+
+    Parameters
+    ----------
+    signals : list of asammdf.Signal
+        Of one group.
+    where : str
+        The file, for messages.
+
+    Returns
+    -------
+    ColumnTable
+        Invalidated samples are NaN; channels without numbers are left out, with a note.
+
+    Raises
+    ------
+    InputError
+        No signals, or signals with different time stamps.
+    """
     if not signals:
         raise InputError(f"{where}: there are no samples", mend="export the data again")
     clock = np.asarray(signals[0].timestamps, dtype=float)

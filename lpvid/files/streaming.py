@@ -50,7 +50,17 @@ class Chunks:
         return (record for _, record in self.located())
 
     def only(self, channels: Sequence[str]) -> Chunks:
-        """The same files, of which only these names or roles are read."""
+        """The same files, of which only these names or roles are read.
+
+        Parameters
+        ----------
+        channels : sequence of str
+            Names or roles.
+
+        Returns
+        -------
+        Chunks
+        """
         return replace(self, channels=tuple(channels))
 
     @property
@@ -60,7 +70,17 @@ class Chunks:
         return repr((stats, dict(self.roles), self.sample_rate))
 
     def located(self, place: tuple[int, int, int] = (0, 0, 0)) -> Iterator[tuple[tuple[int, int, int], Record]]:
-        """Records from a place on, each with the place behind it: set, file of the set, row of the file."""
+        """Records from a place on, each with the place behind it: set, file of the set, row of the file.
+
+        Parameters
+        ----------
+        place : (int, int, int)
+            As given with an earlier record; left out, the beginning.
+
+        Yields
+        ------
+        (int, int, int), Record
+        """
         begin, begin_part, begin_row = place
         for number, (name, parts) in enumerate(self.sets[begin:], begin):
             at_first = number == begin

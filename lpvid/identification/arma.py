@@ -27,7 +27,18 @@ class ARMA:
     d: np.ndarray
 
     def whiten(self, series: np.ndarray) -> np.ndarray:
-        """(n,) innovations of one series, from a zero past."""
+        """(n,) innovations of one series, from a zero past.
+
+        Parameters
+        ----------
+        series : (n,) array
+            v(k).
+
+        Returns
+        -------
+        (n,) array
+            e(k), in the unit of the series.
+        """
         return _through(series, self.d, self.c)
 
 
@@ -45,6 +56,11 @@ def fit_arma(series: Sequence[np.ndarray], nc: int, nd: int, start: ARMA | None 
         Orders.
     start : ARMA, optional
         Where to start instead.
+
+    Returns
+    -------
+    ARMA
+        Of zero coefficients where both orders are 0 or every series is zero throughout.
 
     Examples
     --------
@@ -88,6 +104,18 @@ class _Innovations:
 def reflected(tail: np.ndarray, edge: float = EDGE) -> np.ndarray:
     """Coefficients after the leading 1 with the roots outside the circle of radius `edge` reflected into it.
 
+    Parameters
+    ----------
+    tail : (m,) array
+        Coefficients of q⁻¹ … q⁻ᵐ.
+    edge : float
+        Largest modulus that a root keeps; a root beyond the unit circle is reflected first.
+
+    Returns
+    -------
+    (m,) array
+        `tail` itself where no root lies outside.
+
     Examples
     --------
     >>> reflected(np.array([-2.0]))
@@ -104,7 +132,18 @@ def reflected(tail: np.ndarray, edge: float = EDGE) -> np.ndarray:
 
 
 def largest_root(tail: np.ndarray) -> float:
-    """Largest modulus among the roots of 1 + Σ tail_i q⁻ⁱ."""
+    """Largest modulus among the roots of 1 + Σ tail_i q⁻ⁱ.
+
+    Parameters
+    ----------
+    tail : (m,) array
+        Coefficients of q⁻¹ … q⁻ᵐ.
+
+    Returns
+    -------
+    float
+        0 for an empty tail.
+    """
     return float(np.abs(np.roots(np.concatenate([[1.0], tail]))).max(initial=0.0)) if tail.size else 0.0
 
 
@@ -145,7 +184,19 @@ def _through(series: np.ndarray, numerator: np.ndarray, denominator: np.ndarray)
 
 
 def monic(tail: np.ndarray, m: int) -> np.ndarray:
-    """(m + 1,) coefficients 1, tail, zeros."""
+    """(m + 1,) coefficients 1, tail, zeros.
+
+    Parameters
+    ----------
+    tail : (n,) array
+        Coefficients after the leading 1, no more than m.
+    m : int
+        Degree.
+
+    Returns
+    -------
+    (m + 1,) array
+    """
     out = np.zeros(m + 1)
     out[0], out[1: 1 + tail.size] = 1.0, tail
     return out

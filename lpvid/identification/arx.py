@@ -180,7 +180,17 @@ class ARX(Structure):
         return np.array(rows), Columns(source, sign.astype(float), lag, function, phi_lag)
 
     def layout(self, width: int) -> ParameterLayout:
-        """Parameter layout, output by output."""
+        """Parameter layout, output by output.
+
+        Parameters
+        ----------
+        width : int
+            Filter inputs: the inputs, or the signals that the input stage makes of them.
+
+        Returns
+        -------
+        ParameterLayout
+        """
         rows, _ = self._places(width)
         part, index, signal, function = rows.T
         tables = [np.column_stack([part, index, np.full(len(rows), o), signal, function])
@@ -203,7 +213,24 @@ class ARX(Structure):
         return bound.regress(records, box)
 
     def regress(self, records: Sequence[Record], box: Scheduling) -> Identification:
-        """One least squares with the basis bound and the stage fixed."""
+        """One least squares with the basis bound and the stage fixed.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        box : Scheduling
+            Of the scheduling variables, to which the basis is bound.
+
+        Returns
+        -------
+        Identification
+
+        Raises
+        ------
+        InputError
+            No more equations than parameters per output, or regressors that the data cannot separate.
+        """
         equations = sum(r.n_samples - self.start for r in records)
         per_output = self.places().shape[0]
         if equations <= per_output:
@@ -212,11 +239,30 @@ class ARX(Structure):
         return self.solved(records, box, self.factor(records, box))
 
     def places(self) -> np.ndarray:
-        """(columns, 4) part, lag index, signal and basis function of every regressor column (`ParameterLayout`)."""
+        """(columns, 4) part, lag index, signal and basis function of every regressor column, as in a `ParameterLayout`.
+
+        Returns
+        -------
+        (columns, 4) int array
+        """
         return self._places(self._filter_width())[0]
 
     def factor(self, records: Sequence[Record], box: Scheduling, start: int | None = None) -> Factor:
-        """R of [X Y] with the basis bound and the stage fixed; rows from `start` on (by default the structure's)."""
+        """R of [X Y] with the basis bound and the stage fixed; rows from `start` on (by default the structure's).
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        box : Scheduling
+            Of the scheduling variables.
+        start : int, optional
+            First sample of every record that gives an equation; left out, the first whose lags are all inside.
+
+        Returns
+        -------
+        Factor
+        """
         return factorize(records, self._data(box, start))
 
     def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
@@ -233,7 +279,22 @@ class ARX(Structure):
                               self.start if start is None else start, stage, self._filter(), self.weight)
 
     def solved(self, records: Sequence[Record], box: Scheduling, factor: Factor) -> Identification:
-        """The estimate that a factor of these records holds."""
+        """The estimate that a factor of these records holds.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Those of the factor: they give names, units and the rate, and the residual for the covariance.
+        box : Scheduling
+            Of the scheduling variables, to which the basis is bound.
+        factor : Factor
+            R of [X Y].
+
+        Returns
+        -------
+        Identification
+            With a remark on the strength where the ridge found its own.
+        """
         width = self._filter_width()
         layout, model = self.layout(width), self._empty_model(records[0], box, width)
         names = [n.split(":")[-1] for n in layout.names(model)[: factor.columns]]
@@ -260,6 +321,10 @@ class ARX(Structure):
             R of [X Y].
         names : sequence of str
             One for each column of X.
+
+        Returns
+        -------
+        RegressionEstimate
         """
         assert not isinstance(self.ridge, Ridge)  # which finds its strength in `solved`
         return factor.solve(self.ridge, list(names), self._spare(records))
@@ -327,6 +392,20 @@ def _moves(records: Sequence[Record], name: str, what: str) -> None:
 
 def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool = True) -> Scheduling:
     """The box around the data's scheduling, refused where these data cannot carry the basis.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform and finite.
+    basis : Basis
+        Its variables are those of the box; a basis without any gives an empty box.
+    check_basis : bool
+        Whether the number of distinct levels must suffice for the basis.
+
+    Returns
+    -------
+    Scheduling
+        Lowest and highest value of each variable over all records, with its unit.
 
     Raises
     ------

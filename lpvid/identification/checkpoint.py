@@ -30,7 +30,12 @@ class Checkpoint:
         self.key = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()
 
     def load(self) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
-        """Plain data and arrays; None where there is no state, or one of something else, or a damaged one."""
+        """Plain data and arrays; None where there is no state, or one of something else, or a damaged one.
+
+        Returns
+        -------
+        (dict, dict of arrays) or None
+        """
         try:
             with np.load(self.path, allow_pickle=False) as found:
                 meta = json.loads(str(found[META]))
@@ -40,7 +45,15 @@ class Checkpoint:
         return (meta, arrays) if meta.pop("key", None) == self.key else None
 
     def save(self, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-        """Replace the state."""
+        """Replace the state.
+
+        Parameters
+        ----------
+        meta : mapping
+            Plain data for JSON.
+        arrays : mapping of str to array
+            By names that `load` gives back.
+        """
         part = self.path.with_name(self.path.name + ".part.npz")
         part.parent.mkdir(parents=True, exist_ok=True)
         content: dict[str, Any] = {META: np.array(json.dumps({**meta, "key": self.key})), **arrays}

@@ -22,6 +22,19 @@ class ComplianceProblem:
 
     The parameter vector: for every element the log-rises (tied in pairs about zero in a symmetric law) and ln k_h, then
     the linear terms, then the filter's where that is fitted (its columns are difference quotients).
+
+    Attributes
+    ----------
+    model : ComplianceModel
+        Whose knots, levels and settings are kept; its values serve as a start.
+    inputs : tuple of (n, n_inputs) arrays
+        Per record, the speed in the first column [m/s].
+    outputs : tuple of (n,) arrays
+        Measured force of every record [N].
+    scheduling : tuple of (n, n_scheduling) arrays
+        As logged, before any filter.
+    free_filter : bool
+        Whether the parameters of the scheduling filter are fitted along.
     """
 
     model: ComplianceModel
@@ -35,7 +48,28 @@ class ComplianceProblem:
     @classmethod
     def of(cls, records: Sequence[Record], model: ComplianceModel, free_filter: bool,
            asymmetric: bool) -> ComplianceProblem:
-        """Read the records once."""
+        """Read the records once.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        model : ComplianceModel
+            Where the search starts.
+        free_filter : bool
+            Whether the model's scheduling filter is fitted along.
+        asymmetric : bool
+            Whether rebound and compression have laws of their own; otherwise rises are tied in pairs.
+
+        Returns
+        -------
+        ComplianceProblem
+
+        Raises
+        ------
+        InputError
+            A symmetric law on knots that are not symmetric about zero.
+        """
         rises = model.knots.size - 1
         tie = np.arange(rises)
         if not asymmetric:
@@ -84,14 +118,30 @@ class ComplianceProblem:
         return out
 
     def start(self) -> np.ndarray:
-        """Own parameters of the model."""
+        """Own parameters of the model.
+
+        Returns
+        -------
+        (k,) array
+            Of a symmetric law the mean of each pair of log-rises.
+        """
         stage = self.model.scheduling_stage
         whole = np.concatenate([self.model.vector, stage.vector if self.filter_scales.size and stage else np.zeros(0)])
         select = self.matrix
         return select.T @ whole / select.sum(axis=0)
 
     def model_at(self, x: np.ndarray) -> ComplianceModel:
-        """The model at a parameter vector; rises are kept above rounding and below overflow."""
+        """The model at a parameter vector; rises are kept above rounding and below overflow.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters in the order of the class.
+
+        Returns
+        -------
+        ComplianceModel
+        """
         whole = self.matrix @ x
         cut = whole.size - self.filter_scales.size
         vector = whole[:cut].copy()
@@ -114,7 +164,20 @@ class ComplianceProblem:
 
     # -- errors ---------------------------------------------------------------------------------------------------
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
-        """Errors of the free run and their Jacobian, record by record."""
+        """Errors of the free run and their Jacobian, record by record.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters in the order of the class.
+        jacobian : bool
+            Whether the derivatives are wanted too.
+
+        Yields
+        ------
+        (n,) array, (n, k) array or None
+            Errors ŷ − y [N] from the model's first free sample on, and ∂ŷ/∂x; None where it was not wanted.
+        """
         model = self.model_at(x)
         tied = self.tie.max() + 1 < self.tie.size
         select = self.matrix if jacobian and tied else None
@@ -124,7 +187,7 @@ class ComplianceProblem:
                 run, _ = model.free_run(u, behind, y[: model.start], np.inf)
                 yield (run - y)[model.start:], None
                 continue
-            run, slopes = sensitivity(model, u, behind, y)
+            run, slopes = _sensitivity(model, u, behind, y)
             moved = [self._filter_slope(x, j, u, y, p, run) for j in range(self.filter_scales.size)]
             whole = np.column_stack([slopes, *moved])[model.start:] if moved else slopes[model.start:]
             yield (run - y)[model.start:], whole if select is None else whole @ select
@@ -140,7 +203,18 @@ class ComplianceProblem:
         return (near - run) / step
 
     def with_linear_terms(self, x: np.ndarray) -> np.ndarray:
-        """The vector with its linear terms replaced by the best ones for the elements' forces (variable projection)."""
+        """The vector with its linear terms replaced by the best ones for the elements' forces (variable projection).
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters in the order of the class.
+
+        Returns
+        -------
+        (k,) array
+            A copy; log-rises, stiffness and filter as in `x`.
+        """
         model = self.model_at(x)
         count = model.direct.size + model.side.size + 1
         first = x.size - self.filter_scales.size - count
@@ -156,7 +230,7 @@ class ComplianceProblem:
         return out
 
 
-def sensitivity(model: ComplianceModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sensitivity(model: ComplianceModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Free run from the measured start, (n,), and its exact Jacobian by the model's vector, (n, k)."""
     from lpvid._quasi_kernels import sensitivity_compliance
 

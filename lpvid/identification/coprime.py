@@ -153,7 +153,18 @@ class RightCoprime(Structure):
 
     # -- the canonical form -------------------------------------------------------------------------------------
     def empty(self, warm: LPVTransferFunction) -> LPVStateSpace:
-        """The canonical form with zero coefficients: chains of states, driven by the inputs and by 1."""
+        """The canonical form with zero coefficients: chains of states, driven by the inputs and by 1.
+
+        Parameters
+        ----------
+        warm : LPVTransferFunction
+            Gives rate, box, signals and stages.
+
+        Returns
+        -------
+        LPVStateSpace
+            Over this structure's basis; only the ones of the canonical form stand in it.
+        """
         n, nu, m = self.order, warm.n_filter_inputs, self.basis.size
         blocks = nu + (1 if self.affine > 1 else 0)
         orders = [n] * nu + ([max(self.na, self.affine - 1)] if self.affine > 1 else [])
@@ -175,7 +186,18 @@ class RightCoprime(Structure):
                              scheduling_stage=warm.scheduling_stage)
 
     def layout(self, template: LPVStateSpace) -> StateSpaceLayout:
-        """Parameters a_i (shared by all chains), b_j per input, d, c_j; the rest of the form is fixed."""
+        """Parameters a_i (shared by all chains), b_j per input, d, c_j; the rest of the form is fixed.
+
+        Parameters
+        ----------
+        template : LPVStateSpace
+            The form from `empty`, for its filter inputs.
+
+        Returns
+        -------
+        StateSpaceLayout
+            Parameters in the order a_1 …, then per input d and b_1 …, then c_0 …; each over the whole basis.
+        """
         m, nu = self.basis.size, template.n_filter_inputs
         code = {name: place for place, name in enumerate(ARRAYS)}
         rows: list[tuple[int, ...]] = []

@@ -270,13 +270,41 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
 
 
 def block_length(memory: int, samples: int, parameters: int) -> int | None:
-    """Samples in a block of scores: three times the residual's memory; None where that leaves too few blocks."""
+    """Samples in a block of scores: three times the residual's memory; None where that leaves too few blocks.
+
+    Parameters
+    ----------
+    memory : int
+        Lag from which on the residual is uncorrelated [samples].
+    samples : int
+        Samples of all records together.
+    parameters : int
+        Estimated parameters.
+
+    Returns
+    -------
+    int or None
+        [samples].
+    """
     length = min(max(3 * memory, SHORTEST), samples // max(BLOCKS, BLOCKS_PER_PARAMETER * parameters))
     return length if length >= max(memory, SHORTEST) else None
 
 
 def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
-    """Lag from which on the residual's autocorrelation stays within its 95 % band (Bartlett's) for ten lags."""
+    """Lag from which on the residual's autocorrelation stays within its 95 % band (Bartlett's) for ten lags.
+
+    Parameters
+    ----------
+    residuals : sequence of (n,) arrays
+        One per record; their means are taken off.
+    longest : int
+        Largest lag that is looked at, and at most a fiftieth of the samples.
+
+    Returns
+    -------
+    int
+        [samples]; 1 for residuals that are zero or too short, `longest` where the band is never kept.
+    """
     n = sum(len(e) for e in residuals)
     longest = min(longest, max(n // 50, 1))
     centred = [e - e.mean() for e in residuals if len(e) > longest + 1]

@@ -71,7 +71,24 @@ class CovarianceReset(Encoded):
 
 
 def forgetting_factor(value: object, name: str) -> float:
-    """A forgetting factor, above 0 and up to 1."""
+    """A forgetting factor, above 0 and up to 1.
+
+    Parameters
+    ----------
+    value : object
+        What the caller gave.
+    name : str
+        What it is, for the error message.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        Not above 0, or above 1.
+    """
     number = _checks.real(value, name)
     if not 0 < number <= 1:
         raise InputError(f"{name} must lie above 0 and not above 1", got=value)

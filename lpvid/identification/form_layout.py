@@ -130,6 +130,22 @@ def bounded_start(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchDa
     """The model with its frozen poles drawn toward zero, z → factor·z, by the least factor that bounds its run.
 
     The layout lists the coefficients a_1 … a_na first, all over the same basis.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        Canonical form whose run may diverge.
+    layout : StateSpaceLayout
+        Of its free entries.
+    data : SearchData
+        Records on which the run must stay bounded.
+    na : int
+        Number of coefficients a_i.
+
+    Returns
+    -------
+    StateSpaceSearchEnd
+        A search that has not begun, at that model; at the strongest factor tried where none bounds the run.
     """
     theta = layout.read(model)
     width = layout.labels.count("a1")

@@ -60,11 +60,33 @@ class FormRefit:
         return self.realization.form
 
     def esr(self, which: str, label: str = "training") -> float | None:
-        """Pooled free-run ESR of one of `SHOWN` on "training" or "held-out" data; None where it diverges."""
+        """Pooled free-run ESR of one of `SHOWN` on "training" or "held-out" data; None where it diverges.
+
+        Parameters
+        ----------
+        which : str
+            One of `SHOWN`.
+        label : {"training", "held-out"}
+            Part of the data.
+
+        Returns
+        -------
+        float or None
+        """
         return {v.label: v.overall.free_run.esr for v in self.figures[which]}[label]
 
     def with_model(self, model: LPVStateSpace) -> FormRefit:
-        """The same figures beside another model of this form, such as one fitted to all data."""
+        """The same figures beside another model of this form, such as one fitted to all data.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            To stand as the form re-estimated.
+
+        Returns
+        -------
+        FormRefit
+        """
         return replace(self, found=self.found.replace(model=model))
 
     def to_dict(self) -> dict:
@@ -79,12 +101,24 @@ class FormRefit:
                 "remark": self.remark, "identification": self.found.to_dict()}
 
     def summary(self) -> dict:
-        """Free-run figures by model and by part of the data."""
+        """Free-run figures by model and by part of the data.
+
+        Returns
+        -------
+        dict
+            Plain data for JSON: ``{model: {part: {"esr": …, "fit_percent": … [%]}}}``.
+        """
         return {name: {v.label: {"esr": v.overall.free_run.esr, "fit_percent": v.overall.free_run.fit_percent}
                        for v in shown} for name, shown in self.figures.items()}
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Name, and free-run ESR on each part of the data, as text."""
+        """Name, and free-run ESR on each part of the data, as text.
+
+        Returns
+        -------
+        list of tuple of str
+            One row per model; "diverges" for a run without figure.
+        """
         def text(value: float | None) -> str:
             return "diverges" if value is None else f"{value:.4g}"
 

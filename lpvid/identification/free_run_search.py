@@ -28,19 +28,51 @@ class FreeRunProblem(Protocol):
     """What is minimised: errors record by record at a parameter vector, with their exact Jacobian on request."""
 
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterable[Piece]:
-        """(n,) errors ŷ − y and (n, k) ∂ŷ/∂x of every record; an error that is not finite marks divergence."""
+        """(n,) errors ŷ − y and (n, k) ∂ŷ/∂x of every record; an error that is not finite marks divergence.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters.
+        jacobian : bool
+            Whether the derivatives are wanted too; None in their place otherwise.
+
+        Returns
+        -------
+        iterable of ((n,) array, (n, k) array or None)
+            One pair per record, in the unit of the output.
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Rows W and values t of equations W x = t in the output's unit, each as sure as one sample."""
+    """Rows W and values t of equations W x = t in the output's unit, each as sure as one sample.
+
+    Attributes
+    ----------
+    rows : (r, k) array
+        W.
+    values : (r,) array
+        t.
+    """
 
     rows: np.ndarray
     values: np.ndarray
 
     def error(self, x: np.ndarray) -> np.ndarray:
-        """W x − t."""
+        """W x − t.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters.
+
+        Returns
+        -------
+        (r,) array
+            In the unit of the output.
+        """
         return self.rows @ x - self.values
 
 
@@ -113,6 +145,26 @@ def minimise(problem: FreeRunProblem, prior: Prior, start: np.ndarray, scales: n
 
     A trial whose run diverges, or whose cost does not fall, is refused, so that the search cannot leave the set of
     models that run. Columns are scaled; no step is longer than `LONGEST_STEP` scales.
+
+    Parameters
+    ----------
+    problem : FreeRunProblem
+        Gives errors and Jacobian.
+    prior : Prior
+        Its equations count beside those of the data.
+    start : (k,) array
+        Parameters to begin with.
+    scales : (k,) array
+        What counts as a unit change of each parameter.
+    max_iterations : int
+        Accepted steps at most.
+    tolerance : float
+        The search ends when the cost falls by less than this share of itself.
+
+    Returns
+    -------
+    FreeRunSearchEnd or None
+        Parameters in ``trial.x``, with the cost and why the search ended.
     """
     stop = StopRule(tolerance, iterations=max_iterations, promise=0.0, worth=0.0)
     return descend(_FreeRunSearch(problem, prior, scales), np.array(start, dtype=float), stop, Factors())
@@ -123,6 +175,20 @@ def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.nda
 
     S sums the lagged products of the scores J(t) e(t) with Bartlett weights over the residual's memory (Newey & West
     1987): a free run's error is never white. H holds the prior's equations too.
+
+    Parameters
+    ----------
+    problem : FreeRunProblem
+        That of the search.
+    found : FreeRunSearchEnd
+        End of the search.
+
+    Returns
+    -------
+    (k, k) array
+        Covariance of the searched parameters.
+    float
+        Mean squared error per sample [square of the output's unit].
     """
     errors, scores = [], []
     for error, jacobian in problem.pieces(found.trial.x, True):
@@ -136,24 +202,68 @@ def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.nda
 
 @dataclass(frozen=True, eq=False)
 class VectorLayout:
-    """Layout of a self-scheduled model: its parameters in the order of its `vector`."""
+    """Layout of a self-scheduled model: its parameters in the order of its `vector`.
+
+    Attributes
+    ----------
+    size : int
+        Number of parameters k.
+    """
 
     size: int
 
     def fill(self, model: SelfScheduled, theta: np.ndarray) -> SelfScheduled:
-        """The model with these parameters."""
+        """The model with these parameters.
+
+        Parameters
+        ----------
+        model : SelfScheduled
+            Gives everything but the parameters.
+        theta : (k,) array
+            Parameters in the order of the model's `vector`.
+
+        Returns
+        -------
+        SelfScheduled
+        """
         return model.with_vector(theta)
 
     def read(self, model: SelfScheduled) -> np.ndarray:
-        """(k,) parameters of a model."""
+        """(k,) parameters of a model.
+
+        Parameters
+        ----------
+        model : SelfScheduled
+            A model of this layout.
+
+        Returns
+        -------
+        (k,) array
+        """
         return model.vector
 
     def names(self, model: SelfScheduled) -> tuple[str, ...]:
-        """(k,) their names."""
+        """(k,) their names.
+
+        Parameters
+        ----------
+        model : SelfScheduled
+            A model of this layout.
+
+        Returns
+        -------
+        tuple of str
+        """
         return model.parameter_names
 
     def to_list(self) -> list[int]:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        list of int
+            The places 0 … k − 1.
+        """
         return list(range(self.size))
 
 
@@ -169,6 +279,28 @@ def package(
     """The Identification of a search's end, with covariance and metadata.
 
     `select` (model's parameters, searched parameters) gives the searched parameter of each of the model's.
+
+    Parameters
+    ----------
+    structure : Structure
+        That was asked for.
+    model : SelfScheduled
+        The estimate.
+    problem : FreeRunProblem
+        That of the search, for the covariance.
+    found : FreeRunSearchEnd
+        End of the search.
+    records : sequence of Record
+        Data of the fit.
+    notes : sequence of str
+        Remarks that go in front of the one on the search.
+    select : (model's parameters, searched parameters) array, optional
+        Left out where both are the same.
+
+    Returns
+    -------
+    Identification
+        Standard errors stand in the metadata up to `COVARIANCE_LIMIT` parameters.
     """
     size = model.vector.size
     spread, variance = covariance(problem, found)
@@ -192,7 +324,21 @@ def package(
 
 def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: float,
                   place: int = 0) -> SchedulingStage | None:
-    """The filter to start from: of a named one, start number `place`."""
+    """The filter to start from: of a named one, start number `place`.
+
+    Parameters
+    ----------
+    schedule_filter : str, SchedulingStage or None
+        As the structure has it; an object is the start itself.
+    sample_time : float
+        Period [s].
+    place : int
+        Which of the starts; beyond the last it begins again at the first.
+
+    Returns
+    -------
+    SchedulingStage or None
+    """
     if isinstance(schedule_filter, str):
         starts = FITTED[schedule_filter].starts(sample_time)
         return starts[place % len(starts)]
@@ -200,5 +346,16 @@ def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: fl
 
 
 def filter_scales(stage: SchedulingStage | None) -> np.ndarray:
-    """Scales of a fitted filter's parameters, so short that no single step takes a time constant to zero."""
+    """Scales of a fitted filter's parameters, so short that no single step takes a time constant to zero.
+
+    Parameters
+    ----------
+    stage : SchedulingStage or None
+        The fitted filter.
+
+    Returns
+    -------
+    (s,) array
+        In the units of the filter's parameters; empty without a filter.
+    """
     return np.zeros(0) if stage is None else 0.4 * stage.scales()

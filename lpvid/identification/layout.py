@@ -23,15 +23,47 @@ class ModelLayout(Protocol):
         ...
 
     def fill(self, model: Any, theta: np.ndarray) -> Any:
-        """The model with these parameters in place of its own."""
+        """The model with these parameters in place of its own.
+
+        Parameters
+        ----------
+        model : model
+            Gives everything but the parameters.
+        theta : (k,) array
+            In the order of the layout.
+
+        Returns
+        -------
+        model
+        """
         ...
 
     def read(self, model: Any) -> np.ndarray:
-        """(k,) parameters of a model of this layout."""
+        """(k,) parameters of a model of this layout.
+
+        Parameters
+        ----------
+        model : model
+            Of this layout.
+
+        Returns
+        -------
+        (k,) array
+        """
         ...
 
     def names(self, model: Any) -> tuple[str, ...]:
-        """A readable name of every parameter."""
+        """A readable name of every parameter.
+
+        Parameters
+        ----------
+        model : model
+            Of this layout.
+
+        Returns
+        -------
+        tuple of str
+        """
         ...
 
 
@@ -57,7 +89,19 @@ class ParameterLayout:
         return self.table.shape[0]
 
     def fill(self, model: LPVTransferFunction, theta: np.ndarray) -> LPVTransferFunction:
-        """The model with these parameters in place of its own; all other coefficients stay."""
+        """The model with these parameters in place of its own; all other coefficients stay.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            With the lags of the layout.
+        theta : (k,) array
+            In the order of the table.
+
+        Returns
+        -------
+        LPVTransferFunction
+        """
         assert model.c is not None
         a, b, c = model.a.copy(), model.b.copy(), model.c.copy()
         part, lag, output, source, function = self.table.T
@@ -69,13 +113,33 @@ class ParameterLayout:
         return model.replace(a=a, b=b, c=c)
 
     def read(self, model: LPVTransferFunction) -> np.ndarray:
-        """(k,) parameters of a model of this layout."""
+        """(k,) parameters of a model of this layout.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            Of this layout.
+
+        Returns
+        -------
+        (k,) array
+        """
         assert model.c is not None
         arrays = (model.a, model.b, model.c)
         return np.array([arrays[p][i, o, f] if p == 2 else arrays[p][i, o, q, f] for p, i, o, q, f in self.table])
 
     def names(self, model: LPVTransferFunction) -> tuple[str, ...]:
-        """A readable name of every parameter, e.g. ``a1[current]``; signals are named where there are several."""
+        """A readable name of every parameter, e.g. ``a1[current]``; signals are named where there are several.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            Of this layout.
+
+        Returns
+        -------
+        tuple of str
+        """
         labels = model.basis.labels
         listed = []
         for part, lag, output, source, function in self.table:
@@ -88,7 +152,13 @@ class ParameterLayout:
         return tuple(listed)
 
     def to_list(self) -> list[list[int]]:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        list of list of int
+            Rows of the table.
+        """
         return self.table.tolist()
 
 
@@ -98,6 +168,15 @@ class ParameterCloud:
 
     A model file carries it in ``metadata["parameters"]``, so that a stability report written later, elsewhere, still
     knows how sure the poles are.
+
+    Attributes
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        At the estimate.
+    layout : ModelLayout
+        Places of the k parameters in it.
+    covariance : (k, k) array
+        Of the estimate.
     """
 
     model: Any
@@ -106,7 +185,17 @@ class ParameterCloud:
 
     @classmethod
     def of(cls, model: LPVTransferFunction | LPVStateSpace) -> ParameterCloud | None:
-        """The cloud that a model's metadata describes, or None when it has none."""
+        """The cloud that a model's metadata describes, or None when it has none.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction or LPVStateSpace
+            As estimated, or as read from its file.
+
+        Returns
+        -------
+        ParameterCloud or None
+        """
         data = model.metadata.get("parameters")
         if not isinstance(data, Mapping) or "covariance" not in data:
             return None
@@ -116,7 +205,19 @@ class ParameterCloud:
         return cls(model, layout, np.array(data["covariance"], dtype=float))
 
     def draw(self, rng: np.random.Generator, count: int) -> list:
-        """`count` models with parameters drawn from the normal law of the estimate."""
+        """`count` models with parameters drawn from the normal law of the estimate.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        count : int
+            Number of models.
+
+        Returns
+        -------
+        list of models
+            Of the same kind as the estimate.
+        """
         theta = self.layout.read(self.model)
         values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))

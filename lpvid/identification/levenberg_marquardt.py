@@ -150,6 +150,22 @@ def reduce(problem: PredictionErrorProblem, factors: list[np.ndarray],
     """Eliminate every record's past: the factor of the shared part [J_shared e], and each record's own rows.
 
     With damping, √damping times the column norms stands below each past's columns.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        For the number of initial conditions per record.
+    factors : list of arrays
+        Per record the triangular factor of [J_past J_shared e].
+    damping : float
+        λ of the step; 0 for none.
+
+    Returns
+    -------
+    (k + 1, k + 1) array
+        Triangular factor of [J_shared e] with all pasts eliminated.
+    list of arrays
+        Per record the rows that belong to its past.
     """
     ni = problem.n_past
     tails, heads = [], []
@@ -183,6 +199,18 @@ def frozen_radius(problem: PredictionErrorProblem, point: Point) -> float:
     """Largest modulus of the frozen poles of what must be stable, at points spread over the training trajectory.
 
     That is A for output errors and Box-Jenkins models (and their C), and C for ARMAX models.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        For its data and its kind of noise.
+    point : Point
+        Parameters.
+
+    Returns
+    -------
+    float
+        0 where nothing has poles.
     """
     model = problem.model_at(point.shared)
     points = FROZEN_POINTS if problem.n_outputs > 1 else STEP_DOWN_POINTS
@@ -190,7 +218,21 @@ def frozen_radius(problem: PredictionErrorProblem, point: Point) -> float:
 
 
 def frozen_inside(problem: PredictionErrorProblem, point: Point, limit: float) -> bool:
-    """Whether `frozen_radius` is below `limit`: by step-down (Schur-Cohn) for one output, without any eigenvalue."""
+    """Whether `frozen_radius` is below `limit`: by step-down (Schur-Cohn) for one output, without any eigenvalue.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        For its data and its kind of noise.
+    point : Point
+        Parameters.
+    limit : float
+        Modulus; infinite for no limit.
+
+    Returns
+    -------
+    bool
+    """
     if not np.isfinite(limit):
         return True
     if problem.n_outputs > 1:
@@ -212,7 +254,22 @@ def _schur(a: np.ndarray, limit: float) -> bool:
 
 
 def frozen_moduli(problem: PredictionErrorProblem, model: LPVTransferFunction, points: int) -> np.ndarray:
-    """(points,) largest frozen pole modulus at points spread evenly over all records."""
+    """(points,) largest frozen pole modulus at points spread evenly over all records.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        For its data and its kind of noise.
+    model : LPVTransferFunction
+        Whose poles are wanted.
+    points : int
+        How many, about.
+
+    Returns
+    -------
+    (points,) array
+        Of several polynomials (A and a varying C) the larger modulus.
+    """
     return np.max([_largest_root(a) for a in _frozen(problem, model, points)], axis=0)
 
 

@@ -155,7 +155,19 @@ class Passive(Structure):
                              balanced=self.balanced)
 
     def certificate(self, search: PassiveSearch, reached: Reached) -> PassivityCertificate:
-        """What numpy finds about the storage function that the search ended with; else a search of its own."""
+        """What numpy finds about the storage function that the search ended with; else a search of its own.
+
+        Parameters
+        ----------
+        search : PassiveSearch
+            That gave the model.
+        reached : Reached
+            Where it ended.
+
+        Returns
+        -------
+        PassivityCertificate
+        """
         units, model = (search.speed, search.force), search.model_at(reached.xi)
         program = search.program(reached.xi)
         storage, multiplier, outcome = proven(model, program, reached.iterate, units)

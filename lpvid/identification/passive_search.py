@@ -111,7 +111,18 @@ class PassiveSearch:
         return tuple(range(first, first + int(np.sum(self.problem._scales[0] > 0))))
 
     def model_at(self, xi: np.ndarray) -> LPVTransferFunction:
-        """The model of ξ, with c(p) = F₀ (1 + Σ a_i(p)) in its first affine term."""
+        """The model of ξ, with c(p) = F₀ (1 + Σ a_i(p)) in its first affine term.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        LPVTransferFunction
+            In the units of the records.
+        """
         theta = np.zeros(self.layout.size)
         theta[self.moving] = (xi * self.units)[: self.moving.size]
         values = xi * self.units
@@ -123,14 +134,36 @@ class PassiveSearch:
         return model.replace(c=c)
 
     def read(self, model: LPVTransferFunction, offset: float) -> np.ndarray:
-        """ξ of a model."""
+        """ξ of a model.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            Of the problem's layout.
+        offset : float
+            F₀ [unit of the force]; of no effect in a search without preload.
+
+        Returns
+        -------
+        (k,) array
+        """
         shared = self.problem.point(model).shared
         own = self.layout.read(model)[self.moving]
         stages = shared[shared.size - self.n_stages :]
         return np.concatenate([own, [offset] if self.offset else [], stages]) / self.units
 
     def program(self, xi: np.ndarray) -> PassiveProgram:
-        """The inequalities at ξ."""
+        """The inequalities at ξ.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        PassiveProgram
+        """
         model = scaled(self.model_at(xi), self.speed, self.force)
         return PassiveProgram(model, model.box, self.degree, self.layout.table[self.moving], DENSITY)
 
@@ -148,11 +181,32 @@ class PassiveSearch:
         return np.sqrt(variance.mean() / variance)
 
     def cost(self, xi: np.ndarray) -> float:
-        """Free-run sum of squares, weighted; infinite where the run diverges."""
+        """Free-run sum of squares, weighted; infinite where the run diverges.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        float
+        """
         return self._sum(self.problem.residuals(self.point(xi)), self.record_weights)
 
     def plain_cost(self, xi: np.ndarray) -> float:
-        """The same without weights."""
+        """The same without weights.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        float
+            [square of the force's unit]; infinite where the run diverges.
+        """
         return self._sum(self.problem.residuals(self.point(xi)), np.ones(len(self.record_weights)))
 
     def _sum(self, found: PredictionErrors | None, weights: np.ndarray) -> float:
@@ -162,11 +216,32 @@ class PassiveSearch:
         return float(sum(np.sum((w * own * e[head:]) ** 2) for w, e in zip(weights, found.errors, strict=True)))
 
     def point(self, xi: np.ndarray) -> Point:
-        """ξ as a point of the problem."""
+        """ξ as a point of the problem.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        Point
+        """
         return self.problem.point(self.model_at(xi))
 
     def linearised(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """J and r of the linearised error ‖r + J dξ‖², both folded into a triangle, and the cost."""
+        """J and r of the linearised error ‖r + J dξ‖², both folded into a triangle, and the cost.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        (J, r, cost) or None
+            None where the free run diverges.
+        """
         point = self.point(xi)
         now = self.problem.residuals(point)
         if now is None:
@@ -177,7 +252,17 @@ class PassiveSearch:
         return -jacobian @ self.chain(xi), error, self._sum(now, self.record_weights)
 
     def chain(self, xi: np.ndarray) -> np.ndarray:
-        """(parameters of the problem, size of ξ) derivative of the one by the other."""
+        """(parameters of the problem, size of ξ) derivative of the one by the other.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+
+        Returns
+        -------
+        (parameters of the problem, k) array
+        """
         chain, stages = np.zeros((sum(self.problem.sizes), xi.size)), np.arange(self.n_stages)
         chain[self.moving, np.arange(self.moving.size)] = self.units[: self.moving.size]
         chain[self.layout.size + stages, xi.size - self.n_stages + stages] = self.units[xi.size - self.n_stages :]
@@ -207,13 +292,23 @@ class PassiveSearch:
             The unconstrained model, for the stages.
         offset : float
             F₀.
+
+        Returns
+        -------
+        Reached
+            With no step taken.
+
+        Raises
+        ------
+        NumericalError
+            No storage function is found for the static damper.
         """
         from scipy.optimize import nnls
 
         table = self.layout.table[self.moving]
         direct = [np.flatnonzero((table[:, 0] == 1) & (table[:, 1] == 0) & (table[:, 3] == q))
                   for q in range(model.n_filter_inputs)]
-        parts = positive_parts(model)
+        parts = _positive_parts(model)
         rows, target = [], []
         for y, (u, phi) in zip(self.problem._y, self.problem.drive(model), strict=True):
             rows.append(np.vstack([parts.T @ phi * u[q] for q in range(len(direct))]).T)
@@ -248,6 +343,16 @@ class PassiveSearch:
             Receives every step.
         descend : bool
             Whether a step must lower the error; not so on the way to more room.
+
+        Returns
+        -------
+        Reached
+            Where two steps in a row lower the error by little, no step is left, or `most` are taken.
+
+        Raises
+        ------
+        NumericalError
+            The free run of a passive model diverges.
         """
         xi, iterate, cost, steps, calm = reached.xi, reached.iterate, reached.cost, reached.steps, 0
         while steps < reached.steps + most and calm < 2:
@@ -260,7 +365,7 @@ class PassiveSearch:
             if moved is None or not share:
                 break
             xi, steps = xi + share * moved[0], steps + 1
-            iterate = self.recentred(xi, _between(iterate, moved[1], share))
+            iterate = self._recentred(xi, _between(iterate, moved[1], share))
             report_progress(f"passive step {steps}: free-run rms {np.sqrt(ahead / self.problem.counted):.4g}, "
                 f"room {-iterate.shortage:.3g}, share {share:.3g}")
             calm = calm + 1 if cost - ahead < SMALL * cost else 0
@@ -277,7 +382,7 @@ class PassiveSearch:
                 return moved
         return None
 
-    def recentred(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
+    def _recentred(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
         """P and λ with the most room at ξ: on the boundary of the set that one P allows, steps would shrink to none."""
         iterate, program = self.judged(xi, iterate), self.program(xi)
         try:
@@ -291,7 +396,19 @@ class PassiveSearch:
         return found if found.shortage <= min(0.0, 0.5 * iterate.shortage) else iterate
 
     def judged(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
-        """The iterate with its shortage as the program at ξ has it."""
+        """The iterate with its shortage as the program at ξ has it.
+
+        Parameters
+        ----------
+        xi : (k,) array
+            ξ, without unit.
+        iterate : Iterate
+            Storage function and multiplier.
+
+        Returns
+        -------
+        Iterate
+        """
         return replace(iterate, shortage=self.program(xi).shortage(iterate))
 
     def _along(self, xi: np.ndarray, moved: tuple[np.ndarray, Iterate], iterate: Iterate, cost: float
@@ -322,6 +439,15 @@ class PassiveSearch:
         """(k, k) σ²(JᵀJ)⁻¹ of the layout's parameters in free run, the condition of J in unit columns, and its rows.
 
         The constraint is left out: where it is active the parameters vary less.
+
+        Parameters
+        ----------
+        reached : Reached
+            Where the search ended.
+
+        Returns
+        -------
+        (k, k) array, float, int
         """
         found = self.linearised(reached.xi)
         assert found is not None
@@ -335,7 +461,7 @@ class PassiveSearch:
         return (chain @ (spread * inverse_gram(jacobian)) @ chain.T, float(np.linalg.cond(alive)), rows)
 
 
-def positive_parts(model: LPVTransferFunction) -> np.ndarray:
+def _positive_parts(model: LPVTransferFunction) -> np.ndarray:
     """(M, r) combinations of the basis that are nowhere negative in the box, and positive together.
 
     Of a polynomial in one variable 1 − t and t over its range; the functions of a spline; else the constant.

@@ -23,6 +23,15 @@ def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, colo
     Λ Σ_k J^f_k J^f_kᵀ with J^f = J filtered by the autoregression that describes v (its order by AIC, one filter for
     all outputs). J is independent of v, so this needs no choice of a window.
 
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        That of the search.
+    search : LeastSquaresEnd
+        Its end.
+    coloured : bool
+        Whether the errors may be coloured, as output errors are.
+
     Returns
     -------
     (k, k) array, str

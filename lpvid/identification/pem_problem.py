@@ -43,7 +43,17 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class PredictionErrors:
-    """Prediction errors at a point, record by record, from sample ``head`` on (zero before), and the weighted cost."""
+    """Prediction errors at a point, record by record, from sample ``head`` on (zero before), and the weighted cost.
+
+    Attributes
+    ----------
+    errors : tuple of (n, n_outputs) arrays
+        One per record, in the units of the outputs.
+    plants : tuple of (n, n_outputs) arrays
+        What the Jacobian needs of the run besides: the plant's output x, or A y − B u of an ARMAX model.
+    cost : float
+        Σ of the squared errors, each times the weight of its output.
+    """
 
     errors: tuple[np.ndarray, ...]
     plants: tuple[np.ndarray, ...]
@@ -113,7 +123,18 @@ class PredictionErrorProblem:
         return self.depth * self.n_outputs if self.estimate_past else 0
 
     def point(self, model: LPVTransferFunction) -> Point:
-        """The point of a model, its noise included when of this kind; past outputs as measured, innovations zero."""
+        """The point of a model, its noise included when of this kind; past outputs as measured, innovations zero.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            Of the problem's orders and layout.
+
+        Returns
+        -------
+        Point
+            With the free parameters of the stages.
+        """
         noise = model.noise.vector if model.noise.kind == self.noise.kind else np.zeros(0)
         if noise.size != self.noise.vector.size:
             noise = np.zeros(self.noise.vector.size)
@@ -125,14 +146,35 @@ class PredictionErrorProblem:
         return Point(np.concatenate([self.layout.read(model), noise, *stages]), past)
 
     def model_at(self, shared: np.ndarray) -> LPVTransferFunction:
-        """The model at these shared parameters."""
+        """The model at these shared parameters.
+
+        Parameters
+        ----------
+        shared : (k,) array
+            In the order of a `Point`.
+
+        Returns
+        -------
+        LPVTransferFunction
+        """
         k, q, _ = self.sizes
         stage, lag = self._stages(shared[k + q:])
         noise = self.noise.with_vector(shared[k: k + q])
         return self.layout.fill(self.model, shared[:k]).replace(noise=noise, input_stage=stage, scheduling_stage=lag)
 
     def projected(self, shared: np.ndarray) -> np.ndarray:
-        """`shared` with the stages' parameters brought into their admissible range."""
+        """`shared` with the stages' parameters brought into their admissible range.
+
+        Parameters
+        ----------
+        shared : (k,) array
+            In the order of a `Point`.
+
+        Returns
+        -------
+        (k,) array
+            `shared` itself where no stage is free.
+        """
         k, q, s = self.sizes
         if not s:
             return shared
@@ -155,7 +197,17 @@ class PredictionErrorProblem:
 
     # -- signals -------------------------------------------------------------------------------------------------
     def drive(self, model: LPVTransferFunction) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per record filter inputs (width, n) and basis functions (M, n); kept as long as the stages stay."""
+        """Per record filter inputs (width, n) and basis functions (M, n); kept as long as the stages stay.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            Whose stages and basis apply.
+
+        Returns
+        -------
+        list of ((width, n) array, (M, n) array)
+        """
         stages = (model.input_stage, model.scheduling_stage)
         key = b"".join(s.vector.tobytes() for s in stages if s is not None)
         if self._driven is None or self._driven[0] != key:
@@ -168,7 +220,17 @@ class PredictionErrorProblem:
         return self._driven[1]
 
     def residuals(self, point: Point) -> PredictionErrors | None:
-        """Prediction errors at a point, or None where a run diverges."""
+        """Prediction errors at a point, or None where a run diverges.
+
+        Parameters
+        ----------
+        point : Point
+            Parameters and pasts.
+
+        Returns
+        -------
+        PredictionErrors or None
+        """
         model = self.model_at(point.shared)
         errors, plants, cost = [], [], 0.0
         for y, past, (u, phi) in zip(self._y, point.past, self.drive(model), strict=True):
@@ -231,7 +293,19 @@ class PredictionErrorProblem:
 
     # -- Jacobian ------------------------------------------------------------------------------------------------
     def factors(self, point: Point, residuals: PredictionErrors) -> list[np.ndarray]:
-        """Per record the triangular factor of [J_past  J_shared  e], weighted."""
+        """Per record the triangular factor of [J_past  J_shared  e], weighted.
+
+        Parameters
+        ----------
+        point : Point
+            Parameters and pasts.
+        residuals : PredictionErrors
+            At that point.
+
+        Returns
+        -------
+        list of (n_past + k + 1, n_past + k + 1) arrays
+        """
         from lpvid._kernels import ChunkedQR
 
         out = []
@@ -255,6 +329,15 @@ class PredictionErrorProblem:
 
         ``consumer(record)`` gives a function that is called as ``absorb(write, rows)`` for each chunk in turn;
         ``write(block, row0, output)`` writes the weighted rows [J_past J_shared e] of one output, transposed.
+
+        Parameters
+        ----------
+        point : Point
+            Parameters and pasts.
+        residuals : PredictionErrors
+            At that point.
+        consumer : callable
+            As above; called once per record.
         """
         from lpvid.identification.pem_sweep import sweep_record
 

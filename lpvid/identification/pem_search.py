@@ -25,7 +25,17 @@ Ranked = tuple[float, str, LPVTransferFunction]
 
 @dataclass(frozen=True, eq=False)
 class PredictionErrorOutcome:
-    """A finished search, where it began, and the weights of the outputs in its cost."""
+    """A finished search, where it began, and the weights of the outputs in its cost.
+
+    Attributes
+    ----------
+    search : LeastSquaresEnd
+        Its trial holds the parameters.
+    label : str
+        Name of the start.
+    weights : (n_outputs,) array
+        Factor on each output's error.
+    """
 
     search: LeastSquaresEnd
     label: str
@@ -65,7 +75,20 @@ class Campaign:
     inside: bool = False
 
     def follow(self, ranked: Sequence[Ranked], frozen_limit: float) -> PredictionErrorOutcome | None:
-        """A short search on the sample from each of these starts, and the full search from the best of them."""
+        """A short search on the sample from each of these starts, and the full search from the best of them.
+
+        Parameters
+        ----------
+        ranked : sequence of (cost, label, model)
+            Starts by rising cost, as from `ranked`.
+        frozen_limit : float
+            Largest modulus of frozen poles that a trial may have; infinite for no limit.
+
+        Returns
+        -------
+        PredictionErrorOutcome or None
+            None where no start runs on all data.
+        """
         return self.finish(self._tried(ranked, frozen_limit), frozen_limit)
 
     def _tried(self, ranked: Sequence[Ranked], frozen_limit: float) -> list[Ranked]:
@@ -78,7 +101,20 @@ class Campaign:
         return sorted(tried, key=lambda row: row[0])
 
     def finish(self, tried: Sequence[Ranked], frozen_limit: float) -> PredictionErrorOutcome | None:
-        """The full search from the first start that runs on all data."""
+        """The full search from the first start that runs on all data.
+
+        Parameters
+        ----------
+        tried : sequence of (cost, label, model)
+            Best first.
+        frozen_limit : float
+            Largest modulus of frozen poles that a trial may have; infinite for no limit.
+
+        Returns
+        -------
+        PredictionErrorOutcome or None
+            None where no start runs on all data. Outputs are reweighted by their errors where they are several.
+        """
         problem = self.problem
         problem.weights = self.coarse.weights
         for _, label, model in tried:
@@ -103,6 +139,20 @@ class Campaign:
 
         A stable varying system may have frozen poles outside the circle for a while. ``more`` gives further starts for
         such systems.
+
+        Parameters
+        ----------
+        guarded : PredictionErrorOutcome or None
+            End of the search with frozen poles inside.
+        outside : sequence of (cost, label, model)
+            Ranked starts with frozen poles outside.
+        more : callable
+            Gives (label, model) pairs; called only where the search without the circle is run.
+
+        Returns
+        -------
+        PredictionErrorOutcome or None
+            None where the circle holds nothing up, or no start runs.
         """
         if guarded is not None:
             each = guarded.search.cost / self.problem.counted
@@ -121,14 +171,40 @@ class Campaign:
 def better(
     guarded: PredictionErrorOutcome | None, free: PredictionErrorOutcome | None
 ) -> PredictionErrorOutcome | None:
-    """The guarded outcome unless the other is markedly better."""
+    """The guarded outcome unless the other is markedly better.
+
+    Parameters
+    ----------
+    guarded : PredictionErrorOutcome or None
+        With frozen poles inside the unit circle.
+    free : PredictionErrorOutcome or None
+        Without that limit.
+
+    Returns
+    -------
+    PredictionErrorOutcome or None
+        The one that there is, if only one; the free one below `WORTH_LEAVING` times the guarded one's error.
+    """
     if guarded is None or free is None:
         return guarded or free
     return free if free.size < WORTH_LEAVING * guarded.size else guarded
 
 
 def ranked(problem: PredictionErrorProblem, models: Sequence[Start]) -> tuple[list[Ranked], list[Ranked]]:
-    """Starts that do not diverge, by rising cost: with all frozen poles inside the unit circle, and others."""
+    """Starts that do not diverge, by rising cost: with all frozen poles inside the unit circle, and others.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        On which the costs are computed.
+    models : sequence of (label, model)
+        Starts.
+
+    Returns
+    -------
+    (list, list) of (cost, label, model)
+        Of starts whose costs agree within a thousandth the first is kept.
+    """
     stable, rest = [], []
     for label, model in models:
         point = problem.point(model)
@@ -149,6 +225,17 @@ def _different(rows: list[Ranked]) -> list[Ranked]:
 
 
 def mean_square(errors: Sequence[np.ndarray]) -> float:
-    """Geometric mean over the outputs of Σe² per sample."""
+    """Geometric mean over the outputs of Σe² per sample.
+
+    Parameters
+    ----------
+    errors : sequence of (n, n_outputs) arrays
+        One per record.
+
+    Returns
+    -------
+    float
+        [geometric mean of the outputs' squared units].
+    """
     total = np.sum([np.sum(e**2, axis=0) for e in errors], axis=0) / sum(len(e) for e in errors)
     return float(np.exp(np.mean(np.log(np.maximum(total, 1e-300)))))

@@ -26,16 +26,28 @@ def output_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -
     Least squares itself; least squares of equations filtered by 1/(1 − ρ q⁻¹)², which lets low frequencies count more;
     and Steiglitz & McBride 1965, least squares of equations filtered by one over the mean of the last A, which for a
     time-invariant system weighs its errors as output errors.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        Of output error.
+    first : LPVTransferFunction
+        The least-squares model.
+
+    Returns
+    -------
+    list of (label, model)
+        Each drawn in to a bounded free run; those that this changed follow as found.
     """
     found: list[Start] = [("least squares", first)]
     roots = [("least squares", first)]
     for rho in PREFILTERS:
         roots.append((f"least squares under a low-pass at {rho:g}",
-                      filtered_regression(problem, first, np.poly([rho, rho]))))
+                      _filtered_regression(problem, first, np.poly([rho, rho]))))
     found += roots[1:]
     for label, model in (roots[0], roots[2]):
         for round_ in range(ITERATIONS):
-            model = filtered_regression(problem, model, mean_denominator(problem, model))
+            model = _filtered_regression(problem, model, _mean_denominator(problem, model))
             found.append((f"{label}, then Steiglitz-McBride {round_ + 1}", model))
     drawn = [(label, stabilised(problem, model)) for label, model in found]
     return [*drawn, *(pair for pair, other in zip(found, drawn, strict=True) if pair[1] is not other[1])]
@@ -47,6 +59,22 @@ def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, f
 
     With C = A that is the output-error model, but its prediction error stays tame where free runs burst: the way in for
     systems whose frozen poles leave the circle for a while.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Those of the problem.
+    problem : PredictionErrorProblem
+        Whose structure, layout, weights and free stages are taken over.
+    first : LPVTransferFunction
+        The least-squares model.
+    iterations : int
+        Of each ARMAX search at most.
+
+    Returns
+    -------
+    list of (label, model)
+        Empty where every ARMAX search diverges.
     """
     from lpvid.identification.levenberg_marquardt import minimise
 
@@ -70,7 +98,24 @@ def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, f
 
 def perturbed(model: LPVTransferFunction, layout, covariance: np.ndarray, rng: np.random.Generator,
               count: int) -> list[Start]:
-    """`count` models drawn from three times the standard errors around least squares."""
+    """`count` models drawn from three times the standard errors around least squares.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        Least squares.
+    layout : ParameterLayout
+        Of its k parameters.
+    covariance : (k, k) array
+        Of least squares.
+    rng : numpy.random.Generator
+    count : int
+        Number of models.
+
+    Returns
+    -------
+    list of (label, model)
+    """
     theta = layout.read(model)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = 3.0 * vectors * np.sqrt(np.maximum(values, 0.0))
@@ -79,7 +124,20 @@ def perturbed(model: LPVTransferFunction, layout, covariance: np.ndarray, rng: n
 
 
 def stabilised(problem: PredictionErrorProblem, model: LPVTransferFunction) -> LPVTransferFunction:
-    """The model with its poles drawn in, a_i ← γ^i a_i, as little as keeps its free run bounded and frozen-stable."""
+    """The model with its poles drawn in, a_i ← γ^i a_i, as little as keeps its free run bounded and frozen-stable.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        On whose data the free run must be bounded.
+    model : LPVTransferFunction
+        Any.
+
+    Returns
+    -------
+    LPVTransferFunction
+        `model` itself where nothing needs to be drawn in; all a_i zero where no factor of `SHRINKING` suffices.
+    """
     from lpvid.identification.levenberg_marquardt import frozen_inside
 
     for gamma in SHRINKING:
@@ -91,7 +149,7 @@ def stabilised(problem: PredictionErrorProblem, model: LPVTransferFunction) -> L
     return model.replace(a=0.0 * model.a)
 
 
-def mean_denominator(problem: PredictionErrorProblem, model: LPVTransferFunction) -> np.ndarray:
+def _mean_denominator(problem: PredictionErrorProblem, model: LPVTransferFunction) -> np.ndarray:
     """Stable polynomial 1 + f_1 q⁻¹ + … of A at the mean of the basis along the data; roots outside are reflected."""
     mean = np.mean([phi.mean(axis=1) for _, phi in problem.drive(model)], axis=0)
     a = model.a @ mean
@@ -105,14 +163,27 @@ def mean_denominator(problem: PredictionErrorProblem, model: LPVTransferFunction
 
 
 def stable_polynomial(roots: np.ndarray, limit: float = 0.99) -> np.ndarray:
-    """Polynomial with these roots, those outside the circle reflected into it."""
+    """Polynomial with these roots, those outside the circle reflected into it.
+
+    Parameters
+    ----------
+    roots : (m,) array
+        Complex, in conjugate pairs.
+    limit : float
+        Largest modulus that a root keeps.
+
+    Returns
+    -------
+    (m + 1,) array
+        Coefficients, the leading 1 first.
+    """
     size = np.abs(roots)
     size = np.where(size > 1, 1 / np.maximum(size, 1e-300), size)
     angle = np.angle(roots)
     return np.real(np.poly(np.minimum(size, limit) * np.exp(1j * angle)))
 
 
-def filtered_regression(
+def _filtered_regression(
     problem: PredictionErrorProblem, model: LPVTransferFunction, denominator: np.ndarray
 ) -> LPVTransferFunction:
     """Least squares of the equation A y = B u + e with both sides filtered by one over `denominator`."""
@@ -146,7 +217,20 @@ def _solve(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 # -- noise models ------------------------------------------------------------------------------------------------------
 def armax_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -> list[Start]:
-    """Least squares, and extended least squares: past innovations as regressors, recomputed each round."""
+    """Least squares, and extended least squares: past innovations as regressors, recomputed each round.
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        Of an ARMAX model.
+    first : LPVTransferFunction
+        The least-squares model.
+
+    Returns
+    -------
+    list of (label, model)
+        Up to `ITERATIONS` rounds, fewer where a run diverges.
+    """
     model = first.replace(noise=problem.noise)
     found: list[Start] = [("least squares", model)]
     for round_ in range(ITERATIONS):
@@ -202,7 +286,22 @@ def _invertible(problem: PredictionErrorProblem, model: LPVTransferFunction) -> 
 def box_jenkins_starts(
     problem: PredictionErrorProblem, plant: LPVTransferFunction, output_errors: Callable
 ) -> list[Start]:
-    """Noise models behind a plant: none, and an ARMA process fitted to its output error (Hannan & Rissanen 1982)."""
+    """Noise models behind a plant: none, and an ARMA process fitted to its output error (Hannan & Rissanen 1982).
+
+    Parameters
+    ----------
+    problem : PredictionErrorProblem
+        Of a Box-Jenkins model.
+    plant : LPVTransferFunction
+        Output-error model.
+    output_errors : callable
+        ``output_errors(plant)`` gives (n, n_outputs) errors per record, or None where the free run diverges.
+
+    Returns
+    -------
+    list of (label, model)
+        The second only where there are errors and orders to fit.
+    """
     noise = problem.noise
     white = plant.replace(noise=noise)
     found: list[Start] = [("output error, white noise", white)]
@@ -216,7 +315,20 @@ def box_jenkins_starts(
 
 
 def arma(series: Sequence[np.ndarray], nc: int, nd: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients c (nc,), d (nd,) of D v = C e by a long autoregression and one regression on its innovations."""
+    """Coefficients c (nc,), d (nd,) of D v = C e by a long autoregression and one regression on its innovations.
+
+    Parameters
+    ----------
+    series : sequence of (n,) arrays
+        v of every record.
+    nc, nd : int
+        Orders.
+
+    Returns
+    -------
+    (nc,) array, (nd,) array
+        With roots inside the unit circle; zeros where every series is too short.
+    """
     rows, target = [], []
     order = min(LONG_AR, max(1, min(len(v) for v in series) // 10))
     long = autoregression(series, order)[0]
@@ -238,7 +350,19 @@ def arma(series: Sequence[np.ndarray], nc: int, nd: int) -> tuple[np.ndarray, np
 
 
 def autoregression(series: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float]:
-    """Polynomial 1 + f_1 q⁻¹ + … and innovation variance by Yule-Walker; always stable."""
+    """Polynomial 1 + f_1 q⁻¹ + … and innovation variance by Yule-Walker; always stable.
+
+    Parameters
+    ----------
+    series : sequence of (n,) arrays
+        Of one process, about zero.
+    order : int
+
+    Returns
+    -------
+    (order + 1,) array, float
+        Fewer coefficients where the series are predicted exactly.
+    """
     n = sum(len(v) for v in series)
     r = np.array([sum(float(v[: len(v) - k] @ v[k:]) for v in series) / n for k in range(order + 1)])
     polynomial, variance = np.ones(1), max(float(r[0]), 1e-300)

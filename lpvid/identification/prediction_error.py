@@ -116,13 +116,39 @@ class PredictionError(Structure):
 
     @abstractmethod
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
-        """A noise model of the kind and orders to be estimated."""
+        """A noise model of the kind and orders to be estimated.
+
+        Parameters
+        ----------
+        n_outputs : int
+        n_functions : int
+            Functions of the basis, for coefficients that depend on the scheduling.
+
+        Returns
+        -------
+        NoiseModel
+            With zero coefficients.
+        """
 
     @abstractmethod
     def starting_models(
         self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
     ) -> list[Start]:
-        """Models to start from, given the least-squares model."""
+        """Models to start from, given the least-squares model.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Those of the problem.
+        problem : PredictionErrorProblem
+            On the sample of the data on which starts are compared.
+        first : LPVTransferFunction
+            The least-squares model.
+
+        Returns
+        -------
+        list of (label, model)
+        """
 
     # -- shared --------------------------------------------------------------------------------------------------
     @property

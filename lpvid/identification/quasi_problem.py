@@ -20,6 +20,19 @@ class QuasiProblem:
     """Free-run errors of a quasi-LPV model over records, and their exact Jacobian.
 
     The parameter vector is the model's, then the filter's where that is fitted (its columns are difference quotients).
+
+    Attributes
+    ----------
+    model : QuasiLPVModel
+        Whose settings are kept; its values serve as a start.
+    inputs : tuple of (n, n_inputs) arrays
+        Per record.
+    outputs : tuple of (n,) arrays
+        Measured output of every record.
+    scheduling : tuple of (n, n_scheduling) arrays
+        External scheduling as logged, before any filter.
+    free_filter : bool
+        Whether the parameters of the scheduling filter are fitted along.
     """
 
     model: QuasiLPVModel
@@ -30,7 +43,21 @@ class QuasiProblem:
 
     @classmethod
     def of(cls, records: Sequence[Record], model: QuasiLPVModel, free_filter: bool) -> QuasiProblem:
-        """Read the records once."""
+        """Read the records once.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        model : QuasiLPVModel
+            Where the search starts.
+        free_filter : bool
+            Whether the model's scheduling filter is fitted along.
+
+        Returns
+        -------
+        QuasiProblem
+        """
         return cls(model, tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
                    tuple(np.array(r[model.outputs[0].name]) for r in records),
                    tuple(r.matrix(list(model.box.names)) for r in records), free_filter)
@@ -47,7 +74,17 @@ class QuasiProblem:
         return filter_scales(stage) if self.free_filter else np.zeros(0)
 
     def model_at(self, x: np.ndarray) -> QuasiLPVModel:
-        """The model at a parameter vector."""
+        """The model at a parameter vector.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters in the order of the class.
+
+        Returns
+        -------
+        QuasiLPVModel
+        """
         cut = x.size - self.filter_size
         model = self.model.with_vector(x[:cut])
         if self.filter_size:
@@ -59,7 +96,13 @@ class QuasiProblem:
         return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
 
     def measured_rows(self) -> Iterator[np.ndarray]:
-        """Regressors with measured outputs in the output columns."""
+        """Regressors with measured outputs in the output columns.
+
+        Yields
+        ------
+        (n, columns) array
+            Per record; −y(k−i) in column i − 1, i = 1 … na.
+        """
         for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
             _, rows, _ = self.model.arrays(u, p)
             for i in range(self.model.na):
@@ -67,7 +110,18 @@ class QuasiProblem:
             yield rows
 
     def one_step(self, prior: Prior) -> np.ndarray:
-        """Least squares of one step on measured outputs, at the model's trial weights and filter."""
+        """Least squares of one step on measured outputs, at the model's trial weights and filter.
+
+        Parameters
+        ----------
+        prior : Prior
+            Its equations count beside those of the data; those of weights and filter are left out.
+
+        Returns
+        -------
+        (k,) array
+            θ as found; trial weights and filter as in the model.
+        """
         model = self.model
         gram, right = prior.rows.T @ prior.rows, prior.rows.T @ prior.values
         gram, right = gram[: model.theta.size, : model.theta.size], right[: model.theta.size]
@@ -88,7 +142,21 @@ class QuasiProblem:
         return np.concatenate([theta, model.kappa, lag])
 
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
-        """Errors of the free run and their Jacobian, record by record."""
+        """Errors of the free run and their Jacobian, record by record.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters in the order of the class.
+        jacobian : bool
+            Whether the derivatives are wanted too.
+
+        Yields
+        ------
+        (n,) array, (n, k) array or None
+            Errors ŷ − y from the model's first free sample on, and ∂ŷ/∂x; None where it was not wanted. Without it
+            a run that diverges gives one infinite error.
+        """
         from lpvid._quasi_kernels import free_run_quasi, sensitivity_quasi
 
         model = self.model_at(x)

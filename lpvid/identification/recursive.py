@@ -127,7 +127,20 @@ class Recursive(Structure):
 
 
 def packaged(running: RecursiveEstimator, records: Sequence[Record]) -> RecursiveIdentification:
-    """The present estimate as a result; `records` give names, units and the rate."""
+    """The present estimate as a result; `records` give names, units and the rate.
+
+    Parameters
+    ----------
+    running : RecursiveEstimator
+        After the last sample.
+    records : sequence of Record
+        At least one.
+
+    Returns
+    -------
+    RecursiveIdentification
+        With the history of the parameters where the structure keeps one.
+    """
     running.settle()
     bound, structure = running.bound, running.structure
     width = bound._filter_width()

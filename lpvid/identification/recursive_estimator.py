@@ -90,6 +90,11 @@ class RecursiveEstimator:
         (rows, n_outputs) array
             Error of the prediction made before each sample was known; NaN as long as there are no parameters. No rows
             while the past that the lags need is still filling.
+
+        Raises
+        ------
+        InputError
+            Different numbers of samples, or a negative weight.
         """
         widths = (self.stream.n_outputs, self.stream.n_inputs, len(self.box.names))
         arrays = [_samples(a, w, name) for a, w, name in zip((y, u, p), widths, ("y", "u", "p"), strict=True)]
@@ -103,12 +108,24 @@ class RecursiveEstimator:
         return self._absorb(self.stream.push(arrays[0], arrays[1], arrays[2], weight))
 
     def follow(self, record: Record) -> None:
-        """Take in a whole record, which does not continue what came before."""
+        """Take in a whole record, which does not continue what came before.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform and finite, of the estimator's rate.
+        """
         self.cut()
         self.go_on(record)
 
     def go_on(self, record: Record) -> None:
-        """Take in a whole record, which continues what came before."""
+        """Take in a whole record, which continues what came before.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform and finite, of the estimator's rate.
+        """
         for rows in self.stream.blocks(record):
             self._absorb(rows)
 
@@ -117,7 +134,13 @@ class RecursiveEstimator:
         self.stream.cut()
 
     def reset(self, to: float | None = None) -> None:
-        """Open the covariance on demand: `to` in unit-column scaling, by default that of the structure's reset."""
+        """Open the covariance on demand: `to` in unit-column scaling, by default that of the structure's reset.
+
+        Parameters
+        ----------
+        to : float, optional
+            Variance of every parameter in unit-column scaling. As long as there are no parameters nothing is done.
+        """
         from lpvid._filter_kernels import reset_covariance
 
         usual = self.structure.reset or CovarianceReset()
@@ -247,7 +270,13 @@ class RecursiveEstimator:
         return np.array(self._trail).reshape(-1, self._theta.size)
 
     def settle(self) -> None:
-        """Take the parameters from few or badly conditioned samples too; refused where these cannot separate them."""
+        """Take the parameters from few or badly conditioned samples too; refused where these cannot separate them.
+
+        Raises
+        ------
+        InputError
+            No more equations than parameters per output, or regressors that are linearly dependent.
+        """
         if self._ready:
             return
         k = self.stream.size
@@ -262,7 +291,13 @@ class RecursiveEstimator:
 
     # -- saving --------------------------------------------------------------------------------------------------
     def state(self) -> dict:
-        """Plain data for JSON, from which `restore` goes on as if nothing had happened."""
+        """Plain data for JSON, from which `restore` goes on as if nothing had happened.
+
+        Returns
+        -------
+        dict
+            With schema, structure, box, period and all arrays as lists.
+        """
         arrays = {name: getattr(self, "_" + name).tolist() for name in _ARRAYS}
         return {"schema": "lpvid/recursive-state/1", "structure": self.structure.to_dict(), "box": self.box.to_dict(),
                 "sample_time": self.sample_time, "ready": self._ready, "target": self._target, **arrays,
@@ -271,6 +306,17 @@ class RecursiveEstimator:
     @classmethod
     def restore(cls, structure: Recursive, state: Mapping) -> RecursiveEstimator:
         """An estimator of the same structure in a saved state.
+
+        Parameters
+        ----------
+        structure : Recursive
+            The one that the state was saved from.
+        state : mapping
+            From `state`.
+
+        Returns
+        -------
+        RecursiveEstimator
 
         Raises
         ------

@@ -46,7 +46,18 @@ class AuxiliaryRun:
         return float(sum(v @ v for v in self.noise))
 
     def innovations(self, noise: ARMA) -> tuple[np.ndarray, ...]:
-        """ε = (D/C) v̂, record by record."""
+        """ε = (D/C) v̂, record by record.
+
+        Parameters
+        ----------
+        noise : ARMA
+            Model C/D of v̂; of order 0 for white noise.
+
+        Returns
+        -------
+        tuple of (n,) arrays
+            v̂ itself for white noise.
+        """
         return tuple(noise.whiten(v) for v in self.noise) if noise.c.size + noise.d.size else self.noise
 
 
@@ -93,7 +104,17 @@ class IVProblem:
 
     # -- auxiliary model -----------------------------------------------------------------------------------------
     def run(self, theta: np.ndarray) -> AuxiliaryRun | None:
-        """The auxiliary model's free run, each record from the past that fits it best; None where it diverges."""
+        """The auxiliary model's free run, each record from the past that fits it best; None where it diverges.
+
+        Parameters
+        ----------
+        theta : (k,) array
+            Parameters of the auxiliary model in the order of the layout.
+
+        Returns
+        -------
+        AuxiliaryRun or None
+        """
         if not np.isfinite(theta).all():
             return None
         model = self.layout.fill(self.model, theta)
@@ -137,7 +158,18 @@ class IVProblem:
         return None if code >= 0 else x[:, 0]
 
     def frozen_radius(self, model: LPVTransferFunction) -> float:
-        """Largest modulus of the model's frozen poles along the scheduling trajectories."""
+        """Largest modulus of the model's frozen poles along the scheduling trajectories.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            Of one output.
+
+        Returns
+        -------
+        float
+            0 without output lags.
+        """
         if not model.na:
             return 0.0
         a = np.tensordot(model.a[:, 0, 0, :], self.sample, axes=1).T
@@ -147,7 +179,7 @@ class IVProblem:
         return float(np.abs(np.linalg.eigvals(companion)).max())
 
     # -- instruments ---------------------------------------------------------------------------------------------
-    def constant_part(self, model: LPVTransferFunction) -> np.ndarray:
+    def _constant_part(self, model: LPVTransferFunction) -> np.ndarray:
         """F − 1 of the prefilter: the coefficients a_i0 of the constant, or the data's mean a_i(p); kept stable."""
         if self.lti.size:
             tail = self.layout.read(model)[self.lti]
@@ -164,6 +196,22 @@ class IVProblem:
         al. 2010 differs from the instrument; "exact" gives the true sensitivities (D/C) ∂x̂/∂θ; "coloured" the
         instruments Z through C/D of `noise`, with Q = 1/F; "others" the filtered pasts of the other outputs, from their
         auxiliary models' outputs in `others`.
+
+        Parameters
+        ----------
+        run : AuxiliaryRun
+            Free run at the present parameters.
+        noise : ARMA
+            C and D.
+        kind : {"measured", "exact", "coloured", "others"}
+            What W is.
+        others : sequence of sequences of (n,) arrays
+            Per other output and record, for "others" alone.
+
+        Returns
+        -------
+        (k + w + 1, k + w + 1) array
+            w the columns of W.
         """
         from lpvid._kernels import ChunkedQR
 
@@ -181,7 +229,19 @@ class IVProblem:
         return qr.r
 
     def jacobian(self, factor: np.ndarray, kind: str) -> np.ndarray:
-        """(k, k) QᵀΦ from a factor: minus the derivative of the equations Qᵀε = 0, Z = Q R."""
+        """(k, k) QᵀΦ from a factor: minus the derivative of the equations Qᵀε = 0, Z = Q R.
+
+        Parameters
+        ----------
+        factor : array
+            Triangular factor of [Z  W  ε] from `factor`.
+        kind : {"measured", "exact"}
+            What W is in it.
+
+        Returns
+        -------
+        (k, k) array
+        """
         k = self.size
         if kind == "exact":
             return factor[:k, k: 2 * k]
@@ -196,7 +256,7 @@ class _Filler:
     def __init__(self, problem: IVProblem, model: LPVTransferFunction, noise: ARMA, kind: str, more: int) -> None:
         self.problem, self.model, self.kind, self.more = problem, model, kind, more
         c, d = monic(noise.c, noise.c.size), monic(noise.d, noise.d.size)
-        frozen, k = monic(problem.constant_part(model), model.na), problem.size
+        frozen, k = monic(problem._constant_part(model), model.na), problem.size
         double = kind in ("exact", "coloured")  # the second half has its own filter
         self.prefilter = _padded(np.ones(1), frozen) if kind == "coloured" else _padded(d, np.convolve(c, frozen))
         self.colour = _padded(c, d) if kind == "coloured" else _padded(d, c)

@@ -83,6 +83,11 @@ def search(problem: IVProblem, start: np.ndarray, orders: tuple[int, int] | None
         Orders of the noise model; None for white output noise.
     iterations : int
     tolerance : float
+
+    Returns
+    -------
+    RefinedIvEnd or None
+        Its ``origin`` states where the start is not the one given.
     """
     first, shrunk = _bounded_start(problem, start)
     found = None if first is None else _iterate(problem, first, orders, iterations, tolerance)
@@ -291,13 +296,22 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     found : RefinedIvEnd
     white : bool
         Whether the innovations of the noise model are white by construction.
+
+    Returns
+    -------
+    (k, k) array
+        Covariance of the parameters.
+    float
+        Variance of the innovations [square of the output's unit].
+    ARMA
+        Of order 0 where white innovations suffice.
     """
     k, factor = problem.size, found.factor
     extra = found.noise.c.size + found.noise.d.size
     energy = float(sum(e @ e for e in found.innovations))
     variance = energy / max(problem.rows - k - extra, 1)
     root = pseudo_inverse(factor[:k, k: 2 * k])
-    colour = WHITE if white else autoregression([e[problem.start:] for e in found.innovations])
+    colour = WHITE if white else _autoregression([e[problem.start:] for e in found.innovations])
     if not colour.d.size:
         return variance * root @ root.T, variance, colour
     driving = sum(float(w @ w) for w in (colour.whiten(e[problem.start:]) for e in found.innovations))
@@ -306,7 +320,7 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     return driving / max(problem.rows - k, 1) * root @ root.T, variance, colour
 
 
-def autoregression(series: Sequence[np.ndarray]) -> ARMA:
+def _autoregression(series: Sequence[np.ndarray]) -> ARMA:
     """The autoregression of least BIC; of order 0 for a white series."""
     n = sum(len(v) for v in series)
     best, least = WHITE, np.inf
@@ -322,7 +336,19 @@ def autoregression(series: Sequence[np.ndarray]) -> ARMA:
 
 
 def conditions(factor: np.ndarray, k: int) -> tuple[float, float]:
-    """Condition number of the instruments, as they are and with unit columns."""
+    """Condition number of the instruments, as they are and with unit columns.
+
+    Parameters
+    ----------
+    factor : array
+        Triangular factor whose first k columns are the instruments'.
+    k : int
+        Number of parameters.
+
+    Returns
+    -------
+    float, float
+    """
     r = factor[:k, :k]
     scale = np.linalg.norm(r, axis=0)
     scale[scale == 0] = 1.0

@@ -29,6 +29,19 @@ class Columns:
 
     Column q is ``sign · signal[source](k − lag) · φ_function(p(k − phi_lag))``; function −1 stands for 1. Signals are
     the outputs, then the filter inputs, then the constant 1.
+
+    Attributes
+    ----------
+    source : (columns,) int array
+        Place of the signal.
+    sign : (columns,) array
+        −1 for past outputs, else 1.
+    lag : (columns,) int array
+        Of the signal [samples].
+    function : (columns,) int array
+        Place in the basis.
+    phi_lag : (columns,) int array
+        Of the scheduling [samples].
     """
 
     source: np.ndarray
@@ -45,7 +58,24 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class RegressionData:
-    """Channels and maps that turn records into regressor rows."""
+    """Channels and maps that turn records into regressor rows.
+
+    Attributes
+    ----------
+    inputs, outputs, scheduling : tuple of str
+        Channel names.
+    basis : Basis
+        Bound to a box.
+    columns : Columns
+        Of one output's equation.
+    start : int
+        First sample that gives an equation.
+    stage : InputStage, optional
+    scheduling_stage : SchedulingStage, optional
+        Filter on the logged scheduling.
+    weight : str, optional
+        Channel of non-negative weights per sample.
+    """
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -86,6 +116,16 @@ class Factor:
         spare : (columns,) bool array, optional
             Columns that may depend on one another: the estimate of least norm, in unit-column scaling, is taken where
             nothing else does.
+
+        Returns
+        -------
+        RegressionEstimate
+
+        Raises
+        ------
+        InputError
+            A regressor that is zero throughout; without ridge, regressors that are linearly dependent, unless
+            `spare` allows it.
         """
         from scipy.linalg import solve_triangular
 
@@ -192,6 +232,11 @@ def rows_of(record: Record, data: RegressionData, block: np.ndarray, height: int
         C-ordered: the transpose of a Fortran-ordered workspace.
     height : int
         Rows at the top that are the caller's own.
+
+    Yields
+    ------
+    int
+        Rows that stand in `block` below the caller's own.
     """
     p = _scheduling(record, data)
     for first in range(data.start, record.n_samples, SUPER_CHUNK):

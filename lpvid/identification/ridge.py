@@ -62,7 +62,22 @@ class Ridge(Encoded):
             _checks.positive(self.strength, "the strength of a ridge")
 
     def matrix(self, basis: Basis) -> np.ndarray:
-        """(M, M) penalty P of one coefficient."""
+        """(M, M) penalty P of one coefficient.
+
+        Parameters
+        ----------
+        basis : Basis
+            Of M functions.
+
+        Returns
+        -------
+        (M, M) array
+
+        Raises
+        ------
+        InputError
+            Given weights are not as many as basis functions.
+        """
         if isinstance(self.penalty, str):
             order = PENALTIES[self.penalty]
             return basis.penalty(order) if order else np.eye(basis.size)
@@ -94,7 +109,12 @@ class Ridge(Encoded):
         return problem.solution(strength), float(strength)
 
     def describe(self) -> str:
-        """What was done, in words."""
+        """What was done, in words.
+
+        Returns
+        -------
+        str
+        """
         what = self.penalty if isinstance(self.penalty, str) else "the basis functions by given weights"
         how = "chosen by marginal likelihood" if self.strength is None else "as given"
         return f"ridge on {what}, {how}"

@@ -62,6 +62,20 @@ class RowStream:
         """Take in samples (n, ·) and give the rows they complete, (size + n_outputs, rows), transposed.
 
         Weighted samples (n,) scale their rows by the root of their weight.
+
+        Parameters
+        ----------
+        y : (n, n_outputs) array
+        u : (n, n_inputs) array
+        p : (n, n_scheduling) array
+            As logged, before any filter.
+        weight : (n,) array, optional
+            Needed where the structure has a weight channel.
+
+        Returns
+        -------
+        (size + n_outputs, rows) array
+            No columns while the past is still filling.
         """
         self._y, self._u, self._p = np.vstack([self._y, y]), np.vstack([self._u, u]), np.vstack([self._p, p])
         if self.structure.weight is not None:
@@ -70,13 +84,28 @@ class RowStream:
         return self._emit(len(self._y) - self.ahead)
 
     def close(self) -> np.ndarray:
-        """The rows that waited for samples which will not come (beyond the end, the last p holds); then a cut."""
+        """The rows that waited for samples which will not come (beyond the end, the last p holds); then a cut.
+
+        Returns
+        -------
+        (size + n_outputs, rows) array
+        """
         rows = self._emit(len(self._y))
         self.cut()
         return rows
 
     def blocks(self, record: Record) -> Iterator[np.ndarray]:
-        """Push a record in parts; yields the rows of each."""
+        """Push a record in parts; yields the rows of each.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform and finite; it goes on from what was pushed before.
+
+        Yields
+        ------
+        (size + n_outputs, rows) array
+        """
         s = self.structure
         names = s.basis.names
         for first in range(0, record.n_samples, PUSH):
@@ -87,12 +116,24 @@ class RowStream:
             yield self.push(y, u, p, None if s.weight is None else record[s.weight][part])
 
     def state(self) -> dict:
-        """Plain data: what `restore` needs to go on from here."""
+        """Plain data: what `restore` needs to go on from here.
+
+        Returns
+        -------
+        dict
+            For JSON: the place of the next row, and the samples kept as past.
+        """
         return {"next": self._next, "y": self._y.tolist(), "u": self._u.tolist(), "p": self._p.tolist(),
                 "w": self._w.tolist()}
 
     def restore(self, state: dict) -> None:
-        """Go on from a `state`."""
+        """Go on from a `state`.
+
+        Parameters
+        ----------
+        state : dict
+            From a stream of the same structure.
+        """
         self.cut()
         n = len(state["y"])
         self._next = int(state["next"])

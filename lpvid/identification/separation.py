@@ -63,7 +63,20 @@ come from are exact to about 1e-12, and the split must hold on their squares."""
 
 
 def coherence_of(records: Sequence[Record], names: Sequence[str]) -> InputCoherence | None:
-    """Coherence of the inputs over all records together, where they are several and do not move enough on their own."""
+    """Coherence of the inputs over all records together, where they are several and do not move enough on their own.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform and finite.
+    names : sequence of str
+        Inputs.
+
+    Returns
+    -------
+    InputCoherence or None
+        None for one input or one motion, or where the inputs are separable.
+    """
     views = [View(r, ()) for r in records]
     motions = one_per_motion(views, names)
     apart = input_coherence(views, motions) if len(motions) > 1 else None
@@ -116,7 +129,20 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
 
 
 def spoken_for(found: Identification, held_out: Record | Sequence[Record] | None) -> Identification:
-    """A remark where held-out inputs are as coherent as those of the fit, so that their figures test the sum alone."""
+    """A remark where held-out inputs are as coherent as those of the fit, so that their figures test the sum alone.
+
+    Parameters
+    ----------
+    found : Identification
+        Estimate, whose model's metadata state whether its inputs moved together.
+    held_out : Record, sequence of Record or None
+        Data that were not fitted; None for none.
+
+    Returns
+    -------
+    Identification
+        The same where there is nothing to remark.
+    """
     stated = None if held_out is None else independence_remark(found.model, as_records(held_out), "held-out")
     return found if stated is None else found.replace(notes=(*found.notes, stated))
 
@@ -166,7 +192,17 @@ class Split:
         return float(np.sum(self.open))
 
     def apply(self, found: Identification) -> Identification:
-        """Shrunk coefficients and their covariance."""
+        """Shrunk coefficients and their covariance.
+
+        Parameters
+        ----------
+        found : Identification
+            The estimate that the split was made of.
+
+        Returns
+        -------
+        Identification
+        """
         whole = np.eye(found.parameters.size)
         inner = np.eye(self.size) - (self.directions * (1 - self.weight)) @ self.duals.T
         whole[np.ix_(self.places, self.places)] = inner

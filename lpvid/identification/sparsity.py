@@ -210,7 +210,23 @@ def sparsify(records: Record | Sequence[Record], structure: ARX, method: str = "
 
 
 def dependence(found: Identification) -> dict[str, tuple[str, ...]]:
-    """Scheduling variables that every kept coefficient depends on, e.g. ``{"a1": (), "b1": ("current",)}``."""
+    """Scheduling variables that every kept coefficient depends on, e.g. ``{"a1": (), "b1": ("current",)}``.
+
+    Parameters
+    ----------
+    found : Identification
+        Of an input-output model.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        By stem of the coefficient's name; variables in the order of the box, none for a constant one.
+
+    Raises
+    ------
+    InputError
+        The estimate is of another kind of model.
+    """
     model = found.model
     of_function = variables_of(model.basis, model.box)
     if not isinstance(found.layout, ParameterLayout):

@@ -95,6 +95,20 @@ def unresolved(model: LPVTransferFunction, structure: ARX, records: Sequence[Rec
     """Whether the bend of a fitted stage is not identifiable, or one of its parameters at the search's bound.
 
     It is not identifiable where fewer samples lie inside the knee than the stage has free parameters.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        With the fitted stage.
+    structure : ARX
+        As given: a stage that is an object was not fitted, and nothing is said of it.
+    records : sequence of Record
+        Of the fit.
+
+    Returns
+    -------
+    tuple of str
+        One remark, or none.
     """
     stage = model.input_stage
     if stage is None or not isinstance(structure.stage, str):
@@ -169,7 +183,23 @@ def _refine(records: Sequence[Record], structure: ARX, box: Scheduling, start: _
 
 
 def free_run_cost(records: Sequence[Record], structure: ARX, box: Scheduling) -> float:
-    """Pooled free-run ESR of the regression with fixed stages; large and finite where it diverges."""
+    """Pooled free-run ESR of the regression with fixed stages; large and finite where it diverges.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform and finite.
+    structure : ARX
+        With bound basis and stages as objects.
+    box : Scheduling
+        Of the scheduling variables.
+
+    Returns
+    -------
+    float
+        Mean over the outputs; above `DIVERGED_COST` for a run that diverges, the less the later it does, and twice
+        that where there is no regression.
+    """
     try:
         model = structure.regress(records, box).model
     except InputError:
@@ -187,7 +217,20 @@ def free_run_cost(records: Sequence[Record], structure: ARX, box: Scheduling) ->
 
 
 def shorten(records: Sequence[Record], samples: int, minimum: int) -> list[Record]:
-    """The head of every record, so that together they hold at most `samples` samples."""
+    """The head of every record, so that together they hold at most `samples` samples.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    samples : int
+        All records together.
+    minimum : int
+        Samples that every record keeps at least, though their sum then exceeds `samples`.
+
+    Returns
+    -------
+    list of Record
+    """
     total = sum(r.n_samples for r in records)
     if total <= samples:
         return list(records)

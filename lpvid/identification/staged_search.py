@@ -35,7 +35,19 @@ class StagedLayout(StateSpaceLayout):
 
     @classmethod
     def of(cls, layout: StateSpaceLayout, model: LPVStateSpace) -> StagedLayout:
-        """The layout with every parameter of the model's stages that a search may move."""
+        """The layout with every parameter of the model's stages that a search may move.
+
+        Parameters
+        ----------
+        layout : StateSpaceLayout
+            Of the matrix entries.
+        model : LPVStateSpace
+            Whose stages are searched.
+
+        Returns
+        -------
+        StagedLayout
+        """
         reach = float(model.box.half_width[0]) if model.box.names else 0.0
         scales = [np.zeros(0) if s is None else s.scales(reach) if isinstance(s, InputStage) else s.scales()
                   for s in (model.input_stage, model.scheduling_stage)]
@@ -52,7 +64,19 @@ class StagedLayout(StateSpaceLayout):
         return self.linear.size + len(self.stage) + len(self.lag)
 
     def fill(self, model: LPVStateSpace, theta: np.ndarray) -> LPVStateSpace:
-        """The model with these parameters; those of the stages are brought into their admissible range."""
+        """The model with these parameters; those of the stages are brought into their admissible range.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            Gives everything but the parameters.
+        theta : (k,) array
+            Matrix entries, then ψ.
+
+        Returns
+        -------
+        LPVStateSpace
+        """
         cut = self.linear.size
         filled, stage, lag = self.linear.fill(model, theta[:cut]), model.input_stage, model.scheduling_stage
         if stage is not None and self.stage:
@@ -64,7 +88,18 @@ class StagedLayout(StateSpaceLayout):
         return filled
 
     def read(self, model: LPVStateSpace) -> np.ndarray:
-        """(k,) parameters of a model of this layout."""
+        """(k,) parameters of a model of this layout.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            Of this layout.
+
+        Returns
+        -------
+        (k,) array
+            Matrix entries, then ψ.
+        """
         stages = ((model.input_stage, self.stage), (model.scheduling_stage, self.lag))
         own = [s.vector[list(places)] for s, places in stages if s is not None and places]
         return np.concatenate([self.linear.read(model), *own])
@@ -87,13 +122,37 @@ class StagedData(SearchData):
 
     @classmethod
     def following(cls, records: Sequence[Record], model: LPVStateSpace, layout: StagedLayout) -> StagedData:
-        """The records, and what is needed to pass them through other stages."""
+        """The records, and what is needed to pass them through other stages.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        model : LPVStateSpace
+            Where the search starts.
+        layout : StagedLayout
+            Which parameters of the stages move.
+
+        Returns
+        -------
+        StagedData
+        """
         plain = SearchData.of(records, model)
         measured = tuple((_columns(r, model.inputs), r.matrix(model.box.names)) for r in records)
         return cls(plain.pieces, plain.weight, plain.limit, measured, layout)
 
     def at(self, model: LPVStateSpace) -> SearchData:
-        """The data as this model's stages see them."""
+        """The data as this model's stages see them.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            At the present parameters.
+
+        Returns
+        -------
+        SearchData
+        """
         pieces = []
         for (u, p), (_, _, y) in zip(self.measured, self.pieces, strict=True):
             phi, driven = _driven(model, model.input_stage, model.scheduling_stage, u, p)
@@ -105,6 +164,16 @@ class StagedData(SearchData):
 
         The input stage's are exact. Those of a scheduling filter are central differences of its trajectory (not of the
         model's run), which for a first-order lag are exact to about 1e-9.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            At the present parameters.
+
+        Returns
+        -------
+        list of ((n, M, s) array, (n, nu, s) array)
+            s the number of free stage parameters; zero where the filter's range leaves no room for a difference.
         """
         assert self.layout is not None
         out = []

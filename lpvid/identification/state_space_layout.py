@@ -34,7 +34,20 @@ class StateSpaceLayout:
 
     @classmethod
     def full(cls, model: LPVStateSpace, arrays: tuple[str, ...]) -> StateSpaceLayout:
-        """Every entry of the named fields."""
+        """Every entry of the named fields.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            For the sizes of its fields.
+        arrays : tuple of str
+            Names among `ARRAYS`.
+
+        Returns
+        -------
+        StateSpaceLayout
+            One parameter per entry, field by field in the order of `ARRAYS`.
+        """
         rows: list[tuple[int, ...]] = []
         for code, name in enumerate(ARRAYS):
             if name in arrays:
@@ -57,11 +70,36 @@ class StateSpaceLayout:
         return StateSpaceLayout(table, tuple(self.labels[i] for i in kept) if self.labels else ())
 
     def fill(self, model: LPVStateSpace, theta: np.ndarray) -> LPVStateSpace:
-        """The model with these parameters in place of its own; all other entries stay."""
+        """The model with these parameters in place of its own; all other entries stay.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            Gives everything but the parameters.
+        theta : (k,) array
+            In the order of the layout.
+
+        Returns
+        -------
+        LPVStateSpace
+        """
         return model.replace(**self.arrays(model, theta))
 
     def arrays(self, model: LPVStateSpace, theta: np.ndarray) -> dict[str, np.ndarray]:
-        """The fields that hold parameters, with these in place."""
+        """The fields that hold parameters, with these in place.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            For the entries that hold no parameter.
+        theta : (k,) array
+            In the order of the layout.
+
+        Returns
+        -------
+        dict of str to array
+            By field, as `LPVStateSpace` takes them.
+        """
         parameter, array, function, row, column, sign = self.table.T
         out: dict[str, np.ndarray] = {}
         for code in np.unique(array):
@@ -71,7 +109,18 @@ class StateSpaceLayout:
         return out
 
     def read(self, model: LPVStateSpace) -> np.ndarray:
-        """(k,) parameters of a model of this layout."""
+        """(k,) parameters of a model of this layout.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            Of this layout.
+
+        Returns
+        -------
+        (k,) array
+            Of a parameter in several places the first in the table.
+        """
         theta = np.zeros(self.size)
         stacks = [_stack(model, name) for name in ARRAYS]
         for parameter, array, function, row, column, sign in self.table[::-1]:
@@ -79,7 +128,17 @@ class StateSpaceLayout:
         return theta
 
     def direction(self, arrays: dict[str, np.ndarray]) -> np.ndarray:
-        """(k,) parameters that stand for given (M, rows, columns) changes of the fields, by name."""
+        """(k,) parameters that stand for given (M, rows, columns) changes of the fields, by name.
+
+        Parameters
+        ----------
+        arrays : dict of str to (M, rows, columns) array
+            Changes by field; a field that is left out does not change.
+
+        Returns
+        -------
+        (k,) array
+        """
         theta = np.zeros(self.size)
         for parameter, array, function, row, column, sign in self.table:
             if ARRAYS[array] in arrays:
@@ -87,7 +146,17 @@ class StateSpaceLayout:
         return theta
 
     def names(self, model: LPVStateSpace) -> tuple[str, ...]:
-        """A readable name of every parameter, e.g. ``A12[current]``."""
+        """A readable name of every parameter, e.g. ``A12[current]``.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            For the labels of its basis.
+
+        Returns
+        -------
+        tuple of str
+        """
         out = [""] * self.size
         for parameter, array, function, row, column, _ in self.table[::-1]:
             place = f"{row + 1}" if ARRAYS[array].endswith("offset") else (
@@ -97,7 +166,13 @@ class StateSpaceLayout:
         return tuple(out)
 
     def to_list(self) -> list[list[int]]:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        list of list of int
+            Rows of the table.
+        """
         return self.table.tolist()
 
 
@@ -112,6 +187,16 @@ def _stack(model: LPVStateSpace, name: str) -> np.ndarray:
 
 
 def stacks(model: LPVStateSpace) -> tuple[np.ndarray, ...]:
-    """A, B, C, D, f, g, K as (M, rows, columns) arrays of one's own, in the order of the compiled runs."""
+    """A, B, C, D, f, g, K as (M, rows, columns) arrays of one's own, in the order of the compiled runs.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        A field that it lacks counts as zero.
+
+    Returns
+    -------
+    tuple of seven arrays
+    """
     order = ("A", "B", "C", "D", "state_offset", "output_offset", "observer_gain")
     return tuple(np.array(_stack(model, name), order="C") for name in order)

@@ -26,7 +26,22 @@ from lpvid.validation import residual_tests
 
 def checked_signals(inputs: str | Sequence[str],
                     outputs: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Input and output names as tuples; no channel may be both."""
+    """Input and output names as tuples; no channel may be both.
+
+    Parameters
+    ----------
+    inputs, outputs : str or sequence of str
+        Names, or a comma-separated list of them.
+
+    Returns
+    -------
+    tuple of str, tuple of str
+
+    Raises
+    ------
+    InputError
+        A channel is both.
+    """
     named, measured = _checks.names(inputs, "input"), _checks.names(outputs, "output")
     shared = set(named) & set(measured)
     if shared:
@@ -35,7 +50,23 @@ def checked_signals(inputs: str | Sequence[str],
 
 
 def static_basis(basis: Basis) -> Basis:
-    """The basis, if it reads p(k) alone, as the state equation does."""
+    """The basis, if it reads p(k) alone, as the state equation does.
+
+    Parameters
+    ----------
+    basis : Basis
+        As given by the caller.
+
+    Returns
+    -------
+    Basis
+        The same.
+
+    Raises
+    ------
+    InputError
+        A basis that reads the scheduling at other times.
+    """
     if basis.lags != (0, 0):
         raise InputError("a state-space estimate needs a basis that reads p(k) alone", got=f"lags {basis.lags}",
                          mend="give the basis without Shifted")
@@ -43,14 +74,48 @@ def static_basis(basis: Basis) -> Basis:
 
 
 def number_of_parameters(letters: int, order: int, inputs: int, outputs: int, *, direct: bool, affine: bool) -> int:
-    """Entries of A, B and C, and of D and the offsets where they are requested."""
+    """Entries of A, B and C, and of D and the offsets where they are requested.
+
+    Parameters
+    ----------
+    letters : int
+        Functions of the basis.
+    order : int
+        States.
+    inputs, outputs : int
+    direct : bool
+        Whether there is D.
+    affine : bool
+        Whether there are offsets of state and output.
+
+    Returns
+    -------
+    int
+    """
     linear = order * (order + inputs + outputs) + (inputs * outputs if direct else 0)
     return letters * (linear + (order + outputs if affine else 0))
 
 
 def refuse_poor_data(records: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], past: int,
                      parameters: int) -> None:
-    """Raise where a channel never moves, or where there are fewer equations than parameters."""
+    """Raise where a channel never moves, or where there are fewer equations than parameters.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform and finite.
+    inputs, outputs : sequence of str
+        Channel names.
+    past : int
+        Samples at the head of every record that give no equation.
+    parameters : int
+        To be estimated.
+
+    Raises
+    ------
+    InputError
+        Too few equations, or a channel that is constant throughout.
+    """
     for names, what in ((inputs, "input"), (outputs, "output")):
         for name in names:
             _moves(records, name, what)
@@ -62,7 +127,26 @@ def refuse_poor_data(records: Sequence[Record], inputs: Sequence[str], outputs: 
 
 def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[str], outputs: Sequence[str],
                 order: int) -> LPVStateSpace:
-    """A model of zeros with the record's rate and units."""
+    """A model of zeros with the record's rate and units.
+
+    Parameters
+    ----------
+    record : Record
+        Gives period and units.
+    box : Scheduling
+        Of the scheduling variables.
+    basis : Basis
+        Bound to it.
+    inputs, outputs : sequence of str
+        Channel names.
+    order : int
+        States.
+
+    Returns
+    -------
+    LPVStateSpace
+        In discrete time.
+    """
     m, nu, ny = basis.size, len(inputs), len(outputs)
     return LPVStateSpace(np.zeros((m, order, order)), np.zeros((m, order, nu)), np.zeros((m, ny, order)),
                          np.zeros((m, ny, nu)), basis, record.sample_time, box,
@@ -72,8 +156,30 @@ def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[
 
 def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpaceLayout, records: Sequence[Record],
             notes: Sequence[str], *, free_coordinates: bool = True) -> Identification:
-    """The Identification of a search's end, with covariance, noise and what to beware of."""
-    sure = precision(search, layout, free_coordinates=free_coordinates)
+    """The Identification of a search's end, with covariance, noise and what to beware of.
+
+    Parameters
+    ----------
+    structure : Structure
+        That was asked for.
+    search : StateSpaceSearchEnd
+        End of the search.
+    layout : StateSpaceLayout
+        Of its parameters.
+    records : sequence of Record
+        Data of the fit.
+    notes : sequence of str
+        Remarks that go in front.
+    free_coordinates : bool
+        Whether the layout leaves the coordinates of the state open, as a full one does and a canonical form does
+        not.
+
+    Returns
+    -------
+    Identification
+        The covariance stands in the metadata up to `COVARIANCE_LIMIT` parameters.
+    """
+    sure = _precision(search, layout, free_coordinates=free_coordinates)
     covariance = sure.covariance
     if isinstance(layout, StagedLayout):  # a model's file holds the law of its matrix entries; ψ is marginalised
         layout = layout.linear
@@ -88,7 +194,7 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
     if sure.free < layout.size and free_coordinates:
         stated.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
                     "standard errors hold the coordinates fixed")
-    unstable = unstable_share(model, search)
+    unstable = _unstable_share(model, search)
     if unstable > 0:
         stated.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
                     "the run is bounded there by the motion of the scheduling, not by the model")
@@ -96,7 +202,7 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
                           search.data.rows, notes=tuple(stated), covariance_kind=sure.kind)
 
 
-def unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
+def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
     """Share of the training samples at which the frozen model is unstable."""
     if not model.order:
         return 0.0
@@ -107,7 +213,21 @@ def unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """How sure the parameters of a search are: covariance, noise, condition number, number of free directions."""
+    """How sure the parameters of a search are: covariance, noise, condition number, number of free directions.
+
+    Attributes
+    ----------
+    covariance : (k, k) array
+        Of the parameters.
+    noise : (ny, ny) array
+        Covariance of the one-step errors [products of the outputs' units].
+    condition : float
+        Of the projected Jacobian in unit columns.
+    free : int
+        Directions that the data determine.
+    kind : str
+        How the covariance was computed, in words.
+    """
 
     covariance: np.ndarray
     noise: np.ndarray
@@ -116,7 +236,7 @@ class Precision:
     kind: str = "projected Jacobian, white errors"
 
 
-def precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
+def _precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
     """Covariance through the projected Jacobian, zero along a change of coordinates.
 
     For white errors σ² (JᵀJ)⁺. Where the whiteness test fails and the data are long enough, the sandwich

@@ -55,7 +55,19 @@ class SearchData:
 
     @classmethod
     def of(cls, records: Sequence[Record], model: LPVStateSpace) -> SearchData:
-        """The data as the model's stages and basis see them; outputs weighted by their spread."""
+        """The data as the model's stages and basis see them; outputs weighted by their spread.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        model : LPVStateSpace
+            For its channels, stages and basis.
+
+        Returns
+        -------
+        SearchData
+        """
         pieces = []
         for record in records:
             u, p = _signals(model, record)
@@ -67,11 +79,32 @@ class SearchData:
         return cls(tuple(pieces), 1.0 / spread, BEYOND * np.maximum(reach, spread))
 
     def at(self, model: LPVStateSpace) -> SearchData:
-        """The data as this model's stages see them: these here, whose stages do not move."""
+        """The data as this model's stages see them: these here, whose stages do not move.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            At the present parameters.
+
+        Returns
+        -------
+        SearchData
+        """
         return self
 
     def tangents(self, model: LPVStateSpace) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per record the derivatives of φ (n, M, s) and u (n, nu, s) by what moves the stages: nothing does."""
+        """Per record the derivatives of φ (n, M, s) and u (n, nu, s) by what moves the stages: nothing does.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            At the present parameters.
+
+        Returns
+        -------
+        list of ((n, M, s) array, (n, nu, s) array)
+            s = 0 here.
+        """
         return [(np.zeros((*phi.shape, 0)), np.zeros((*u.shape, 0))) for phi, u, _ in self.pieces]
 
     @property
@@ -88,13 +121,32 @@ class SearchData:
 
 
 def triangle(matrix: np.ndarray) -> np.ndarray:
-    """R of the QR factorisation."""
+    """R of the QR factorisation.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+
+    Returns
+    -------
+    (min(m, n), n) array
+    """
     return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Weighted sum of squared errors of a model with the best initial states; infinite where a run diverges."""
+    """Weighted sum of squared errors of a model with the best initial states; infinite where a run diverges.
+
+    Attributes
+    ----------
+    cost : float
+        Of weighted errors.
+    starts : tuple of (nx,) arrays
+        Initial state of every record.
+    errors : tuple of (n, ny) arrays
+        y − ŷ per record in the units of the outputs, without weights; empty where a run diverges, like `starts`.
+    """
 
     cost: float
     starts: tuple[np.ndarray, ...] = ()
@@ -102,7 +154,19 @@ class Evaluation:
 
 
 def evaluate(model: LPVStateSpace, data: SearchData) -> Evaluation:
-    """Run the model's predictor over all records; each initial state is the least-squares one."""
+    """Run the model's predictor over all records; each initial state is the least-squares one.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        With an observer gain its one-step predictor runs, without one its free run.
+    data : SearchData
+        Records, weights and limits.
+
+    Returns
+    -------
+    Evaluation
+    """
     from lpvid._state_space_kernels import predictor_run
 
     arrays = stacks(model)
@@ -131,7 +195,23 @@ def evaluate(model: LPVStateSpace, data: SearchData) -> Evaluation:
 
 def linearise(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
               starts: Sequence[np.ndarray]) -> np.ndarray:
-    """(k+1, k+1) triangular factor of [∂ŷ/∂θ, ŷ − y] with every record's initial state projected out."""
+    """(k+1, k+1) triangular factor of [∂ŷ/∂θ, ŷ − y] with every record's initial state projected out.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        At the present parameters.
+    layout : StateSpaceLayout
+        Of its k parameters.
+    data : SearchData
+        Records and weights.
+    starts : sequence of (nx,) arrays
+        Initial states, from `evaluate`.
+
+    Returns
+    -------
+    (k + 1, k + 1) array
+    """
     from lpvid._kernels import ChunkedQR
     from lpvid._state_space_kernels import sensitivity_rows
 
@@ -155,6 +235,20 @@ def gauge(model: LPVStateSpace, layout: StateSpaceLayout, ones: np.ndarray | Non
 
     A change of coordinates x → (I + S)⁻¹x moves A by AS − SA, B by −SB, C by CS (Lee & Poolla 1999; McKelvey,
     Helmersson & Ribarits 2004), every coefficient matrix alike; with free offsets a shift of the state is another.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        Fully parametrised.
+    layout : StateSpaceLayout
+        Of its k parameters.
+    ones : (M,) array or None
+        Combination of the basis that is 1; None where there is none, and the shift then drops out.
+
+    Returns
+    -------
+    (k, directions) array
+        n² directions for n states, and n more with offsets.
     """
     a, b, c, _, f, _, k = stacks(model)
     free = {int(code) for code in np.unique(layout.table[:, 1])}
@@ -196,7 +290,23 @@ class StateSpaceSearchEnd:
 
 @dataclass(frozen=True, eq=False)
 class LocalProblem:
-    """The linearised problem in coordinates that the data see: unit columns, gauge directions projected out."""
+    """The linearised problem in coordinates that the data see: unit columns, gauge directions projected out.
+
+    Attributes
+    ----------
+    scale : (k,) array
+        Norms of the Jacobian's columns, kept away from zero.
+    frame : (k, m) array
+        Orthonormal complement of the gauge directions, in scaled parameters.
+    left : (r,) array
+        Residual in the left singular directions.
+    singular : (r,) array
+        Singular values of the projected Jacobian, falling.
+    right : (r, m) array
+        Right singular directions.
+    condition : float
+        Ratio of the first to the last singular value.
+    """
 
     scale: np.ndarray
     frame: np.ndarray
@@ -207,6 +317,19 @@ class LocalProblem:
 
     @classmethod
     def of(cls, factor: np.ndarray, directions: np.ndarray) -> LocalProblem:
+        """Problem of a triangular factor, by one singular value decomposition.
+
+        Parameters
+        ----------
+        factor : (k + 1, k + 1) array
+            Of [∂ŷ/∂θ, ŷ − y], from `linearise`.
+        directions : (k, d) array
+            Changes without effect, from `gauge`; no columns for none.
+
+        Returns
+        -------
+        LocalProblem
+        """
         k = factor.shape[0] - 1
         jacobian, residual = factor[:k, :k], factor[:k, k]
         norms = np.linalg.norm(jacobian, axis=0)
@@ -217,17 +340,49 @@ class LocalProblem:
         return cls(scale, frame, u.T @ residual, s, vt, ratio)
 
     def step(self, damping: float) -> np.ndarray:
+        """Change of the parameters that a damped Gauss-Newton step takes.
+
+        Parameters
+        ----------
+        damping : float
+            λ, for unit columns.
+
+        Returns
+        -------
+        (k,) array
+        """
         shrunk = self.singular / (self.singular**2 + damping) * self.left
         return -(self.frame @ (self.right.T @ shrunk)) / self.scale
 
     def expected(self, damping: float) -> float:
-        """Decrease of the cost that the linear model promises."""
+        """Decrease of the cost that the linear model promises.
+
+        Parameters
+        ----------
+        damping : float
+            λ, for unit columns.
+
+        Returns
+        -------
+        float
+            In the unit of the weighted cost.
+        """
         seen = self.singular**2 + damping > 0  # a parameter without any effect promises nothing
         share = damping / (self.singular[seen] ** 2 + damping)
         return float(np.sum(self.left[seen] ** 2 * (1 - share**2)))
 
     def covariance(self, noise: float) -> tuple[np.ndarray, int]:
-        """Covariance of the parameters, and the number of directions that the data determine."""
+        """Covariance of the parameters, and the number of directions that the data determine.
+
+        Parameters
+        ----------
+        noise : float
+            Variance of the weighted errors.
+
+        Returns
+        -------
+        (k, k) array, int
+        """
         seen = self.singular > NEGLIGIBLE * self.singular.max(initial=0.0)
         root = (self.frame @ self.right[seen].T) / self.singular[seen] / self.scale[:, None]
         return noise * root @ root.T, int(seen.sum())
@@ -361,7 +516,20 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
 
 
 def frozen_radius(model: LPVStateSpace, data: SearchData) -> float:
-    """Largest modulus of the frozen poles at points spread along the training trajectory."""
+    """Largest modulus of the frozen poles at points spread along the training trajectory.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        At the present parameters.
+    data : SearchData
+        Gives the trajectory, on about `FROZEN_POINTS` samples.
+
+    Returns
+    -------
+    float
+        0 without states.
+    """
     if not model.order:
         return 0.0
     step = max(1, sum(len(piece[0]) for piece in data.pieces) // FROZEN_POINTS)
@@ -373,6 +541,20 @@ def bounded(model: LPVStateSpace, data: SearchData) -> tuple[LPVStateSpace, floa
     """The model with its state matrix shrunk by the least factor that keeps its runs bounded, and that factor.
 
     An observer gain whose predictor diverges is dropped first.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        Any.
+    data : SearchData
+        Records on which the run must stay bounded.
+
+    Returns
+    -------
+    LPVStateSpace
+        The model itself where its runs are bounded.
+    float
+        1 where A is as it was, 0 where it had to vanish.
     """
     excess = 100.0 * data.rows
     if evaluate(model, data).cost < excess:

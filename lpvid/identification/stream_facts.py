@@ -22,7 +22,20 @@ BLOCKS = 256
 
 
 def located(chunks: Iterable[Record], place: Any) -> Iterator[tuple[Any, Record]]:
-    """Chunks from a place on, each with the place behind it; None is the beginning."""
+    """Chunks from a place on, each with the place behind it; None is the beginning.
+
+    Parameters
+    ----------
+    chunks : iterable of Record
+        Chunks of a file, or any other.
+    place : object or None
+        As given with an earlier chunk: a place in a file, or the number of chunks before.
+
+    Yields
+    ------
+    (place, Record)
+        Chunks up to and including that of `place` are left out.
+    """
     if isinstance(chunks, Chunks):
         yield from chunks.located() if place is None else chunks.located(tuple(place))
         return
@@ -33,7 +46,33 @@ def located(chunks: Iterable[Record], place: Any) -> Iterator[tuple[Any, Record]
 
 @dataclass
 class Facts:
-    """Running facts about a stream."""
+    """Running facts about a stream.
+
+    Attributes
+    ----------
+    arx : ARX
+        For its channels and its longest past.
+    samples, records : int
+        Seen so far; a piece that continues its record counts for `samples` alone.
+    duration : float
+        [s].
+    firsts : dict of str to Record
+        First sample of every record name.
+    heads : list of list of float
+        Beginnings of the first records, for a model's fingerprint.
+    ranges : dict of str to [float, float]
+        Lowest and highest value by channel.
+    power, mean : (n_outputs,) arrays
+        Sum of squares of the outputs about their mean, and that mean.
+    count : int
+        Samples behind these two.
+    blocks : list of (n, n_scheduling) arrays
+        Stretches of the scheduling, from every `every`-th piece.
+    every : int
+        Doubled whenever the blocks become too many.
+    passed : int
+        Pieces looked at for blocks.
+    """
 
     arx: ARX
     samples: int = 0
@@ -50,7 +89,16 @@ class Facts:
     passed: int = 0
 
     def add(self, piece: Record, continues: bool) -> None:
-        """Take in the next piece."""
+        """Take in the next piece.
+
+        Parameters
+        ----------
+        piece : Record
+            Uniform and finite.
+        continues : bool
+            Whether it goes on where the piece before ended; otherwise the structure's longest past is left out of
+            power and mean.
+        """
         assert piece.sample_time is not None
         arx = self.arx
         for name in dict.fromkeys((*arx.input, *arx.output, *arx.basis.names)):
@@ -88,7 +136,13 @@ class Facts:
             self.blocks, self.every = self.blocks[1::2], 2 * self.every
 
     def refuse_still(self) -> None:
-        """An input or output that never moved."""
+        """Refuse a stream in which an input or output never moved.
+
+        Raises
+        ------
+        InputError
+            Names the channel and its constant value.
+        """
         for name in (*self.arx.input, *self.arx.output):
             low, high = self.ranges[name]
             if not high > low:
@@ -101,12 +155,24 @@ class Facts:
         return {n: usual_range([b[:, k] for b in self.blocks]) for k, n in enumerate(self.arx.basis.names)}
 
     def named_heads(self) -> list[Record]:
-        """One short record for each name, at the mean rate."""
+        """One short record for each name, at the mean rate.
+
+        Returns
+        -------
+        list of Record
+            Of one sample each.
+        """
         period = self.duration / self.samples
         return [replace(head, time=None, sample_time=period, name=name) for name, head in self.firsts.items()]
 
     def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Plain data and arrays, from which `restore` goes on."""
+        """Plain data and arrays, from which `restore` goes on.
+
+        Returns
+        -------
+        dict, dict of arrays
+            As a `Checkpoint` saves them.
+        """
         firsts = {name: {"roles": dict(r.roles), "time": r.sample_time, "channels":
                          {k: [float(c.values[0]), c.unit] for k, c in r.channels.items()}}
                   for name, r in self.firsts.items()}
@@ -116,7 +182,14 @@ class Facts:
                 {"power": self.power, "mean": self.mean, **{f"block{k}": b for k, b in enumerate(self.blocks)}})
 
     def restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Go on from a `state`."""
+        """Go on from a `state`.
+
+        Parameters
+        ----------
+        meta : dict
+            Plain data.
+        arrays : dict of arrays
+        """
         for name in ("samples", "records", "duration", "heads", "ranges", "count", "every", "passed"):
             setattr(self, name, meta[name])
         self.power, self.mean = arrays["power"], arrays["mean"]
@@ -134,7 +207,28 @@ def _copied(record: Record) -> Record:
 
 def box_of(names: tuple[str, ...], degree: int | None, low: np.ndarray, high: np.ndarray,
            units: tuple[str, ...]) -> Scheduling:
-    """The box around the scheduling of a whole stream."""
+    """The box around the scheduling of a whole stream.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Scheduling variables.
+    degree : int or None
+        Of the basis; a basis of degree 0 may have a constant variable.
+    low, high : (n_scheduling,) arrays
+        Lowest and highest values [units of the variables].
+    units : tuple of str
+        Empty where the stream held no usable sample.
+
+    Returns
+    -------
+    Scheduling
+
+    Raises
+    ------
+    InputError
+        No usable sample, or a variable that is constant over the whole stream.
+    """
     if not units:
         raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
     for name, lo, hi in zip(names, low, high, strict=True):

@@ -215,6 +215,11 @@ def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:
     Returns
     -------
     Factor
+
+    Raises
+    ------
+    InputError
+        No factors, or factors of different structures.
     """
     if not factors:
         raise InputError("nothing to put together", got="no factors")

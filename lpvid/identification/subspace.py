@@ -203,7 +203,20 @@ class Subspace(Structure):
         return order, f"by its free run out of {FOLDS} folds of these data (ESR by order {listed})"
 
     def by_order(self, records: Sequence[Record], orders: Sequence[int]) -> Iterator[tuple[int, LPVStateSpace | None]]:
-        """Order and estimate for several orders from one regression; None where there is none."""
+        """Order and estimate for several orders from one regression; None where there is none.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        orders : sequence of int
+            Numbers of states.
+
+        Yields
+        ------
+        int, LPVStateSpace or None
+            The nearest model whose runs on these data are bounded.
+        """
         box = scheduling_box(records, self.basis, check_basis=False)
         traces, scales = self._traces(records, box)
         words, _ = self._words(traces)

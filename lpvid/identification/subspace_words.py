@@ -23,7 +23,19 @@ SPAN = 1024
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One record, scaled: letters φ (n, M), past signals z (n, nz), what acts on y directly (n, nd), y (n, ny)."""
+    """One record, scaled: letters φ (n, M), past signals z (n, nz), what acts on y directly (n, nd), y (n, ny).
+
+    Attributes
+    ----------
+    phi : (n, M) array
+        Scaled to unit mean square.
+    z : (n, nz) array
+        Inputs, outputs and, with offsets, 1.
+    now : (n, nd) array
+        Inputs where there is a direct term, and 1 where there are offsets.
+    y : (n, ny) array
+        In units of its spread.
+    """
 
     phi: np.ndarray
     z: np.ndarray
@@ -38,11 +50,41 @@ class Words(ABC):
 
     @abstractmethod
     def rows(self, trace: Trace, letter: np.ndarray, future: int) -> np.ndarray:
-        """(n − past, future·M·ny) estimates of C_m A(letter)ⁱ x(k), i < future, for k = past … n − 1."""
+        """(n − past, future·M·ny) estimates of C_m A(letter)ⁱ x(k), i < future, for k = past … n − 1.
+
+        Parameters
+        ----------
+        trace : Trace
+            Any record, scaled as those of the fit.
+        letter : (M,) array
+            Basis values at which the state runs on.
+        future : int
+            Number of predicted outputs; no more than the past.
+
+        Returns
+        -------
+        (n − past, future·M·ny) array
+        """
 
 
 def number_of_words(letters: int, signals: int, direct: int, past: int) -> int:
-    """Columns of the written-out regression."""
+    """Columns of the written-out regression.
+
+    Parameters
+    ----------
+    letters : int
+        Functions of the basis M.
+    signals : int
+        Past signals nz.
+    direct : int
+        Signals that act on the output directly, nd.
+    past : int
+        Longest word.
+
+    Returns
+    -------
+    int
+    """
     total = 0
     for _ in range(past):
         total = letters * (signals + total)
@@ -51,7 +93,19 @@ def number_of_words(letters: int, signals: int, direct: int, past: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class WrittenWords(Words):
-    """The regression with every word as a column."""
+    """The regression with every word as a column.
+
+    Attributes
+    ----------
+    past : int
+        Longest word [samples].
+    coefficients : (M, n_words, ny) array
+        Of the words of the past, by the letter in front.
+    n_words : int
+        Words without the letter in front.
+    penalty : float
+        Of the ridge, on the squared coefficients.
+    """
 
     past: int
     coefficients: np.ndarray
@@ -60,6 +114,19 @@ class WrittenWords(Words):
 
     @classmethod
     def fit(cls, traces: Sequence[Trace], past: int) -> WrittenWords:
+        """Regression on all rows, folded into one triangular factor.
+
+        Parameters
+        ----------
+        traces : sequence of Trace
+            The records.
+        past : int
+            Longest word [samples].
+
+        Returns
+        -------
+        WrittenWords
+        """
         m, nz = traces[0].phi.shape[1], traces[0].z.shape[1]
         ny, nd = traces[0].y.shape[1], traces[0].now.shape[1]
         width = number_of_words(m, nz, nd, past)
@@ -107,7 +174,19 @@ def _with_letters(phi: np.ndarray, words: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class KernelWords(Words):
-    """The regression by inner products of words, on chosen rows (memory and time grow with their number squared)."""
+    """The regression by inner products of words, on chosen rows (memory and time grow with their number squared).
+
+    Attributes
+    ----------
+    past : int
+        Longest word [samples].
+    chosen : tuple of (Trace, (c,) int array)
+        Rows of every record that the regression holds.
+    dual : (rows, ny) array
+        Dual coefficients.
+    penalty : float
+        Of the ridge, on the squared coefficients.
+    """
 
     past: int
     chosen: tuple[tuple[Trace, np.ndarray], ...]
@@ -116,7 +195,21 @@ class KernelWords(Words):
 
     @classmethod
     def fit(cls, traces: Sequence[Trace], past: int, limit: int) -> KernelWords:
-        """Up to `limit` rows, spread evenly over all traces."""
+        """Up to `limit` rows, spread evenly over all traces.
+
+        Parameters
+        ----------
+        traces : sequence of Trace
+            The records.
+        past : int
+            Longest word [samples].
+        limit : int
+            Rows at most, but at least one per record.
+
+        Returns
+        -------
+        KernelWords
+        """
         total = sum(len(t.y) - past for t in traces)
         share = min(1.0, limit / total)
         counts = [max(1, int(share * (len(t.y) - past))) for t in traces]

@@ -88,11 +88,38 @@ class Affine:
         return Affine(left @ self.constant, (spread @ self.linear).tocsr())
 
     def value(self, x: np.ndarray) -> np.ndarray:
-        """(m, n) the matrix at x of shape (K,)."""
+        """(m, n) the matrix at x of shape (K,).
+
+        Parameters
+        ----------
+        x : (K,) array
+            All unknowns; entries behind those that the matrix knows are ignored.
+
+        Returns
+        -------
+        (m, n) array
+            F(x).
+        """
         return self.constant + (self.linear @ x[: self.linear.shape[1]]).reshape(self.shape)
 
     def times(self, matrix: np.ndarray) -> Affine:
-        """A scalar unknown times a known matrix."""
+        """A scalar unknown times a known matrix.
+
+        Parameters
+        ----------
+        matrix : (m, n) array
+            Known numbers.
+
+        Returns
+        -------
+        Affine
+            (m, n).
+
+        Raises
+        ------
+        InputError
+            An unknown that is not (1, 1).
+        """
         if self.shape != (1, 1):
             raise InputError("only a scalar unknown can multiply a matrix", got=f"shape {self.shape}")
         matrix = np.asarray(matrix, dtype=float)
@@ -107,18 +134,51 @@ class Unknowns:
         self.size = 0
 
     def symmetric(self, n: int) -> Affine:
-        """(n, n) symmetric, n(n+1)/2 unknowns, the upper triangle row by row."""
+        """(n, n) symmetric, n(n+1)/2 unknowns, the upper triangle row by row.
+
+        Parameters
+        ----------
+        n : int
+            Order.
+
+        Returns
+        -------
+        Affine
+            Its unknowns follow those declared before.
+        """
         rows, columns = np.triu_indices(n)
         index = np.zeros((n, n), dtype=int)
         index[rows, columns] = index[columns, rows] = np.arange(len(rows))
         return self._declared(index.ravel(), (n, n), len(rows))
 
     def matrix(self, m: int, n: int) -> Affine:
-        """(m, n) without structure."""
+        """(m, n) without structure.
+
+        Parameters
+        ----------
+        m, n : int
+            Rows and columns.
+
+        Returns
+        -------
+        Affine
+            m·n unknowns, row by row.
+        """
         return self._declared(np.arange(m * n), (m, n), m * n)
 
     def antisymmetric(self, n: int) -> Affine:
-        """(n, n) with T = −Tᵀ."""
+        """(n, n) with T = −Tᵀ.
+
+        Parameters
+        ----------
+        n : int
+            Order.
+
+        Returns
+        -------
+        Affine
+            n(n − 1)/2 unknowns, the upper triangle row by row.
+        """
         rows, columns = np.triu_indices(n, 1)
         count, k = len(rows), np.arange(len(rows))
         data = np.concatenate([np.ones(count), -np.ones(count)])
@@ -128,7 +188,13 @@ class Unknowns:
         return Affine(np.zeros((n, n)), linear)
 
     def scalar(self) -> Affine:
-        """(1, 1)."""
+        """(1, 1).
+
+        Returns
+        -------
+        Affine
+            One unknown.
+        """
         return self.matrix(1, 1)
 
     def _declared(self, index: np.ndarray, shape: tuple[int, int], count: int) -> Affine:
@@ -139,12 +205,38 @@ class Unknowns:
 
 
 def he(matrix: Affine) -> Affine:
-    """M + Mᵀ."""
+    """M + Mᵀ.
+
+    Parameters
+    ----------
+    matrix : (n, n) Affine
+        M, square.
+
+    Returns
+    -------
+    (n, n) Affine
+        Symmetric.
+    """
     return matrix + matrix.T
 
 
 def block(rows: Sequence[Sequence[Affine | np.ndarray]]) -> Affine:
     """A matrix of blocks; known blocks are arrays, and at least one block is affine.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of Affine or 2-D array
+        Rows of blocks, from the left.
+
+    Returns
+    -------
+    Affine
+        Over the unknowns of all blocks.
+
+    Raises
+    ------
+    InputError
+        A block whose shape does not fit its row and column.
 
     Examples
     --------

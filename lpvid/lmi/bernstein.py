@@ -19,6 +19,16 @@ import numpy as np
 def nodes(degree: int) -> np.ndarray:
     """(degree + 1,) Chebyshev-Lobatto points of [0, 1], both ends included; the middle alone for degree 0.
 
+    Parameters
+    ----------
+    degree : int
+        Of the polynomial, at least 0.
+
+    Returns
+    -------
+    (degree + 1,) array
+        Rising, read-only.
+
     Examples
     --------
     >>> nodes(2)
@@ -32,6 +42,16 @@ def nodes(degree: int) -> np.ndarray:
 @lru_cache(maxsize=64)
 def from_nodes(degree: int) -> np.ndarray:
     """(degree + 1, degree + 1) matrix that turns values at `nodes` into Bernstein coefficients.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomial, at least 0.
+
+    Returns
+    -------
+    (degree + 1, degree + 1) array
+        Read-only.
 
     Examples
     --------
@@ -72,12 +92,36 @@ def coefficients(values: np.ndarray, axes: int) -> np.ndarray:
 
 
 def amplification(degrees: tuple[int, ...]) -> float:
-    """How much `coefficients` can enlarge an error of the values: product of the matrices' infinity norms."""
+    """How much `coefficients` can enlarge an error of the values: product of the matrices' infinity norms.
+
+    Parameters
+    ----------
+    degrees : tuple of int
+        Along every axis.
+
+    Returns
+    -------
+    float
+        At least 1.
+    """
     return math.prod(float(np.abs(from_nodes(d)).sum(axis=1).max()) for d in degrees)
 
 
 def split(boxes: np.ndarray, axis: int) -> np.ndarray:
-    """Halve every box along one axis (1-based, after the box index); left halves first."""
+    """Halve every box along one axis (1-based, after the box index); left halves first.
+
+    Parameters
+    ----------
+    boxes : (boxes, d_1 + 1, …, d_axes + 1, …) array
+        Bernstein coefficients.
+    axis : int
+        From 1.
+
+    Returns
+    -------
+    (2·boxes, d_1 + 1, …, d_axes + 1, …) array
+        Coefficients on the halves.
+    """
     return np.concatenate([_along(half, boxes, axis) for half in _halves(boxes.shape[axis] - 1)])
 
 
@@ -113,6 +157,11 @@ def positive(boxes: np.ndarray, axes: int, *, above: float = 0.0, budget: int = 
         How many matrices may be examined.
     sharpness : float
         A proven bound is tightened, while the budget lasts, to this share of the smallest eigenvalue at a corner.
+
+    Returns
+    -------
+    Positivity
+        Undecided where the budget ran out.
 
     Examples
     --------

@@ -90,7 +90,27 @@ class BoundCertificate(StorageCertificate):
 
 def inequality_of(quantity: str, level: float, region: tuple[np.ndarray, np.ndarray] | None
                   ) -> Callable[[Driven, Storage], LyapunovInequality]:
-    """What has to be positive definite."""
+    """What has to be positive definite.
+
+    Parameters
+    ----------
+    quantity : str
+        One of `QUANTITIES`.
+    level : float
+        ν of an H2 norm, or a decay rate [1/s]; not used for a region.
+    region : (L, M) or None
+        Of a pole region; not used otherwise.
+
+    Returns
+    -------
+    callable
+        From a system and a storage function to the inequality.
+
+    Raises
+    ------
+    InputError
+        A pole region without its matrices.
+    """
     if quantity == "h2-norm":
         return lambda system, storage: H2Bound(system, storage, level)
     if quantity == "decay-rate":
@@ -101,6 +121,17 @@ def inequality_of(quantity: str, level: float, region: tuple[np.ndarray, np.ndar
 
 
 def has_h2_norm(system: Driven) -> bool:
-    """Discrete, or without feedthrough."""
+    """Discrete, or without feedthrough.
+
+    Parameters
+    ----------
+    system : Driven
+        Its D is looked at.
+
+    Returns
+    -------
+    bool
+        False in continuous time with a direct path from white noise to the outputs: the norm is then infinite.
+    """
     n = system.order
     return system.sample_time is not None or not system.coefficients[:, n:, n:].any()

@@ -20,6 +20,17 @@ class H2Bound(LyapunovInequality):
 
     Then E|z|² averages at most ν² while w is white noise of unit intensity, and the energy of the responses to unit
     impulses at all inputs together is at most ν², whenever they strike.
+
+    Parameters
+    ----------
+    system : Driven
+        w → z, D = 0 in continuous time.
+    storage : Storage
+        xᵀP(p)x.
+    level : float
+        ν > 0.
+    power : int
+        Degree in the system's matrices.
     """
 
     system: Driven
@@ -52,6 +63,17 @@ class DecayBound(LyapunovInequality):
     """−AᵀP − PA − Ṗ − 2αP ≻ 0, or exp(−2α T_s) P − AᵀP⁺A ≻ 0: √(xᵀPx) decreases at least as exp(−αt).
 
     Its margin is a pure number; of a stability certificate (`in_seconds`) it is 1/s in continuous time.
+
+    Parameters
+    ----------
+    system : Driven
+        Its A alone counts.
+    storage : Storage
+        xᵀP(p)x.
+    level : float
+        α [1/s].
+    in_seconds : bool
+        Leave the inequality in 1/s, not in the system's own time.
     """
 
     system: Driven
@@ -82,6 +104,17 @@ class RegionBound(LyapunovInequality):
     """−(L ⊗ P + M ⊗ PA + Mᵀ ⊗ AᵀP) ≻ 0: the poles of A(p), frozen anywhere in the box, keep L + sM + s̄Mᵀ ≺ 0.
 
     Chilali & Gahinet, IEEE Trans. Automatic Control 41 (1996) 358-367, (2) and theorem 2.2. P(p) need not move.
+
+    Parameters
+    ----------
+    system : Driven
+        Its A alone counts.
+    storage : Storage
+        xᵀP(p)x.
+    fixed, varying : (m, m) array
+        L, symmetric, and M.
+    power : int
+        Degree in the system's matrices.
     """
 
     system: Driven

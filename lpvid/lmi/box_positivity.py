@@ -30,6 +30,19 @@ class Axis:
     """One variable: its interval, and the degree between breaks or the highest angular frequency of the dependence.
 
     `opaque` marks a dependence of which neither is known.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the interval, in the variable's unit.
+    degree : int
+        Highest power between breaks.
+    breaks : tuple of float
+        Where pieces meet; those outside the interval do not count.
+    frequency : float
+        Highest angular frequency [rad per unit of the variable]; 0 for a piecewise polynomial.
+    opaque : bool
+        Neither degree nor frequency holds.
     """
 
     low: float
@@ -50,7 +63,13 @@ class Axis:
         return WAVE_DEGREE if self.frequency else self.degree
 
     def cells(self) -> list[tuple[float, float]]:
-        """Intervals on each of which the function is one polynomial, or close to one."""
+        """Intervals on each of which the function is one polynomial, or close to one.
+
+        Returns
+        -------
+        list of (float, float)
+            Rising, from end to end; of a trigonometric axis no wider than `PHASE`.
+        """
         tiny = 1e-12 * (self.high - self.low)
         edges = [self.low]
         edges += [b for b in sorted(self.breaks) if self.low + tiny < b < self.high - tiny]

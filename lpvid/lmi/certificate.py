@@ -37,11 +37,35 @@ class Recheck:
 
 
 def grid(box: Scheduling, points: int) -> np.ndarray:
-    """(N, variables) tensor grid over a box; a variable without width counts once."""
+    """(N, variables) tensor grid over a box; a variable without width counts once.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges of the variables.
+    points : int
+        Values of each variable that has width, ends included.
+
+    Returns
+    -------
+    (N, variables) array
+        One row without columns for a box without variables.
+    """
     return tensor([np.linspace(lo, up, points) if up > lo else np.array([lo])
                     for lo, up in zip(box.lower, box.upper, strict=True)])
 
 
 def tensor(axes: list[np.ndarray]) -> np.ndarray:
-    """(N, axes) all combinations of the values on several axes."""
+    """(N, axes) all combinations of the values on several axes.
+
+    Parameters
+    ----------
+    axes : list of arrays
+        Values on each axis.
+
+    Returns
+    -------
+    (N, axes) array
+        The last axis runs fastest.
+    """
     return np.array(list(itertools.product(*axes)), dtype=float).reshape(math.prod(map(len, axes)), len(axes))

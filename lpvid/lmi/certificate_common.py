@@ -261,7 +261,20 @@ def malformed(storage: Storage, system: Driven) -> str:
 
 
 def describe_box(box: Scheduling, kind: str) -> str:
-    """Range and rates that a certificate covers, in words; empty without scheduling variables."""
+    """Range and rates that a certificate covers, in words; empty without scheduling variables.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges and rates.
+    kind : str
+        Of the storage function: rates are named for a parameter-dependent one only.
+
+    Returns
+    -------
+    str
+        Begins with a space, to follow a claim.
+    """
     where = ", ".join(f"{n} in [{a:.6g}, {b:.6g}] {u}".rstrip() for n, a, b, u in
                       zip(box.names, box.lower, box.upper, box.units, strict=True))
     if not where or kind != "parameter-dependent":
@@ -272,7 +285,18 @@ def describe_box(box: Scheduling, kind: str) -> str:
 
 
 def certificate_kind(storage: Storage) -> str:
-    """Sort of a storage function."""
+    """Sort of a storage function.
+
+    Parameters
+    ----------
+    storage : Storage
+        xᵀP(p)x.
+
+    Returns
+    -------
+    str
+        "quadratic" (one P), "poly-quadratic" (P(p), no rate bound) or "parameter-dependent" (P(p), a rate bound).
+    """
     if not storage.readings:
         return "quadratic"
     bounded = any(storage.box.rate[i] is not None for i in storage.readings)

@@ -48,7 +48,18 @@ class Driven:
     outputs: tuple[str, ...]
 
     def matrices(self, points: np.ndarray) -> Matrices:
-        """A, B, C, D at `points` of shape (N, len(readings)), each (N, …)."""
+        """A, B, C, D at `points` of shape (N, len(readings)), each (N, …).
+
+        Parameters
+        ----------
+        points : (N, readings) array
+            Value of each reading, in the variable's unit.
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+            Frozen matrices.
+        """
         weights = reading_weights(self.basis, self.readings, points)
         return self._parts(np.tensordot(weights, self.coefficients, axes=1))
 
@@ -66,12 +77,34 @@ class Driven:
         return self.matrices(points)[0]
 
     def magnitudes(self, points: np.ndarray) -> Matrices:
-        """Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`."""
+        """Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`.
+
+        Parameters
+        ----------
+        points : (N, readings) array
+            Value of each reading.
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+            Not negative.
+        """
         weights = reading_weights(self.basis, self.readings, points)
         return self._parts(np.tensordot(np.abs(weights), np.abs(self.coefficients), axes=1))
 
     def ceilings(self, box: Scheduling) -> Matrices:
-        """(1, …) entrywise bounds of |A|, |B|, |C|, |D| over the box, trigonometric functions over their period."""
+        """(1, …) entrywise bounds of |A|, |B|, |C|, |D| over the box, trigonometric functions over their period.
+
+        Parameters
+        ----------
+        box : Scheduling
+            Ranges of the readings, or of their variables.
+
+        Returns
+        -------
+        (A, B, C, D), each (1, …)
+            Not negative.
+        """
         limits = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
         for reading in self.readings:  # a delayed copy has the box of its variable
             limits.setdefault(reading.name, limits[reading.label])
@@ -89,6 +122,22 @@ def autonomous(model: Model) -> Driven:
     The zero-input equation y(k) = −Σ a_i(p_k) y(k−i) has the state [y(k−1) … y(k−n)] and the companion matrix with the
     coefficients in its first block row; with a_i at p(k−i) the observer companion at p(k) is exact (Tóth, Abbas &
     Werner 2012). Each has its own products A(p_k) A(p_{k−1})…, so a statement about one is not one about the other.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Affine terms and inputs do not count.
+
+    Returns
+    -------
+    Driven
+        Without inputs and outputs.
+
+    Raises
+    ------
+    InputError
+        Another kind of model, a basis that is no piecewise polynomial, or a continuous-time model that reads p at a
+        delay.
     """
     if isinstance(model, LPVTransferFunction):
         na, ny, size = model.na, model.n_outputs, model.basis.size
@@ -123,6 +172,18 @@ def _digest(model: Model, coefficients: np.ndarray) -> str:
 def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
     """The linear part of a model; `also` names scheduling variables to list although the matrices may not read them.
 
+    Parameters
+    ----------
+    model : LPVStateSpace
+        With named inputs and outputs.
+    also : tuple of str
+        Scheduling variables that a storage function may depend on.
+
+    Returns
+    -------
+    Driven
+        From the model's inputs (behind an input stage, where it has one) to its outputs.
+
     Raises
     ------
     InputError
@@ -147,6 +208,18 @@ def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
 
 def basis_ceilings(basis: Basis, limits: dict[str, tuple[float, float]]) -> np.ndarray:
     """(M,) bounds of |φ| over intervals of the variables; splines, sines and cosines count 1.
+
+    Parameters
+    ----------
+    basis : Basis
+        The functions φ.
+    limits : dict of str to (float, float)
+        Lowest and highest value of each variable.
+
+    Returns
+    -------
+    (M,) array
+        One for each function.
 
     Examples
     --------

@@ -30,14 +30,36 @@ class Frame:
     gain: float
 
     def inside(self, system: Matrices) -> Matrices:
-        """A, B, C, D in the frame."""
+        """A, B, C, D in the frame.
+
+        Parameters
+        ----------
+        system : (A, B, C, D), each (N, …)
+            In the system's own states, seconds and units.
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+            w and z share the gain, half each.
+        """
         a, b, c, d = system
         inverse, root = np.linalg.inv(self.states), math.sqrt(self.gain)
         return (self.time * inverse @ a @ self.states, self.time * inverse @ b / root, c @ self.states / root,
                 d / self.gain)
 
     def outside(self, matrices: np.ndarray) -> np.ndarray:
-        """(K, n, n) matrices of a storage function for the system itself, from those in the frame."""
+        """(K, n, n) matrices of a storage function for the system itself, from those in the frame.
+
+        Parameters
+        ----------
+        matrices : (K, n, n) array
+            In the frame.
+
+        Returns
+        -------
+        (K, n, n) array
+            Symmetric.
+        """
         inverse = np.linalg.inv(self.states)
         matrices = self.time * inverse.T @ matrices @ inverse
         return 0.5 * (matrices + matrices.swapaxes(1, 2))
@@ -52,6 +74,11 @@ def frame_of(system: Driven, points: np.ndarray, floor: float = 0.0) -> Frame:
     points : (N, readings) array
     floor : float
         A gain that is known to be reached.
+
+    Returns
+    -------
+    Frame
+        Its gain is the largest of direct path, Hankel singular value and floor; 1 where all are zero.
     """
     a, b, c, d = system.matrices(points)
     direct = float(np.linalg.norm(d, 2, axis=(1, 2)).max(initial=0.0)) if d.size else 0.0
@@ -84,6 +111,20 @@ def _gramians(system: Driven, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tu
 
 def gramian(a: np.ndarray, w: np.ndarray, discrete: bool) -> np.ndarray:
     """X with A X + X Aᵀ + W = 0, or A X Aᵀ − X + W = 0.
+
+    Parameters
+    ----------
+    a : (n, n) array
+        A, stable.
+    w : (n, n) array
+        W, symmetric.
+    discrete : bool
+        Discrete time: the second equation.
+
+    Returns
+    -------
+    (n, n) array
+        X, symmetric.
 
     Examples
     --------

@@ -30,7 +30,17 @@ from lpvid.scheduling import Basis, Scheduling
 
 @dataclass(frozen=True, eq=False)
 class BoundedReal(LyapunovInequality):
-    """The bounded-real inequality of a system with a storage function and a gain γ > 0."""
+    """The bounded-real inequality of a system with a storage function and a gain γ > 0.
+
+    Parameters
+    ----------
+    system : Driven
+        w → z.
+    storage : Storage
+        xᵀP(p)x.
+    gamma : float
+        γ, in the unit of the outputs over that of the inputs.
+    """
 
     system: Driven
     storage: Storage
@@ -43,7 +53,7 @@ class BoundedReal(LyapunovInequality):
 
     def matrix(self, pieces: Pieces) -> np.ndarray:
         discrete = self.system.sample_time is not None
-        return bounded_real(pieces, self.gamma, discrete)
+        return _bounded_real(pieces, self.gamma, discrete)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
         n, m = len(root), len(self.system.inputs) + len(self.system.outputs)
@@ -54,7 +64,22 @@ class BoundedReal(LyapunovInequality):
 
 
 def pace(system: Driven, storage: Storage, root: np.ndarray) -> float:
-    """Time [s] in which the state changes by its own size, in the norm of P at the centre; 1 in discrete time."""
+    """Time [s] in which the state changes by its own size, in the norm of P at the centre; 1 in discrete time.
+
+    Parameters
+    ----------
+    system : Driven
+        Its A at the centre of the box counts.
+    storage : Storage
+        Gives the centre.
+    root : (n, n) array
+        W with W P(centre) Wᵀ = I.
+
+    Returns
+    -------
+    float
+        1 also where A is zero or there is no state.
+    """
     if system.sample_time is not None or not len(root):
         return 1.0
     a = system.matrices(storage.box.centre[None, :])[0][0]
@@ -62,7 +87,7 @@ def pace(system: Driven, storage: Storage, root: np.ndarray) -> float:
     return 1 / size if 0 < size < math.inf else 1.0
 
 
-def bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
+def _bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
     """(N, T, m, m) the matrix of the bounded-real inequality, of values or (with sign +1) of magnitudes."""
     s, at, bt = q.sign, q.A.swapaxes(2, 3), q.B.swapaxes(2, 3)
     moves = (*q.later.shape[:2],)
@@ -166,6 +191,22 @@ class GainCertificate(StorageCertificate):
 def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None) -> Recheck:
     """Check that a storage function proves a gain, between grid points if the budget allows.
 
+    Parameters
+    ----------
+    system : Driven
+        w → z.
+    storage : Storage
+        xᵀP(p)x.
+    gamma : float
+        Bound of the gain.
+    budget : int, optional
+        Matrices that subdivision may examine; left out, about a second's worth.
+
+    Returns
+    -------
+    Recheck
+        Fails, with a margin of NaN, for a γ that is not positive and finite.
+
     Examples
     --------
     >>> from lpvid.lmi.driven import driven
@@ -233,10 +274,10 @@ def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], 
         scale[:, 0, :n, :n] /= np.sqrt(np.maximum(speed, 1e-300))[:, None, None]
     system = a, b, c, d
     a, b, c, d, p = (x[:, None] for x in (*system, p))
-    value = scale @ bounded_real(Pieces(a, b, c, d, p, after), gamma, discrete) @ scale.swapaxes(2, 3)
+    value = scale @ _bounded_real(Pieces(a, b, c, d, p, after), gamma, discrete) @ scale.swapaxes(2, 3)
     of = [np.abs(x)[:, None] for x in (system if magnitudes is None else magnitudes)]
     sizes = Pieces(*of, np.abs(p), later=np.abs(after_size), sign=1.0)  # type: ignore[misc]
-    size = bounded_real(sizes, gamma, discrete)
+    size = _bounded_real(sizes, gamma, discrete)
     size = np.abs(scale) @ size @ np.abs(scale.swapaxes(2, 3))
     rounding = (6 * (n + m) + 30) * EPS * size.sum(axis=-1).max(axis=-1)
     lowest = np.linalg.eigvalsh(0.5 * (value + value.swapaxes(2, 3)))[..., 0] - rounding

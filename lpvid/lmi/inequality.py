@@ -186,6 +186,11 @@ def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None
     problem : LyapunovInequality
     budget : int, optional
         Matrices that subdivision may examine; left out, about a second's worth.
+
+    Returns
+    -------
+    Recheck
+        Its `why` states what fails, or how it was shown.
     """
     storage, n = problem.storage, problem.system.order
     if storage.unbounded:

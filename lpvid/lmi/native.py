@@ -24,7 +24,13 @@ PANIC = "PanicException"
 
 
 def installed() -> bool:
-    """Clarabel can be imported."""
+    """Clarabel can be imported.
+
+    Returns
+    -------
+    bool
+        Nothing is imported for the answer.
+    """
     return find_spec("clarabel") is not None
 
 
@@ -52,6 +58,22 @@ class Conic:
     def of(cls, required: Sequence[tuple[Affine, Mapping[str, Affine]]], objective: Affine | None, size: int,
            squares: Affine | None = None) -> Conic:
         """From F(x) + Σ θ_k G_k(x) ⪰ 0 for each of `required`; half the sum of `squares` is added to the objective.
+
+        Parameters
+        ----------
+        required : sequence of (Affine, mapping of name to Affine)
+            F, and G_k by the name of θ_k; symmetric.
+        objective : (1, 1) Affine or None
+            What is minimised; None for nothing.
+        size : int
+            K, number of unknowns.
+        squares : Affine, optional
+            Its entries are squared.
+
+        Returns
+        -------
+        Conic
+            For any values of θ.
 
         Examples
         --------
@@ -84,7 +106,22 @@ class Conic:
         return cls(parts, sizes, goal, curved)
 
     def solve(self, values: Mapping[str, float], options: Mapping[str, Any]) -> tuple[np.ndarray | None, str]:
-        """x, or None, and the status."""
+        """x, or None, and the status.
+
+        Parameters
+        ----------
+        values : mapping of name to float
+            θ.
+        options : mapping
+            Settings of Clarabel, by name.
+
+        Returns
+        -------
+        (K,) array or None
+            None where the solver gives no answer.
+        str
+            "optimal" or "optimal_inaccurate"; empty without an answer.
+        """
         found = self._run(values, options)
         status = STATUS.get(str(found.status), "")
         return (np.array(found.x, dtype=float) if status else None), status
@@ -94,6 +131,16 @@ class Conic:
 
         A z in the dual cone with bᵀz < 0 proves it (Farkas): b − Ax in the cone gives 0 ≤ zᵀ(b − Ax), so that
         ‖x‖ ≥ −bᵀz / ‖Aᵀz‖. The solver proposes z; its cone and both products are computed here.
+
+        Parameters
+        ----------
+        values : mapping of name to float
+            θ.
+
+        Returns
+        -------
+        float
+            In the unit of the unknowns.
         """
         found = self._run(values, {})
         z = np.array(found.z, dtype=float)

@@ -33,7 +33,18 @@ PRELOAD = 1e-9
 
 
 def obstacle(model: object) -> str:
-    """Why no statement on the passivity of a model can be made; empty if one can."""
+    """Why no statement on the passivity of a model can be made; empty if one can.
+
+    Parameters
+    ----------
+    model : object
+        Any model.
+
+    Returns
+    -------
+    str
+        The first of: kind of model, number of signals, input stage, time at which coefficients are taken.
+    """
     if not isinstance(model, LPVTransferFunction):
         return f"passivity is stated of transfer functions, not of a {type(model).__name__}"
     if model.n_outputs != 1 or len(model.inputs) != 1:
@@ -50,6 +61,16 @@ def preload(model: LPVTransferFunction) -> float | None:
 
     c(p) = F₀ (1 + Σ a_i(p)) leaves y − F₀ a model without affine terms. Any other affine term is a force at rest that
     depends on p, which does work when p moves: no storage function of the past covers it.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        With one input and one output.
+
+    Returns
+    -------
+    float or None
+        [unit of the output]; 0 without affine terms.
     """
     assert model.c is not None
     if not model.c.any():
@@ -71,6 +92,18 @@ def slack(model: LPVTransferFunction, points: np.ndarray) -> np.ndarray:
 
     The stage keeps its scale above a floor, max(v₀ + slope p, floor) ≥ v₀ + slope p, so that the sector holds with the
     straight line also where the floor is reached.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        With a tanh stage or none.
+    points : (N, variables) array
+        Scheduling values, one column for each variable of the model's box.
+
+    Returns
+    -------
+    (N,) array
+        [unit of the input]; negative where the straight line is.
     """
     stage = model.input_stage
     if not isinstance(stage, TanhStage):
@@ -80,7 +113,18 @@ def slack(model: LPVTransferFunction, points: np.ndarray) -> np.ndarray:
 
 
 def sector_basis(model: LPVTransferFunction) -> Polynomial:
-    """Basis of the multiplier λ(p): affine in the variables that the model depends on."""
+    """Basis of the multiplier λ(p): affine in the variables that the model depends on.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        Its basis and its stage.
+
+    Returns
+    -------
+    Polynomial
+        The constant 1 where nothing depends on p.
+    """
     names = [r.name for r in readings_of(model.basis) if r.degree or r.frequency]
     stage = model.input_stage
     if isinstance(stage, TanhStage) and stage.slope and model.box.names:
@@ -97,6 +141,11 @@ def supplied(model: LPVTransferFunction, multiplier: np.ndarray) -> Driven:
     model : LPVTransferFunction
     multiplier : (K,) array
         λ over `sector_basis`; empty without a stage.
+
+    Returns
+    -------
+    Driven
+        With the past as its state.
 
     Raises
     ------
@@ -132,7 +181,22 @@ def supplied(model: LPVTransferFunction, multiplier: np.ndarray) -> Driven:
 
 
 def shift(na: int, nu: int, past: int) -> np.ndarray:
-    """(n, n + nu) what moves the past one sample on, the new output left out."""
+    """(n, n + nu) what moves the past one sample on, the new output left out.
+
+    Parameters
+    ----------
+    na : int
+        Outputs in the past.
+    nu : int
+        Inputs, that behind the stage included.
+    past : int
+        Samples of the inputs in the past.
+
+    Returns
+    -------
+    (n, n + nu) array
+        n = na + past·nu; ones and zeros.
+    """
     n = na + past * nu
     out = np.zeros((n, n + nu))
     out[np.arange(1, na), np.arange(na - 1)] = 1.0
@@ -154,7 +218,15 @@ def _product(model: LPVTransferFunction, multiplier: np.ndarray, affine: Polynom
 
 @dataclass(frozen=True, eq=False)
 class Dissipation(LyapunovInequality):
-    """M(p, p⁺) ≻ 0 for what `supplied` builds."""
+    """M(p, p⁺) ≻ 0 for what `supplied` builds.
+
+    Parameters
+    ----------
+    system : Driven
+        As `supplied` builds it: the model with its multiplier.
+    storage : Storage
+        xᵀP(p)x of the past.
+    """
 
     system: Driven
     storage: Storage

@@ -99,7 +99,15 @@ class PassiveProgram:
         return tuple(dict.fromkeys((*sector_basis(self.model).names,)))
 
     def samples(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """(N, variables) points p, and for each the p⁺ (T, variables) that one sample can lead to."""
+        """(N, variables) points p, and for each the p⁺ (T, variables) that one sample can lead to.
+
+        Returns
+        -------
+        (N, variables) array
+            Points, in the units of the box.
+        list of (T, variables) arrays
+            One for each point; T may differ.
+        """
         axes = []
         for name, low, high in zip(self.box.names, self.box.lower, self.box.upper, strict=True):
             breaks = [b for r in readings_of(self.model.basis) if r.name == name for b in r.breaks if low < b < high]
@@ -121,7 +129,18 @@ class PassiveProgram:
         return points, ahead
 
     def psi(self, points: np.ndarray) -> np.ndarray:
-        """(N, K) basis of P."""
+        """(N, K) basis of P.
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            Scheduling values.
+
+        Returns
+        -------
+        (N, K) array
+            Values of the K functions.
+        """
         return self.basis.evaluate(points[:, [self.box.names.index(n) for n in self.basis.names]])
 
     def _unknowns(self, pace: np.ndarray, products: int = 0) -> PassiveUnknowns:
@@ -129,7 +148,20 @@ class PassiveProgram:
         return PassiveUnknowns(n, self.basis.size, sector_basis(self.model).size if nu > 1 else 0, pace, products)
 
     def equation(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """h (n + n_u,) at a point of the scheduling, and (n + n_u, k) how it moves with the parameters."""
+        """h (n + n_u,) at a point of the scheduling, and (n + n_u, k) how it moves with the parameters.
+
+        Parameters
+        ----------
+        point : (variables,) array
+            Scheduling values.
+
+        Returns
+        -------
+        (n + n_u,) array
+            h of the model as it is.
+        (n + n_u, k) array
+            ∂h/∂θ, one column for each row of the table.
+        """
         n, nu = self.sizes
         phi = self.model.basis.evaluate(point[None])[0]
         part, lag, _, source, function = self.table.T
@@ -150,6 +182,11 @@ class PassiveProgram:
             T of the coordinates x = T x̃ in which the program is stated.
         room : float
             Weight of the states in M ≽ −ε·diag(room·I, I).
+
+        Returns
+        -------
+        Iterate or None
+            None where no solver answers.
         """
         unknowns = self._unknowns(np.zeros(0))
         program = unknowns.program()
@@ -225,7 +262,19 @@ class PassiveProgram:
         return None if found is None else (found[0][:count] * pace, found[1])
 
     def shortage(self, iterate: Iterate) -> float:
-        """The least ε with M + ε·I ≽ 0 at the samples, where P at the centre is the identity; infinite without one."""
+        """The least ε with M + ε·I ≽ 0 at the samples, where P at the centre is the identity; infinite without one.
+
+        Parameters
+        ----------
+        iterate : Iterate
+            P and λ at the model.
+
+        Returns
+        -------
+        float
+            Negative for a passive model with room, as far as the samples show. Infinite where P is not positive
+            definite or λ is negative at one of them.
+        """
         worst, (n, nu) = -np.inf, self.sizes
         basis = sector_basis(self.model)
         try:
@@ -358,5 +407,18 @@ class PassiveProgram:
 
 
 def current_centre(program: PassiveProgram, current: Iterate) -> np.ndarray:
-    """P at the centre of the box."""
+    """P at the centre of the box.
+
+    Parameters
+    ----------
+    program : PassiveProgram
+        For the box and the basis of P.
+    current : Iterate
+        P over that basis.
+
+    Returns
+    -------
+    (n, n) array
+        P(p) there, in the coordinates of the past.
+    """
     return np.tensordot(program.psi(program.box.centre[None])[0], current.matrices, axes=1)

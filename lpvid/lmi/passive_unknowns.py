@@ -63,7 +63,13 @@ class PassiveUnknowns:
         self.size = self.product.stop + 1
 
     def program(self) -> Program:
-        """An empty program over these unknowns."""
+        """An empty program over these unknowns.
+
+        Returns
+        -------
+        Program
+            All unknowns declared as one row, without constraints and objective.
+        """
         program = Program()
         program.unknowns.matrix(1, self.size)
         return program
@@ -71,6 +77,20 @@ class PassiveUnknowns:
 
 def scaled(model: LPVTransferFunction, speed: float, force: float) -> LPVTransferFunction:
     """The model with its first input in units of `speed` and its output in units of `force`; storage in their product.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        With a tanh stage or none.
+    speed : float
+        [unit of the first input], above zero.
+    force : float
+        [unit of the output], above zero.
+
+    Returns
+    -------
+    LPVTransferFunction
+        Its inputs other than the first, as that behind the stage, keep their unit.
     """
     b = model.b / force
     b[:, :, 0] *= speed
@@ -82,7 +102,18 @@ def scaled(model: LPVTransferFunction, speed: float, force: float) -> LPVTransfe
 
 
 def frame_of(model: LPVTransferFunction) -> np.ndarray:
-    """(n, n) coordinates of the past in which the frozen model at the centre of the box is a contraction."""
+    """(n, n) coordinates of the past in which the frozen model at the centre of the box is a contraction.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        One of which passivity can be stated.
+
+    Returns
+    -------
+    (n, n) array
+        T of x = T x̃; poles outside of `CONTRACTED` are drawn in for it.
+    """
     system = supplied(model, np.zeros(sector_basis(model).size))
     if not system.order:
         return np.zeros((0, 0))
@@ -93,10 +124,37 @@ def frame_of(model: LPVTransferFunction) -> np.ndarray:
 
 
 def mixed(psi: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(m, m, K·q) ψ_j times each of the parts (q, m, m)."""
+    """(m, m, K·q) ψ_j times each of the parts (q, m, m).
+
+    Parameters
+    ----------
+    psi : (K,) array
+        Values of the functions.
+    parts : (q, m, m) array
+        One for each unknown of a symmetric matrix.
+
+    Returns
+    -------
+    (m, m, K·q) array
+        The unknowns of a function stand together.
+    """
     q, m, _ = parts.shape
     return np.einsum("j,qab->abjq", psi, parts).reshape(m, m, len(psi) * q)
 
 
 def affine(constant: np.ndarray, linear: np.ndarray) -> Affine:
+    """A matrix of unknowns from arrays.
+
+    Parameters
+    ----------
+    constant : (m, n) array
+        Its constant part.
+    linear : (m, n, K) array
+        What each of the K unknowns multiplies.
+
+    Returns
+    -------
+    Affine
+        (m, n).
+    """
     return Affine(constant, sparse.csr_array(linear.reshape(constant.size, -1)))

@@ -21,7 +21,18 @@ SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
 
 
 def available(solvers: Sequence[str]) -> bool:
-    """Some of these solvers is installed."""
+    """Some of these solvers is installed.
+
+    Parameters
+    ----------
+    solvers : sequence of str
+        Names as in `SOLVERS`.
+
+    Returns
+    -------
+    bool
+        False for none.
+    """
     if native.NAME in solvers and native.installed():
         return True
     with warnings.catch_warnings():
@@ -33,7 +44,19 @@ def available(solvers: Sequence[str]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class SolverAnswer:
-    """A solver's answer: x of shape (K,), the objective there, its solver and the solver's status."""
+    """A solver's answer: x of shape (K,), the objective there, its solver and the solver's status.
+
+    Attributes
+    ----------
+    x : (K,) array
+        Values of the unknowns.
+    objective : float
+        Value at x; 0 for a program without one.
+    solver : str
+        Name as in `SOLVERS`.
+    status : str
+        "optimal", "optimal_inaccurate", or the word of cvxpy for another solver.
+    """
 
     x: np.ndarray
     objective: float
@@ -70,12 +93,30 @@ class Program:
         self._conic: native.Conic | None = None
 
     def require(self, matrix: Affine, *, margin: float = 0.0, scaled: Mapping[str, Affine] | None = None) -> None:
-        """matrix + Σ θ_name · scaled[name] ⪰ margin·I (all symmetric)."""
+        """matrix + Σ θ_name · scaled[name] ⪰ margin·I (all symmetric).
+
+        Parameters
+        ----------
+        matrix : Affine
+            F(x), symmetric.
+        margin : float
+            What the smallest eigenvalue must reach.
+        scaled : mapping of name to Affine, optional
+            G_k by the name of θ_k.
+        """
         self._required.append((matrix - margin * np.eye(matrix.shape[0]) if margin else matrix, dict(scaled or {})))
         self._compiled = self._conic = None
 
     def minimise(self, objective: Affine, squares: Affine | None = None) -> None:
-        """Set the (1, 1) objective; half the sum of the squared entries of `squares` is added to it."""
+        """Set the (1, 1) objective; half the sum of the squared entries of `squares` is added to it.
+
+        Parameters
+        ----------
+        objective : (1, 1) Affine
+            Takes the place of the one before.
+        squares : Affine, optional
+            Of any shape.
+        """
         self._objective, self._squares, self._compiled, self._conic = objective, squares, None, None
 
     def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
@@ -89,6 +130,11 @@ class Program:
         solvers : sequence of str
             In this order, where installed.
         settings : mapping of solver to its options, optional
+
+        Yields
+        ------
+        SolverAnswer
+            Of every solver that is installed and gives finite numbers; none where no solver does.
         """
         known = {name: float((values or {})[name]) for _, scaled in self._required for name in scaled}
         for solver in solvers:
@@ -107,6 +153,11 @@ class Program:
         """The norm of the unknowns below which the inequalities were shown to have no solution; 0 for nothing shown.
 
         Shown by a dual matrix that numpy checks (`lpvid.lmi.native.Conic.refuted`), for a program without θ.
+
+        Returns
+        -------
+        float
+            0 also where Clarabel is not installed.
 
         Examples
         --------

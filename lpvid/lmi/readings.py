@@ -9,7 +9,22 @@ from lpvid.scheduling.reading import Reading
 
 
 def reading_weights(basis: Basis, readings: tuple[Reading, ...], points: np.ndarray) -> np.ndarray:
-    """(K, M + 1) values of a basis, and 1, where the readings have the values `points` of shape (K, len(readings))."""
+    """(K, M + 1) values of a basis, and 1, where the readings have the values `points` of shape (K, len(readings)).
+
+    Parameters
+    ----------
+    basis : Basis
+        M functions.
+    readings : tuple of Reading
+        Each variable at each delay; those that the basis does not read do not count.
+    points : (K, len(readings)) array
+        In the variables' units.
+
+    Returns
+    -------
+    (K, M + 1) array
+        The last column is 1.
+    """
     names = basis.names
     lags = [r.lag for r in readings]
     ahead, back = max([0, *(-lag for lag in lags)]), max([0, *lags])
@@ -22,7 +37,20 @@ def reading_weights(basis: Basis, readings: tuple[Reading, ...], points: np.ndar
 
 
 def box_of(readings: tuple[Reading, ...], scheduling: Scheduling) -> Scheduling:
-    """Box and rate bounds of what is read, one entry for each reading; a delayed copy has those of its variable."""
+    """Box and rate bounds of what is read, one entry for each reading; a delayed copy has those of its variable.
+
+    Parameters
+    ----------
+    readings : tuple of Reading
+        Of variables in the scheduling.
+    scheduling : Scheduling
+        With ranges, rates and units.
+
+    Returns
+    -------
+    Scheduling
+        In the order of the readings, named by their labels.
+    """
     index = [scheduling.names.index(r.name) for r in readings]
     return Scheduling(tuple(r.label for r in readings), tuple(scheduling.lower[i] for i in index),
                       tuple(scheduling.upper[i] for i in index), tuple(scheduling.rate[i] for i in index),
@@ -30,5 +58,18 @@ def box_of(readings: tuple[Reading, ...], scheduling: Scheduling) -> Scheduling:
 
 
 def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
-    """What a basis reads: each variable at each delay; refuses one that is neither piecewise polynomial nor Fourier."""
+    """What a basis reads: each variable at each delay; refuses one that is neither piecewise polynomial nor Fourier.
+
+    Parameters
+    ----------
+    basis : Basis
+        Piecewise polynomial or trigonometric.
+    shift : int
+        Samples by which every delay is moved.
+
+    Returns
+    -------
+    tuple of Reading
+        With degree, breaks and frequency.
+    """
     return basis.readings(shift)

@@ -27,6 +27,18 @@ def frozen_rates(system: Driven, points: np.ndarray) -> np.ndarray:
     """(N,) exponential rate [1/s] of the slowest frozen mode at each point; negative means decay.
 
     Discrete models: ln ρ(A)/T_s, no lower than that of a modulus of 1e-3.
+
+    Parameters
+    ----------
+    system : Driven
+        Its A alone counts.
+    points : (N, readings) array
+        Value of each reading.
+
+    Returns
+    -------
+    (N,) array
+        −∞ without states.
     """
     if not system.order:
         return np.full(len(points), -math.inf)
@@ -37,7 +49,20 @@ def frozen_rates(system: Driven, points: np.ndarray) -> np.ndarray:
 
 
 def dependent(system: Driven, box: Scheduling) -> tuple[str, ...]:
-    """Variables that P may depend on: those that have width and, in continuous time, a bounded rate."""
+    """Variables that P may depend on: those that have width and, in continuous time, a bounded rate.
+
+    Parameters
+    ----------
+    system : Driven
+        For the kind of time.
+    box : Scheduling
+        One entry for each reading.
+
+    Returns
+    -------
+    tuple of str
+        In the order of the box.
+    """
     return tuple(name for name, low, high, rate in zip(box.names, box.lower, box.upper, box.rate, strict=True)
                  if high > low and (system.sample_time is not None or rate is not None))
 
@@ -57,14 +82,36 @@ class LyapunovSearch:
     box: Scheduling
 
     def basis(self, degree: int) -> Polynomial:
-        """The monomials of P."""
+        """The monomials of P.
+
+        Parameters
+        ----------
+        degree : int
+            0 for a constant P.
+
+        Returns
+        -------
+        Polynomial
+            Bound to the box.
+        """
         return Polynomial(dependent(self.system, self.box) if degree else (), degree).bound(self.box)
 
     def _storage(self, matrices: np.ndarray, degree: int) -> Storage:
         return Storage(matrices, self.basis(degree), self.box, self.system.sample_time)
 
     def frozen_solutions(self, points: np.ndarray) -> np.ndarray:
-        """(N, n, n) Lyapunov matrices of the frozen systems, each with some decay to spare."""
+        """(N, n, n) Lyapunov matrices of the frozen systems, each with some decay to spare.
+
+        Parameters
+        ----------
+        points : (N, readings) array
+            Value of each reading.
+
+        Returns
+        -------
+        (N, n, n) array
+            Symmetric.
+        """
         a = self.system.state_matrices(points)
         worst = float(frozen_rates(self.system, points).max())
         if self.system.sample_time is not None:
@@ -77,11 +124,28 @@ class LyapunovSearch:
         return np.array([frozen_gramian(x, w) for x, w in zip(a, weight, strict=True)])
 
     def closed_forms(self) -> Iterator[Storage]:
-        """The mean of the frozen Lyapunov matrices: exact for a time-invariant model, and no solver."""
+        """The mean of the frozen Lyapunov matrices: exact for a time-invariant model, and no solver.
+
+        Yields
+        ------
+        Storage
+            One, of degree 0.
+        """
         yield self._storage(self._centre()[None], 0)
 
     def fitted(self, degree: int) -> Storage | None:
-        """A polynomial through the frozen Lyapunov matrices, which serves slow variation; no solver."""
+        """A polynomial through the frozen Lyapunov matrices, which serves slow variation; no solver.
+
+        Parameters
+        ----------
+        degree : int
+            Of the polynomial.
+
+        Returns
+        -------
+        Storage or None
+            None where a frozen Lyapunov matrix is not finite.
+        """
         basis = self.basis(degree)
         points = grid(self.box, 2 * degree + 3 if len(self.box.names) < 3 else degree + 1)
         phi = basis.evaluate(points[:, [self.box.names.index(n) for n in basis.names]])
@@ -93,7 +157,22 @@ class LyapunovSearch:
         return self._storage(0.5 * (matrices + matrices.swapaxes(1, 2)), degree)
 
     def solved(self, degree: int, exponent: float = 0.0) -> Iterator[tuple[Storage, str]]:
-        """Candidates of a degree by semidefinite programming, with the solver's name; none where it finds no margin."""
+        """Candidates of a degree by semidefinite programming, with the solver's name; none where it finds no margin.
+
+        Parameters
+        ----------
+        degree : int
+            Of P in the scheduling.
+        exponent : float
+            α [1/s] of the decay to be proven.
+
+        Yields
+        ------
+        Storage
+            Candidate P(p), not re-checked.
+        str
+            Name of the solver.
+        """
         from lpvid.lmi.storage_search import StorageSearch  # here, so that checking a certificate needs numpy alone
 
         try:
@@ -127,7 +206,20 @@ class LyapunovSearch:
 
 
 def frozen_gramian(a: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Σ (Aᵏ)ᵀ W Aᵏ by doubling."""
+    """Σ (Aᵏ)ᵀ W Aᵏ by doubling.
+
+    Parameters
+    ----------
+    a : (n, n) array
+        A, discrete time.
+    weight : (n, n) array
+        W, symmetric.
+
+    Returns
+    -------
+    (n, n) array
+        Symmetric; the doubling ends early where Aᵏ grows beyond 1e150.
+    """
     total, power = np.array(weight), np.array(a)
     for _ in range(60):
         total = total + power.T @ total @ power

@@ -56,25 +56,82 @@ class Storage:
         return self.sample_time is None and any(self.box.rate[i] is None for i in self.moving)
 
     def reach(self, i: int) -> float:
-        """Largest move of variable i in one sample, in its unit."""
+        """Largest move of variable i in one sample, in its unit.
+
+        Parameters
+        ----------
+        i : int
+            Place in the box.
+
+        Returns
+        -------
+        float
+            Infinite without a rate bound, and in continuous time.
+        """
         rate = self.box.rate[i]
         return math.inf if rate is None or self.sample_time is None else rate * self.sample_time
 
     # -- values ------------------------------------------------------------------------------------------------------
     def psi(self, points: np.ndarray) -> np.ndarray:
-        """(N, K) the functions at `points` of shape (N, variables)."""
+        """(N, K) the functions at `points` of shape (N, variables).
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            One column for each variable of the box.
+
+        Returns
+        -------
+        (N, K) array
+            ψ_k.
+        """
         return self.basis.evaluate(points[:, self.columns])
 
     def values(self, points: np.ndarray) -> np.ndarray:
-        """(N, n, n) P."""
+        """(N, n, n) P.
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            One column for each variable of the box.
+
+        Returns
+        -------
+        (N, n, n) array
+            P(p).
+        """
         return np.tensordot(self.psi(points), self.matrices, axes=1)
 
     def magnitudes(self, points: np.ndarray) -> np.ndarray:
-        """(N, n, n) Σ |matrix| |ψ|, which bounds the rounding errors of `values`."""
+        """(N, n, n) Σ |matrix| |ψ|, which bounds the rounding errors of `values`.
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            One column for each variable of the box.
+
+        Returns
+        -------
+        (N, n, n) array
+            Not negative.
+        """
         return np.tensordot(np.abs(self.psi(points)), np.abs(self.matrices), axes=1)
 
     def scheduling_after(self, points: np.ndarray, moves: np.ndarray) -> np.ndarray:
-        """(N·T, variables) scheduling one sample later, for moves τ ∈ [0, 1] from the lowest to the highest reached."""
+        """(N·T, variables) scheduling one sample later, for moves τ ∈ [0, 1] from the lowest to the highest reached.
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            Scheduling now.
+        moves : (T, variables) array
+            τ of each variable.
+
+        Returns
+        -------
+        (N·T, variables) array
+            Moves of a point stand together; variables whose motion does not matter stay.
+        """
         ahead = np.repeat(points[:, None, :], len(moves), axis=1)
         for i in self.moving:
             low = np.maximum(points[:, i] - self.reach(i), self.box.lower[i])[:, None]
@@ -83,12 +140,38 @@ class Storage:
         return ahead.reshape(len(points) * len(moves), points.shape[1])
 
     def later(self, points: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, T, n, n) P one sample later, and its magnitude."""
+        """(N, T, n, n) P one sample later, and its magnitude.
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            Scheduling now.
+        moves : (T, variables) array
+            τ of each variable.
+
+        Returns
+        -------
+        ((N, T, n, n) array, (N, T, n, n) array)
+            P(p⁺) and Σ |matrix| |ψ|.
+        """
         ahead, shape = self.scheduling_after(points, moves), (len(points), len(moves), *self.matrices.shape[1:])
         return self.values(ahead).reshape(shape), self.magnitudes(ahead).reshape(shape)
 
     def drift(self, points: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, T, n, n) Ṗ = Σ ṗ_i ∂P/∂p_i for ṗ_i = (2τ_i − 1)·rate_i, and its magnitude."""
+        """(N, T, n, n) Ṗ = Σ ṗ_i ∂P/∂p_i for ṗ_i = (2τ_i − 1)·rate_i, and its magnitude.
+
+        Parameters
+        ----------
+        points : (N, variables) array
+            Scheduling now.
+        moves : (T, variables) array
+            τ of each variable.
+
+        Returns
+        -------
+        ((N, T, n, n) array, (N, T, n, n) array)
+            [1/s]; a variable without a rate bound counts as one that does not move.
+        """
         drift, size = np.zeros((2, len(points), len(moves), *self.matrices.shape[1:]))
         for i in self.moving:
             slope = self.basis.derivative(points[:, self.columns], self.box.names[i])
@@ -98,7 +181,13 @@ class Storage:
         return drift, size
 
     def ceilings(self) -> tuple[np.ndarray, np.ndarray]:
-        """Entrywise bounds of |P| and |Ṗ| over the box, trigonometric functions over their period."""
+        """Entrywise bounds of |P| and |Ṗ| over the box, trigonometric functions over their period.
+
+        Returns
+        -------
+        ((n, n) array, (n, n) array)
+            Not negative; the second one [1/s].
+        """
         limits = dict(zip(self.box.names, zip(self.box.lower, self.box.upper, strict=True), strict=True))
         ceiling = basis_ceilings(self.basis, limits)
         size = np.tensordot(ceiling, np.abs(self.matrices), axes=1)
@@ -114,7 +203,22 @@ class Storage:
 
     # -- axes --------------------------------------------------------------------------------------------------------
     def axes(self, readings: tuple[Reading, ...], power: int) -> tuple[list[Axis], list[Axis]]:
-        """Axes of an inequality of degree `power` in the system's matrices and linear in P: points and moves."""
+        """Axes of an inequality of degree `power` in the system's matrices and linear in P: points and moves.
+
+        Parameters
+        ----------
+        readings : tuple of Reading
+            Of the system, one for each variable of the box.
+        power : int
+            Degree in the system's matrices.
+
+        Returns
+        -------
+        list of Axis
+            Of the points, in the variables' units.
+        list of Axis
+            Of the moves, τ ∈ [0, 1]; of degree 0 where a motion does not matter.
+        """
         points, moves = [], []
         for i, system in enumerate(readings):
             low, high, own = self.box.lower[i], self.box.upper[i], self.readings.get(i, Reading("", 0, 0))
@@ -133,14 +237,31 @@ class Storage:
         return points, moves
 
     def still(self) -> list[Axis]:
-        """Axes of P(p) by itself, over all variables of the box."""
+        """Axes of P(p) by itself, over all variables of the box.
+
+        Returns
+        -------
+        list of Axis
+            In the order of the box.
+        """
         own = [self.readings.get(i, Reading("", 0, 0)) for i in range(len(self.box.names))]
         return [Axis(low, high, r.degree, r.breaks, r.frequency)
                 for low, high, r in zip(self.box.lower, self.box.upper, own, strict=True)]
 
 
 def symmetric_units(n: int) -> np.ndarray:
-    """(n(n+1)/2, n, n) what the unknowns of a symmetric matrix multiply, in the order of `Unknowns.symmetric`."""
+    """(n(n+1)/2, n, n) what the unknowns of a symmetric matrix multiply, in the order of `Unknowns.symmetric`.
+
+    Parameters
+    ----------
+    n : int
+        Order.
+
+    Returns
+    -------
+    (n(n+1)/2, n, n) array
+        Ones and zeros.
+    """
     rows, columns = np.triu_indices(n)
     units = np.zeros((len(rows), n, n))
     units[np.arange(len(rows)), rows, columns] = units[np.arange(len(rows)), columns, rows] = 1.0

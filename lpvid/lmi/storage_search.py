@@ -239,7 +239,26 @@ class StorageSearch:
 
 def sample(system: Driven, template: Storage, density: float, power: int | None = None
            ) -> tuple[np.ndarray, np.ndarray]:
-    """Points and moves at which an inequality of a degree in the system's matrices is imposed."""
+    """Points and moves at which an inequality of a degree in the system's matrices is imposed.
+
+    Parameters
+    ----------
+    system : Driven
+        For its readings and its kind of time.
+    template : Storage
+        For the basis of P, the box and its rates.
+    density : float
+        Points along each variable, over the usual number.
+    power : int, optional
+        Degree in the system's matrices; left out, 1 in continuous and 2 in discrete time.
+
+    Returns
+    -------
+    (N, variables) array
+        Points; fewer where the inequalities would be more than `MOST_INEQUALITIES`.
+    (T, variables) array
+        Moves τ ∈ [0, 1].
+    """
     axes, shifts = template.axes(system.readings, power or (1 if system.sample_time is None else 2))
     moves = _ends(shifts)
     corners = len(moves) if system.sample_time is not None else 2 ** len(template.readings)

@@ -18,6 +18,11 @@ def quiet() -> Iterator[None]:
 
     The descriptors belong to the whole process: output of other threads is dropped for as long.
 
+    Yields
+    ------
+    None
+        While it is silent.
+
     Examples
     --------
     >>> with quiet():

@@ -24,11 +24,25 @@ class Adaptable(ABC):
 
     @abstractmethod
     def to_model(self, sample_time: float) -> Acting:
-        """The model that runs like it at this period [s]; one that is sampled itself keeps its own period."""
+        """The model that runs like it at this period [s]; one that is sampled itself keeps its own period.
+
+        Parameters
+        ----------
+        sample_time : float
+            Period of the record it is to run on [s].
+
+        Returns
+        -------
+        model
+        """
 
     @abstractmethod
     def to_linear_model(self) -> Acting:
         """The model whose stability is that of the law: an LPV one, or one of lpvid's that schedules itself.
+
+        Returns
+        -------
+        model
 
         Raises
         ------
@@ -38,5 +52,16 @@ class Adaptable(ABC):
 
 
 def acting(model: Acting | Adaptable, sample_time: float) -> Acting:
-    """`model` itself, or what acts for it at this period."""
+    """`model` itself, or what acts for it at this period.
+
+    Parameters
+    ----------
+    model : model or Adaptable
+    sample_time : float
+        Period [s].
+
+    Returns
+    -------
+    model
+    """
     return model.to_model(sample_time) if isinstance(model, Adaptable) else model

@@ -186,25 +186,69 @@ class ComplianceModel(Coded, SelfScheduled):
         return tuple(e.stiffness for e in self.elements)
 
     def static_force(self, speed: np.ndarray, current: float | None = None) -> np.ndarray:
-        """ΣF_s(w, i) of the elements at fluid speeds [N]; parallel terms are not in it."""
+        """ΣF_s(w, i) of the elements at fluid speeds [N]; parallel terms are not in it.
+
+        Parameters
+        ----------
+        speed : float or (n,) array
+            Fluid speeds [m/s]; beyond the knots the end slopes hold.
+        current : float, optional
+            In the unit of the box; left out, 0.
+
+        Returns
+        -------
+        (n,) array
+        """
         w = np.atleast_1d(np.asarray(speed, dtype=float))
         weights = self.current.evaluate(np.full((1, len(self.box.names)), 0.0 if current is None else current))[0]
         return np.sum([_interpolated(w, self.knots, weights @ e.law) for e in self.elements], axis=0)
 
     def force_bound(self, amplitude: float) -> float:
-        """What |F| of the elements together never exceeds for |velocity| ≤ amplitude, from rest [N]."""
+        """What |F| of the elements together never exceeds for |velocity| ≤ amplitude, from rest [N].
+
+        Parameters
+        ----------
+        amplitude : float
+            Of the velocity [m/s].
+
+        Returns
+        -------
+        float
+            At the worst current, whatever its course; parallel terms are not in it.
+        """
         ends = np.array([-amplitude, amplitude])
         return float(sum(max(np.abs(_interpolated(ends, self.knots, row)).max() for row in e.law)
                          for e in self.elements))
 
     # -- running ------------------------------------------------------------------------------------------------
     def parallel(self, u: np.ndarray) -> np.ndarray:
-        """(n, lags + q + 1) regressors of the linear terms."""
+        """(n, lags + q + 1) regressors of the linear terms.
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Velocity [m/s], then the further inputs.
+
+        Returns
+        -------
+        (n, lags + q + 1) array
+            Lags of the velocity, further inputs, 1.
+        """
         columns = [lagged(u[:, 0], j) for j in range(self.direct.size)]
         return np.column_stack([*columns, *u[:, 1:].T, np.ones(len(u))])
 
     def gain(self, element: Element) -> float:
-        """k_h times the Euler step [N·s/m]."""
+        """k_h times the Euler step [N·s/m].
+
+        Parameters
+        ----------
+        element : Element
+            Whose stiffness counts.
+
+        Returns
+        -------
+        float
+        """
         return element.stiffness * self.sample_time / self.substeps
 
     def _second(self, v: np.ndarray, phi: np.ndarray) -> np.ndarray:
@@ -221,7 +265,20 @@ class ComplianceModel(Coded, SelfScheduled):
         run_compliance(element.law, self.knots, self.gain(element), phi, v, 0, self.substeps, out)
 
     def arrays(self, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Velocity (n,), current functions (n, Q), parallel force (n,)."""
+        """Velocity (n,), current functions (n, Q), parallel force (n,).
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Velocity [m/s], then the further inputs.
+        p : (n, n_scheduling) array
+            Current, behind its filter.
+
+        Returns
+        -------
+        (n,) array, (n, Q) array, (n,) array
+            The last in [N].
+        """
         weights = np.concatenate([self.direct, self.side, [self.offset]])
         return (_checks.read_only(np.ascontiguousarray(u[:, 0])), np.ascontiguousarray(self.current.evaluate(p)),
                 self.parallel(u) @ weights)
@@ -260,7 +317,23 @@ class ComplianceModel(Coded, SelfScheduled):
 
 
 def checked_knots(knots: object) -> np.ndarray:
-    """Fluid speeds at which a law bends: at least three, rising, with 0 inside."""
+    """Fluid speeds at which a law bends: at least three, rising, with 0 inside.
+
+    Parameters
+    ----------
+    knots : (M,) array-like
+        [m/s].
+
+    Returns
+    -------
+    (M,) array
+        Read-only.
+
+    Raises
+    ------
+    InputError
+        Fewer than three knots, knots that do not rise, or no 0 between the ends.
+    """
     array = _checks.finite(_checks.frozen_array(knots, "knots", ndim=1), "knots")
     if array.size < 3 or np.any(np.diff(array) <= 0) or not np.any(array[1:-1] == 0):
         raise InputError("knots of a compliance are rising fluid speeds with 0 inside", got=array.tolist())

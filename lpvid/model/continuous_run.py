@@ -22,6 +22,24 @@ def continuous_run(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, period: f
     F = [A h, B h, 0; 0, 0, I; 0, 0, 0], the first rows of exp F take (x, u, h·u̇) one step ahead (Van Loan 1978). A
     period is divided until halving the steps changes the output by less than `ACCURATE` of its size.
 
+    Parameters
+    ----------
+    model : LPVStateSpace
+        In continuous time.
+    u : (n, n_inputs) array
+        Filter inputs, in SI.
+    p : (n, n_scheduling) array
+        In the units of the box.
+    period : float
+        Between samples [s].
+    x : (order,) array
+        Initial state.
+
+    Returns
+    -------
+    (n, n_outputs) array
+        With values that are not finite where the run diverges.
+
     Raises
     ------
     NumericalError
@@ -55,6 +73,12 @@ def step_response(model: LPVStateSpace, time: np.ndarray, scheduling: np.ndarray
         Along the same times; left out, the middle of the box.
     of : str, optional
         The input; left out, the first.
+    model : LPVStateSpace
+        In continuous time.
+
+    Returns
+    -------
+    (n, n_outputs) array
 
     Raises
     ------

@@ -15,12 +15,34 @@ KEY = "designed"
 
 
 def designed(model: LPVStateSpace, role: str) -> LPVStateSpace:
-    """The same model, known to have been designed as "controller" or "closed loop"."""
+    """The same model, known to have been designed as "controller" or "closed loop".
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        Any.
+    role : {"controller", "closed loop"}
+        Kept in the metadata; a role that is known already stays.
+
+    Returns
+    -------
+    LPVStateSpace
+    """
     return model if role_of(model) else model.replace(metadata={**model.metadata, KEY: role})
 
 
 def role_of(model: Any) -> str:
-    """What a model was designed as; empty for one that was identified or written down."""
+    """What a model was designed as; empty for one that was identified or written down.
+
+    Parameters
+    ----------
+    model : model
+        Any; one without metadata counts as not designed.
+
+    Returns
+    -------
+    str
+    """
     return str(getattr(model, "metadata", {}).get(KEY, ""))
 
 
@@ -31,6 +53,17 @@ def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) ->
     -----
     ExtrapolationWarning
         A designed model along (n, variables) scheduling outside its box.
+
+    Parameters
+    ----------
+    model : model
+        Any; nothing is stated of one that was not designed.
+    p : (n, n_scheduling) array
+        Along the record, in the units of the box.
+    record : str
+        Name of the record, for the message.
+    stacklevel : int
+        Frames between the warning and the caller that it points to.
     """
     role, box = role_of(model), model.box
     if not role or not len(p):

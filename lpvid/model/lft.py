@@ -128,20 +128,57 @@ class LFTModel(Coded):
         return self.sample_time is not None
 
     def part(self, row: str, column: str) -> np.ndarray:
-        """A block of M by its letters: rows x, q, y; columns x, p, u."""
+        """A block of M by its letters: rows x, q, y; columns x, p, u.
+
+        Parameters
+        ----------
+        row : {"x", "q", "y"}
+        column : {"x", "p", "u"}
+
+        Returns
+        -------
+        array
+            View of M; sizes n, r and the number of outputs or inputs.
+        """
         edges = [0, self.order, self.order + self.width]
         rows, columns = [*edges, self.matrix.shape[0]], [*edges, self.matrix.shape[1]]
         i, j = "xqy".index(row), "xpu".index(column)
         return self.matrix[rows[i] : rows[i + 1], columns[j] : columns[j + 1]]
 
     def delta(self, points: np.ndarray) -> np.ndarray:
-        """(N, r) diagonal of Δ at points of shape (N, n_scheduling)."""
+        """(N, r) diagonal of Δ at points of shape (N, n_scheduling).
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            In the units of the box.
+
+        Returns
+        -------
+        (N, r) array
+            −1 … 1 inside the box.
+        """
         half = np.where(self.scheduling.half_width > 0, self.scheduling.half_width, 1.0)
         normal = (np.asarray(points, dtype=float) - self.scheduling.centre) / half
         return np.repeat(normal, self.repetitions, axis=1)
 
     def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(N, …) A, B, C, D at points of shape (N, n_scheduling); raises where the form is ill posed."""
+        """(N, …) A, B, C, D at points of shape (N, n_scheduling); raises where the form is ill posed.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            In the units of the box.
+
+        Returns
+        -------
+        (N, n, n), (N, n, n_inputs), (N, n_outputs, n), (N, n_outputs, n_inputs) arrays
+
+        Raises
+        ------
+        InputError
+            I − D_qp Δ is singular to rounding at one of the points.
+        """
         r, n = self.width, self.order
         outside = np.r_[0:n, n + r : self.matrix.shape[0]]
         across = np.r_[0:n, n + r : self.matrix.shape[1]]
@@ -156,12 +193,33 @@ class LFTModel(Coded):
         return whole[:, :n, :n], whole[:, :n, n:], whole[:, n:, :n], whole[:, n:, n:]
 
     def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,)."""
+        """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,).
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the box.
+
+        Returns
+        -------
+        (n, n), (n, n_inputs), (n_outputs, n), (n_outputs, n_inputs) arrays
+        """
         a, b, c, d = self.at(_point(p, self.scheduling))
         return a[0], b[0], c[0], d[0]
 
     def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(n,) poles with the scheduling frozen at `p`."""
+        """(n,) poles with the scheduling frozen at `p`.
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the box.
+
+        Returns
+        -------
+        (n,) array
+            In the plane of z, or of s [1/s] in continuous time.
+        """
         return np.linalg.eigvals(self.frozen(p)[0]) if self.order else np.empty(0)
 
     def well_posed(self, budget: int = 4096) -> WellPosedness:
@@ -174,6 +232,11 @@ class LFTModel(Coded):
         ----------
         budget : int
             Boxes examined at most.
+
+        Returns
+        -------
+        WellPosedness
+            Undecided where the budget is spent; with the point where the form has no value where it is disproved.
         """
         if not self.width:
             return WellPosedness(True, None, 0)
@@ -235,14 +298,35 @@ class LFTModel(Coded):
         return out
 
     def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace`."""
+        """The frozen model as a python-control `StateSpace`.
+
+        Parameters
+        ----------
+        at : (n_scheduling,) array
+            Scheduling, in the units of the box.
+
+        Returns
+        -------
+        control.StateSpace
+            Of the same sampling period.
+        """
         import control
 
         return control.StateSpace(*self.frozen(at), self.sample_time or 0.0, inputs=[s.name for s in self.inputs],
                                   outputs=[s.name for s in self.outputs])
 
     def replace(self, **changes) -> LFTModel:
-        """A copy with some fields changed."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values by name of the field.
+
+        Returns
+        -------
+        LFTModel
+        """
         return replace(self, **changes)
 
     @property

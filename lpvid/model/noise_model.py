@@ -78,7 +78,17 @@ class NoiseModel:
         return np.concatenate([self.c.transpose(1, 0, 2).ravel(), self.d.T.ravel()])
 
     def with_vector(self, vector: np.ndarray) -> NoiseModel:
-        """The same noise model with other coefficients, in the order of `vector`."""
+        """The same noise model with other coefficients, in the order of `vector`.
+
+        Parameters
+        ----------
+        vector : (k,) array
+            Coefficients of C, then of D, output by output.
+
+        Returns
+        -------
+        NoiseModel
+        """
         assert self.c is not None and self.d is not None
         nc, ny, m = self.c.shape
         c = np.asarray(vector[: self.c.size], dtype=float).reshape(ny, nc, m).transpose(1, 0, 2)
@@ -86,7 +96,19 @@ class NoiseModel:
         return NoiseModel(self.kind, c, d)
 
     def names(self, labels: tuple[str, ...], outputs: tuple[str, ...]) -> tuple[str, ...]:
-        """A readable name of every coefficient in the order of `vector`, e.g. ``noise c1[current]``."""
+        """A readable name of every coefficient in the order of `vector`, e.g. ``noise c1[current]``.
+
+        Parameters
+        ----------
+        labels : tuple of str
+            Functions of the model's basis.
+        outputs : tuple of str
+            Names of the outputs, which stand in front where there are several.
+
+        Returns
+        -------
+        tuple of str
+        """
         assert self.c is not None and self.d is not None
         functions = labels if self.c.shape[2] == len(labels) else ("1",)
         to = [f"{o}:" if len(outputs) > 1 else "" for o in outputs]
@@ -94,7 +116,18 @@ class NoiseModel:
                 *(f"{t}noise d{i + 1}" for t in to[: self.d.shape[1]] for i in range(self.nd)))
 
     def check(self, n_outputs: int, n_functions: int) -> None:
-        """Refuse coefficients that do not fit a model of these sizes."""
+        """Refuse coefficients that do not fit a model of these sizes.
+
+        Parameters
+        ----------
+        n_outputs, n_functions : int
+            Outputs of the model, and functions of its basis.
+
+        Raises
+        ------
+        InputError
+            c or d has another number of outputs, or c neither one nor `n_functions` functions.
+        """
         assert self.c is not None and self.d is not None
         if self.nc:
             _checks.shaped(self.c, (None, n_outputs, None), "c of a noise model")

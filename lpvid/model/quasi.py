@@ -50,7 +50,17 @@ class SelfScheduled(ABC):
 
     @abstractmethod
     def with_vector(self, vector: np.ndarray) -> SelfScheduled:
-        """The same model with other parameters."""
+        """The same model with other parameters.
+
+        Parameters
+        ----------
+        vector : (k,) array
+            In the order of the model's `vector`.
+
+        Returns
+        -------
+        SelfScheduled
+        """
 
     @property
     @abstractmethod
@@ -80,7 +90,23 @@ class SelfScheduled(ABC):
 
     @abstractmethod
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
-        """(n,) prediction of every sample from measured outputs up to k − horizon; the first `start` are y."""
+        """(n,) prediction of every sample from measured outputs up to k − horizon; the first `start` are y.
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Inputs, in SI.
+        p : (n, n_scheduling) array
+            Measured scheduling, behind its filter.
+        y : (n,) array
+            Measured output.
+        horizon : int
+            [samples].
+
+        Returns
+        -------
+        (n,) array
+        """
 
     @property
     def n_outputs(self) -> int:
@@ -109,7 +135,17 @@ class SelfScheduled(ABC):
         return float((reach + 1.0) * np.abs(self.vector).sum())
 
     def replace(self, **changes):
-        """A copy with some fields changed."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values by name of the field.
+
+        Returns
+        -------
+        SelfScheduled
+        """
         return replace(self, **changes)  # type: ignore[type-var]
 
 
@@ -244,7 +280,20 @@ class QuasiLPVModel(Coded, SelfScheduled):
 
     # -- running ------------------------------------------------------------------------------------------------
     def arrays(self, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """External functions (n, E), regressors (n, R) with empty output columns, drive of ρ (n, t)."""
+        """External functions (n, E), regressors (n, R) with empty output columns, drive of ρ (n, t).
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Inputs, in SI.
+        p : (n, n_scheduling) array
+            Measured scheduling, behind its filter.
+
+        Returns
+        -------
+        (n, E) array, (n, R) array, (n, t) array
+            The last without columns where ρ is the past output alone.
+        """
         columns = [np.zeros(len(u))] * self.na
         for q, (b, k) in enumerate(zip(self.nb, self.nk, strict=True)):
             columns += [lagged(u[:, q], j) for j in range(k, k + b)]
@@ -285,6 +334,11 @@ class QuasiLPVModel(Coded, SelfScheduled):
         """The LPV model in which ρ is a measured scheduling variable ``rho``, free in the clamped range.
 
         Its coefficients are taken at the time of the output, as here; every run of this model is one of it.
+
+        Returns
+        -------
+        LPVTransferFunction
+            Over the product of both bases, the box of ρ in front.
         """
         low, high = self.range
         box = Scheduling(("rho", *self.box.names), (low, *self.box.lower), (high, *self.box.upper),
@@ -314,6 +368,11 @@ class QuasiLPVModel(Coded, SelfScheduled):
             Largest modulus of each input.
         p : (n, n_scheduling) array, optional
             External scheduling that occurs (behind its filter); left out, a grid of the box.
+
+        Returns
+        -------
+        float
+            In the unit of the output, for outputs before the start no larger than it.
         """
         reach = np.broadcast_to(np.asarray(amplitude, dtype=float), (len(self.inputs),))
         if p is None:
@@ -335,7 +394,23 @@ class QuasiLPVModel(Coded, SelfScheduled):
 
 
 def checked_own(own: Basis) -> Basis:
-    """A basis that stays bounded outside its range: hat functions, or powers of a saturated argument."""
+    """A basis that stays bounded outside its range: hat functions, or powers of a saturated argument.
+
+    Parameters
+    ----------
+    own : Basis
+        In the self-scheduling variable ρ.
+
+    Returns
+    -------
+    Basis
+        The same.
+
+    Raises
+    ------
+    InputError
+        A basis of another kind, of several variables or of shifted times, or a spline of another order than 1.
+    """
     if len(own.names) != 1 or own.lags != (0, 0) or not isinstance(own, (Spline, Polynomial)):
         raise InputError("a self-scheduled model needs a spline or polynomial of one variable", got=own)
     if isinstance(own, Spline) and own.order != 1:
@@ -345,5 +420,16 @@ def checked_own(own: Basis) -> Basis:
 
 
 def lagged(column: np.ndarray, lag: int) -> np.ndarray:
-    """Column delayed by `lag` samples; its first value stands before the start."""
+    """Column delayed by `lag` samples; its first value stands before the start.
+
+    Parameters
+    ----------
+    column : (n,) array
+    lag : int
+        ≥ 0.
+
+    Returns
+    -------
+    (n,) array
+    """
     return np.concatenate([np.full(min(lag, len(column)), column[:1].sum()), column[: max(len(column) - lag, 0)]])

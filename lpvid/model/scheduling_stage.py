@@ -32,7 +32,17 @@ class SchedulingStage(Coded, ABC):
 
     @abstractmethod
     def with_vector(self, vector: np.ndarray) -> SchedulingStage:
-        """The same filter with other parameters, projected onto their admissible range."""
+        """The same filter with other parameters, projected onto their admissible range.
+
+        Parameters
+        ----------
+        vector : (k,) array
+            In the order of `vector`.
+
+        Returns
+        -------
+        SchedulingStage
+        """
 
     def stated(self) -> str:
         """Parameters by name, which are times, for a note of a fit.
@@ -45,21 +55,60 @@ class SchedulingStage(Coded, ABC):
 
     @abstractmethod
     def apply(self, p: np.ndarray, sample_time: float) -> np.ndarray:
-        """(n, n_scheduling) filtered trajectory; the filter starts settled at the first sample."""
+        """(n, n_scheduling) filtered trajectory; the filter starts settled at the first sample.
+
+        Parameters
+        ----------
+        p : (n, n_scheduling) array
+            As logged.
+        sample_time : float
+            Period [s].
+
+        Returns
+        -------
+        (n, n_scheduling) array
+        """
 
     @abstractmethod
     def starts(self, sample_time: float) -> list[SchedulingStage]:
-        """A few starting points for a fit."""
+        """A few starting points for a fit.
+
+        Parameters
+        ----------
+        sample_time : float
+            Period [s], the scale of a filter that a record can show.
+
+        Returns
+        -------
+        list of SchedulingStage
+        """
 
     @abstractmethod
     def scales(self) -> np.ndarray:
-        """(k,) search step of each parameter."""
+        """(k,) search step of each parameter.
+
+        Returns
+        -------
+        (k,) array
+            In the units of the parameters; 0 for one that a fit does not move.
+        """
 
     @abstractmethod
     def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
         """Fastest |dp/dt| [units per second] at the filter's output when its input moves at will in a range of `width`.
 
         One entry for each variable; None where the filter does not limit it. A stability statement may use it.
+
+        Parameters
+        ----------
+        width : (n_scheduling,) array
+            Range of each variable, in its unit.
+        sample_time : float
+            Period [s].
+
+        Returns
+        -------
+        list of float or None
         """
 
 
@@ -163,6 +212,18 @@ FITTED = {
 
 def memory(stage: object, sample_time: float) -> int:
     """Samples after which a filter's start is below rounding.
+
+    Parameters
+    ----------
+    stage : SchedulingStage
+        Scheduling filter.
+    sample_time : float
+        Period [s].
+
+    Returns
+    -------
+    int
+        [samples].
 
     Raises
     ------

@@ -12,6 +12,12 @@ from lpvid.codec import Coded
 class Signal(Coded):
     """A named signal with its SI unit.
 
+    Parameters
+    ----------
+    name : str
+    unit : str
+        SI unit; empty where there is none, or it is not known.
+
     Examples
     --------
     >>> print(Signal("force", "N"))
@@ -26,7 +32,22 @@ class Signal(Coded):
 
 
 def signals(names: tuple[str, ...] | list[str], prefix: str, count: int) -> tuple[Signal, ...]:
-    """Signals from names, or numbered ones where none were given."""
+    """Signals from names, or numbered ones where none were given.
+
+    Parameters
+    ----------
+    names : sequence of str
+        May be empty.
+    prefix : str
+        Of numbered names: ``u`` gives ``u1``, ``u2`` …
+    count : int
+        How many numbered ones.
+
+    Returns
+    -------
+    tuple of Signal
+        Without units.
+    """
     return tuple(Signal(n) for n in names) if names else tuple(Signal(f"{prefix}{i + 1}") for i in range(count))
 
 

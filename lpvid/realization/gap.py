@@ -137,6 +137,11 @@ def measure_gap(realization: Realization, records: Sequence[Record], label: str 
     Returns
     -------
     Gap
+
+    Raises
+    ------
+    InputError
+        No record, or one of fewer than two samples.
     """
     if not records:
         raise InputError("a gap is measured on at least one record", got="none")

@@ -68,7 +68,19 @@ class Judgement(Encoded):
         return "safe" if extra <= self.spread[o] else "costs" if extra <= self.own[o] else "not safe"
 
     def text(self, output: str, moves: bool) -> str:
-        """The verdict with its figures."""
+        """The verdict with its figures.
+
+        Parameters
+        ----------
+        output : str
+            Name of the output that the gap is given for.
+        moves : bool
+            Whether the scheduling moves in these records.
+
+        Returns
+        -------
+        str
+        """
         o, where = self.worst, f", {self.label}" if self.label else ""
         errors = (f"free-run ESR{where} {self.own[o]:.3g} ± {self.spread[o]:.1g} as a transfer function, "
                   + (f"{self.form[o]:.3g} in this form" if np.isfinite(self.form[o]) else "this form diverges"))
@@ -82,7 +94,22 @@ class Judgement(Encoded):
 
 
 def judge(realization: Realization, records: Sequence[Record], label: str = "") -> Judgement | None:
-    """Both models in free run on measured records; None where none of them holds the outputs, or all are too short."""
+    """Both models in free run on measured records; None where none of them holds the outputs, or all are too short.
+
+    Parameters
+    ----------
+    realization : Realization
+        With its source.
+    records : sequence of Record
+        Those without the outputs, or no longer than the models' starts, are left out.
+    label : str
+        What the records are to the model: "training", "held-out", or "" (not stated).
+
+    Returns
+    -------
+    Judgement or None
+        None also where the transfer function diverges or an output does not move.
+    """
     source, model = realization.source, realization.model
     first, names = max(source.start, model.start), [s.name for s in source.outputs]
     squares, gaps, forms, powers = [], [], [], []

@@ -32,7 +32,20 @@ class RealizationLayout:
 
 
 def padded(model: LPVTransferFunction, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """a of n lags, b and c of n + 1 lags from lag 0 on, filled up with zeros."""
+    """a of n lags, b and c of n + 1 lags from lag 0 on, filled up with zeros.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        With no more than n lags.
+    n : int
+        Order of the state space.
+
+    Returns
+    -------
+    (n, …), (n + 1, …), (n + 1, …) arrays
+        In the shapes of the model's a, b and c.
+    """
     assert model.c is not None
 
     def fill(x: np.ndarray, rows: int) -> np.ndarray:
@@ -42,13 +55,39 @@ def padded(model: LPVTransferFunction, n: int) -> tuple[np.ndarray, np.ndarray, 
 
 
 def still(model: LPVTransferFunction, which: str) -> bool:
-    """True when none of the named coefficients ("a", "b", "c") depends on the scheduling."""
+    """True when none of the named coefficients ("a", "b", "c") depends on the scheduling.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+    which : str
+        Letters, such as "ac".
+
+    Returns
+    -------
+    bool
+    """
     coefficients = {"a": model.a, "b": model.b, "c": model.c}
     return not model.basis.names or all(constant_part((model.basis, coefficients[w])) is not None for w in which)
 
 
 def build(model: LPVTransferFunction, layout: RealizationLayout, metadata: Mapping) -> LPVStateSpace:
-    """The state-space model of a layout, with everything else carried over from `model`."""
+    """The state-space model of a layout, with everything else carried over from `model`.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        That was realised.
+    layout : RealizationLayout
+        Its matrices.
+    metadata : mapping
+        Of the result.
+
+    Returns
+    -------
+    LPVStateSpace
+        In discrete time, over one basis for all matrices.
+    """
     basis, matrices = assemble(model.basis, layout.arrays)
     return LPVStateSpace(**matrices, basis=basis, sample_time=model.sample_time, scheduling=model.box,
                          inputs=model.inputs, outputs=model.outputs, input_stage=model.input_stage,

@@ -28,7 +28,16 @@ class Varying:
         self.parts: dict[Basis, np.ndarray] = {}
 
     def add(self, where: object, term: Term, factor: float = 1.0) -> None:
-        """Add ``factor`` times a term into the entries at `where` (any index of the array)."""
+        """Add ``factor`` times a term into the entries at `where` (any index of the array).
+
+        Parameters
+        ----------
+        where : index
+            Of one or several entries.
+        term : (Basis, (…, M) array)
+            Shaped like what stands at `where`, with the functions last.
+        factor : float
+        """
         basis, coefficients = term
         if basis not in self.parts:
             self.parts[basis] = np.zeros((*self.shape, basis.size))
@@ -39,7 +48,21 @@ class Varying:
 
 
 def unity(basis: Basis) -> np.ndarray:
-    """(M,) coefficients with which the functions of a basis add up to the constant 1."""
+    """(M,) coefficients with which the functions of a basis add up to the constant 1.
+
+    Parameters
+    ----------
+    basis : Basis
+
+    Returns
+    -------
+    (M,) array
+
+    Raises
+    ------
+    InputError
+        A basis of which that is not known.
+    """
     one = basis.unity
     if one is not None:
         return one
@@ -48,12 +71,33 @@ def unity(basis: Basis) -> np.ndarray:
 
 
 def constant(basis: Basis, matrix: np.ndarray) -> Term:
-    """A matrix that does not move, written over a basis."""
+    """A matrix that does not move, written over a basis.
+
+    Parameters
+    ----------
+    basis : Basis
+        One that holds the constant.
+    matrix : array
+        Of any shape.
+
+    Returns
+    -------
+    (Basis, (…, M) array)
+    """
     return basis, np.asarray(matrix, dtype=float)[..., None] * unity(basis)
 
 
 def constant_part(term: Term) -> np.ndarray | None:
-    """The matrix a term stands for if it does not depend on the scheduling, else None."""
+    """The matrix a term stands for if it does not depend on the scheduling, else None.
+
+    Parameters
+    ----------
+    term : (Basis, (…, M) array)
+
+    Returns
+    -------
+    array or None
+    """
     basis, coefficients = term
     one = unity(basis)
     pivot = int(np.argmax(one))
@@ -62,7 +106,19 @@ def constant_part(term: Term) -> np.ndarray | None:
 
 
 def at(basis: Basis, coefficients: np.ndarray, lag: int) -> Term:
-    """Coefficients taken at p(k − lag); what does not move stays with the basis itself."""
+    """Coefficients taken at p(k − lag); what does not move stays with the basis itself.
+
+    Parameters
+    ----------
+    basis : Basis
+    coefficients : (…, M) array
+    lag : int
+        [samples]; negative reads future p.
+
+    Returns
+    -------
+    (Basis, (…, M) array)
+    """
     if lag == 0 or not basis.names or constant_part((basis, coefficients)) is not None:
         return basis, coefficients
     return basis.shifted(lag), coefficients
@@ -73,6 +129,15 @@ def product(left: Term, right: Term) -> Term:
 
     Polynomials of the same variables at the same time give a polynomial of the summed degree (no higher than needed);
     other pairs give all products of their functions.
+
+    Parameters
+    ----------
+    left : (Basis, (q, r, M) array)
+    right : (Basis, (r, s, N) or (r, N) array)
+
+    Returns
+    -------
+    (Basis, (q, s, K) or (q, K) array)
     """
     (first, x), (second, y) = left, right
     still_x, still_y = constant_part(left), constant_part(right)
@@ -94,6 +159,18 @@ def assemble(base: Basis, arrays: Mapping[str, Varying]) -> tuple[Basis, dict[st
 
     `base` comes first and always stays; a basis that no array needs is left out; polynomials of the same variables at
     the same time are merged into the one of the highest degree.
+
+    Parameters
+    ----------
+    base : Basis
+        That of the model.
+    arrays : mapping of str to Varying
+
+    Returns
+    -------
+    Basis
+        M functions.
+    dict of str to (M, …) array
     """
     needed = [b for v in arrays.values() for b, x in v if np.any(x)]
     terms = _merged([base, *dict.fromkeys(needed)])

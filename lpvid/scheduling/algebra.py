@@ -24,6 +24,11 @@ def common(first: Basis, second: Basis) -> tuple[Basis, np.ndarray, np.ndarray]:
     Polynomials become one polynomial over all their variables, in the normalisation of the first, Fourier bases of one
     period the one of more harmonics; what has no closed form stands side by side in a `Stacked`.
 
+    Parameters
+    ----------
+    first, second : Basis
+        Of any variables.
+
     Returns
     -------
     Basis
@@ -73,6 +78,11 @@ def products(first: Basis, second: Basis) -> tuple[Basis, np.ndarray]:
     Polynomials multiply to a polynomial, Fourier bases of one period to one, splines of one variable to a spline on the
     knots of both; other pairs to a `Product`.
 
+    Parameters
+    ----------
+    first, second : Basis
+        Of any variables.
+
     Returns
     -------
     Basis
@@ -104,7 +114,17 @@ def products(first: Basis, second: Basis) -> tuple[Basis, np.ndarray]:
 
 
 def atoms(basis: Basis) -> list[Basis]:
-    """The bases that are stacked in one, in order; the basis itself if it is no stack."""
+    """The bases that are stacked in one, in order; the basis itself if it is no stack.
+
+    Parameters
+    ----------
+    basis : Basis
+
+    Returns
+    -------
+    list of Basis
+        None of them a `Stacked`.
+    """
     return [a for f in basis.factors for a in atoms(f)] if isinstance(basis, Stacked) else [basis]
 
 

@@ -16,6 +16,7 @@ class Composite(Basis):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Scheduling variables of all factors, each once."""
         return tuple(dict.fromkeys(n for f in self.factors for n in f.names))
 
     @property

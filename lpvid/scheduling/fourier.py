@@ -61,6 +61,7 @@ class Fourier(Basis):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The one scheduling variable."""
         return (self.name,)
 
     @property
@@ -107,6 +108,16 @@ class Fourier(Basis):
         max |T| ≤ max_samples |T| / cos(πd/N) (M. Riesz: next to a maximum M, |T| ≥ M cos dθ). The same holds for the
         spectral norm of a matrix of such sums, and, for its eigenvalues between m and M on the samples, at every point
         λ_max ≤ (M + m)/2 + (M − m)/2 / cos(πd/N). An expression of products has the summed degree.
+
+        Parameters
+        ----------
+        samples : int
+            N, equidistant over one full period.
+
+        Returns
+        -------
+        float
+            At least 1.
 
         Raises
         ------

@@ -18,6 +18,11 @@ from lpvid.scheduling.variables import Scheduling
 class Product(Composite):
     """All products φ_i(p)·ψ_j(q) of two bases: a tensor grid over several scheduling variables.
 
+    Parameters
+    ----------
+    first, second : Basis
+        φ and ψ; the functions of the second run fastest.
+
     Examples
     --------
     >>> from lpvid.scheduling import Polynomial
@@ -32,6 +37,7 @@ class Product(Composite):
 
     @property
     def factors(self) -> tuple[Basis, ...]:  # type: ignore[override]
+        """Both bases."""
         return (self.first, self.second)
 
     @property

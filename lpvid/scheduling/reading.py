@@ -12,6 +12,19 @@ class Reading:
     """One scheduling variable as it is read: at p(k − lag), with what degree, and where its pieces meet.
 
     A trigonometric dependence has a highest angular frequency [rad per unit] instead of a degree.
+
+    Parameters
+    ----------
+    name : str
+        Scheduling variable.
+    lag : int
+        [samples]; negative reads future p.
+    degree : int
+        0 for a trigonometric dependence.
+    breaks : tuple of float
+        In the unit of the variable; empty for a single piece.
+    frequency : float
+        0 without trigonometric functions.
     """
 
     name: str

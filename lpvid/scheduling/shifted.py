@@ -16,6 +16,13 @@ from lpvid.scheduling.variables import Scheduling
 class Shifted(Basis):
     """The same functions of p(k − lag): dynamic dependence; a negative lag reads future p.
 
+    Parameters
+    ----------
+    basis : Basis
+        The functions.
+    lag : int
+        [samples]; before the first sample, and behind the last, the end values hold.
+
     Examples
     --------
     >>> from lpvid.scheduling import Polynomial
@@ -30,6 +37,7 @@ class Shifted(Basis):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Scheduling variables of the basis."""
         return self.basis.names
 
     @property

@@ -64,6 +64,7 @@ class Spline(Basis):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The one scheduling variable."""
         return (self.name,)
 
     @property

@@ -19,6 +19,11 @@ from lpvid.scheduling.variables import Scheduling
 class Stacked(Composite):
     """The functions of several bases side by side (realisations that read p at several times need this).
 
+    Parameters
+    ----------
+    factors : tuple of Basis
+        In the order of their functions.
+
     Examples
     --------
     >>> from lpvid.scheduling import Polynomial, Shifted

@@ -84,6 +84,11 @@ def anti_windup(plant: GeneralizedPlant, controller: LPVStateSpace, limits: Limi
     points : int
         Grid points per scheduling variable, where corners are not enough.
 
+    Returns
+    -------
+    AntiWindup
+        Infeasible, with why and mend, where no gain bounds the loop; an outcome, no error.
+
     Raises
     ------
     InputError
@@ -122,6 +127,11 @@ def back_calculation(controller: LPVStateSpace, limits: Limits, time_constant: f
     limits : mapping
     time_constant : float
         T [s]; in discrete time v comes back by T_s/T per sample, at most at once.
+
+    Returns
+    -------
+    SaturatedController
+        The controller behind its limits, with one gain E for the whole box.
     """
     t = _checks.positive(time_constant, "the time constant of back-calculation", "s")
     c = controller.frozen(controller.box.centre)[2]

@@ -18,7 +18,17 @@ TINY = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """What no controller can mend: a verdict of `Synthesis`, with why and mend."""
+    """What no controller can mend: a verdict of `Synthesis`, with why and mend.
+
+    Parameters
+    ----------
+    verdict : str
+        "unstabilisable" or "undetectable".
+    why : str
+        Which mode, by its pole, at which scheduling.
+    mend : str
+        What to add or to change.
+    """
 
     verdict: str
     why: str
@@ -27,6 +37,13 @@ class Fault:
 
 def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
     """Raise for no control, one without effect, one whose polarity turns over, and measurements alike.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Whose controls and measurements are looked at.
+    at : PlantMatrices
+        Its matrices at the points of the design, (N, …) each.
 
     Raises
     ------
@@ -64,6 +81,22 @@ def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, 
 
     Popov-Belevitch-Hautus test at every point of the scheduling; trajectories that stay there are admissible. With
     `between`, also where a single control or measurement reaches a mode least on the lines between the points.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        For the names of its signals and its sample time.
+    at : PlantMatrices
+        Its matrices at the points.
+    points : (N, n_scheduling) array
+        Scheduling values, in its units.
+    between : bool
+        Look between the points too.
+
+    Returns
+    -------
+    Fault or None
+        The first fault found, controls before measurements at each point; None where there is none.
     """
     discrete = plant.sample_time is not None
     if between:
@@ -90,7 +123,20 @@ def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, 
 
 
 def remarks(plant: GeneralizedPlant, at: PlantMatrices) -> tuple[str, ...]:
-    """What Riccati equations would refuse, by the signals concerned: the inequalities do not need it."""
+    """What Riccati equations would refuse, by the signals concerned: the inequalities do not need it.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        For the names of its signals.
+    at : PlantMatrices
+        Its matrices at the points of the design, (N, …) each.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for D12, one for D21, at the point of lowest rank; empty where both have full rank everywhere.
+    """
     found = []
     for matrix, names, text in (
             (at.D12, plant.controls, "no performance signal limits {0} at high frequency (D12 has rank {1} of {2})"),

@@ -31,18 +31,55 @@ class BalancedPlant:
 
     @classmethod
     def of(cls, plant: GeneralizedPlant, points: np.ndarray) -> BalancedPlant:
-        """Balanced over the given points (N, n_scheduling)."""
+        """Balanced over the given points (N, n_scheduling).
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Continuous or discrete.
+        points : (N, n_scheduling) array
+            Where its matrices are balanced and, in discrete time, the sign is chosen.
+
+        Returns
+        -------
+        BalancedPlant
+            The plant with its units.
+        """
         at = plant.at(points)
         sign = None if plant.sample_time is None else sign_for(at.A)
         return cls(plant, sign, Units.of(at if sign is None else plant_to_continuous(at, sign)))
 
     def at(self, points: np.ndarray) -> PlantMatrices:
-        """The balanced blocks, with D22 = 0: y is what the sensors show less what the controls add directly."""
+        """The balanced blocks, with D22 = 0: y is what the sensors show less what the controls add directly.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            Scheduling values, in the plant's units.
+
+        Returns
+        -------
+        PlantMatrices
+            Continuous, (N, …) each.
+        """
         at = self.units.apply(self._continuous(points))
         return replace(at, D22=np.zeros_like(at.D22))
 
     def controller(self, k: Matrices, points: np.ndarray) -> Matrices:
-        """A controller of the balanced plant, for the sensors and the time of the plant itself."""
+        """A controller of the balanced plant, for the sensors and the time of the plant itself.
+
+        Parameters
+        ----------
+        k : (A, B, C, D), each (N, …)
+            Controller of the balanced plant at the points.
+        points : (N, n_scheduling) array
+            Where D22 is taken.
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+            Discrete where the plant is.
+        """
         k = around_feedthrough(self.units.controller(k), self._continuous(points).D22)
         return k if self.sign is None else to_discrete(k, self.sign)
 
@@ -55,6 +92,16 @@ def corners_suffice(plant: GeneralizedPlant) -> bool:
     """Inequalities with one X and Y, imposed at `convex_axes`, then hold in the whole box.
 
     The plant is a convex combination of its values there, and what multiplies the controller does not vary.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Its matrices and its box.
+
+    Returns
+    -------
+    bool
+        True also for a box without width.
     """
     if not plant.box.half_width.any():
         return True
@@ -65,7 +112,18 @@ def corners_suffice(plant: GeneralizedPlant) -> bool:
 
 
 def varying_signals(plant: GeneralizedPlant) -> str:
-    """Which signals' gains vary with the scheduling, so that corners are not enough; empty for none."""
+    """Which signals' gains vary with the scheduling, so that corners are not enough; empty for none.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Looked at on three points per scheduling variable.
+
+    Returns
+    -------
+    str
+        Names, controls before measurements, with commas between.
+    """
     at = plant.at(plant.box.grid(3))
     moving = [n for j, n in enumerate(plant.controls)
               if varies(at.B2[:, :, j]) or varies(at.D12[:, :, j])]
@@ -75,7 +133,18 @@ def varying_signals(plant: GeneralizedPlant) -> str:
 
 
 def convex_axes(plant: GeneralizedPlant) -> tuple[np.ndarray, ...]:
-    """Ends of the box and, for a gridded plant, its grid."""
+    """Ends of the box and, for a gridded plant, its grid.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Its box and the knots of its basis.
+
+    Returns
+    -------
+    tuple of arrays
+        Rising values of each scheduling variable; one value where it has no width.
+    """
     ends = design_axes(plant.box, 2, True)
     inside = _knots(plant.system.basis)
     return tuple(np.unique(np.concatenate([a, [k for k in inside.get(n, ()) if a[0] < k < a[-1]]]))

@@ -13,7 +13,18 @@ from lpvid.synthesis.scaling import Matrices
 
 
 def sign_for(a: np.ndarray) -> float:
-    """1 for A + I, −1 for A − I: whichever is further from singular over the points (N, n, n)."""
+    """1 for A + I, −1 for A − I: whichever is further from singular over the points (N, n, n).
+
+    Parameters
+    ----------
+    a : (N, n, n) array
+        Discrete dynamics at the points.
+
+    Returns
+    -------
+    float
+        1 also without states, and while A + I is at most a thousand times closer to singular than A − I.
+    """
     if not a.shape[1]:
         return 1.0
     worst = [np.linalg.svd(a + s * np.eye(a.shape[1]), compute_uv=False)[:, -1].min() for s in (1.0, -1.0)]
@@ -22,6 +33,18 @@ def sign_for(a: np.ndarray) -> float:
 
 def to_continuous(system: Matrices, sign: float) -> Matrices:
     """A, B, C, D (N, …) of the continuous system.
+
+    Parameters
+    ----------
+    system : (A, B, C, D), each (N, …)
+        Discrete.
+    sign : float
+        1 or −1, as `sign_for` chooses it.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+        Continuous, with the same gains at each point.
 
     Examples
     --------
@@ -36,7 +59,20 @@ def to_continuous(system: Matrices, sign: float) -> Matrices:
 
 
 def to_discrete(system: Matrices, sign: float) -> Matrices:
-    """Inverse of `to_continuous`."""
+    """Inverse of `to_continuous`.
+
+    Parameters
+    ----------
+    system : (A, B, C, D), each (N, …)
+        Continuous.
+    sign : float
+        1 or −1, that of the way there.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+        Discrete.
+    """
     a, b, c, d = system
     inverse = np.linalg.inv(np.eye(a.shape[1]) - a)
     return (sign * inverse @ (np.eye(a.shape[1]) + a), np.sqrt(2) * inverse @ b, sign * np.sqrt(2) * c @ inverse,
@@ -44,7 +80,20 @@ def to_discrete(system: Matrices, sign: float) -> Matrices:
 
 
 def plant_to_continuous(plant: PlantMatrices, sign: float) -> PlantMatrices:
-    """All blocks of a plant."""
+    """All blocks of a plant.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        Discrete, (N, …) each.
+    sign : float
+        1 or −1, as `sign_for` chooses it.
+
+    Returns
+    -------
+    PlantMatrices
+        Of the continuous plant.
+    """
     p, w, z = plant, plant.B1.shape[2], plant.C1.shape[1]
     d = np.concatenate([np.concatenate([p.D11, p.D12], axis=2), np.concatenate([p.D21, p.D22], axis=2)], axis=1)
     a, b, c, d = to_continuous((p.A, np.concatenate([p.B1, p.B2], axis=2), np.concatenate([p.C1, p.C2], axis=1), d),
@@ -54,7 +103,20 @@ def plant_to_continuous(plant: PlantMatrices, sign: float) -> PlantMatrices:
 
 
 def around_feedthrough(controller: Matrices, d22: np.ndarray) -> Matrices:
-    """The controller that reads y where the design's read y − D22 u: K (I + D22 K)⁻¹."""
+    """The controller that reads y where the design's read y − D22 u: K (I + D22 K)⁻¹.
+
+    Parameters
+    ----------
+    controller : (A, B, C, D), each (N, …)
+        Designed for y − D22 u.
+    d22 : (N, n_y, n_u) array
+        Direct path from controls to measurements; I + D22 D_K must be regular.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+        The controller for y.
+    """
     a, b, c, d = controller
     inverse = np.linalg.inv(np.eye(d22.shape[-2]) + d22 @ d)
     seen = inverse @ d22 @ c

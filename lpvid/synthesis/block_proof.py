@@ -31,7 +31,24 @@ DIGITS = 1.002
 
 
 def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage) -> Figure | None:
-    """The bound of the induced gain; None where the storage function proves none."""
+    """The bound of the induced gain; None where the storage function proves none.
+
+    Parameters
+    ----------
+    channel : str
+        From what to what, for the figure.
+    loop : LPVStateSpace
+        Closed loop w → z, continuous or discrete.
+    promised : float
+        Bound that the design gave.
+    storage : LoopStorage
+        One constant storage function, (1, …) blocks.
+
+    Returns
+    -------
+    Figure or None
+        With the larger of the frozen H-infinity norms as lower bound.
+    """
     at, many = _corners(loop)
     bound = float(gain_bounds(at, _repeated(storage, many), 0, discrete=loop.is_discrete).max())
     if not np.isfinite(bound):
@@ -55,6 +72,24 @@ def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage:
     With Q = P⁻¹ and the least s for which AQ + QAᵀ + BBᵀ/s ≼ 0 (or AQAᵀ − Q + BBᵀ/s ≼ 0) at every point, sQ bounds the
     covariance of the states: ν² = s·max trace(CQCᵀ), in discrete time with trace(DDᵀ); of a peak the largest
     eigenvalue of s·CQCᵀ + DDᵀ.
+
+    Parameters
+    ----------
+    channel : str
+        From what to what, for the figure.
+    loop : LPVStateSpace
+        Closed loop w → z; D = 0 in continuous time.
+    promised : float
+        Bound that the design gave.
+    storage : LoopStorage
+        One constant storage function, (1, …) blocks.
+    criterion : CovarianceCriterion
+        Trace of the output's covariance, or its peak.
+
+    Returns
+    -------
+    Figure or None
+        None where P shows no decay at some point of the box.
     """
     (a, b, c, d), _ = _corners(loop)
     root = [np.linalg.inv(np.linalg.cholesky(p[0]).T) for p in (storage.first, storage.second)]

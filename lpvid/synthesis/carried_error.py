@@ -28,6 +28,19 @@ def carried(plant: GeneralizedPlant, found: Synthesis) -> Synthesis:
 
     The storage function is re-checked on the closed loop with the finer table; where it bounds no gain there, the
     analysis looks for another. What lies between those values is stated in a note.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Its system's ``metadata["interpolation"]`` holds the error of the table and the finer one.
+    found : Synthesis
+        For the table.
+
+    Returns
+    -------
+    Synthesis
+        `found` itself for a plant that is no table, without a finer one, or without a controller. "backed-off" where
+        the bound rises by more than 2 %, "numerical" where none is found on the finer table.
     """
     about = plant.system.metadata.get("interpolation")
     if not about or found.controller is None or found.closed_loop is None:

@@ -62,7 +62,20 @@ class Variations:
         return self.varying == "both" and bool(self.moving)
 
     def at(self, points: np.ndarray, time: float) -> tuple[Variation, Variation]:
-        """Of X and of Y, with slopes in the time of the balanced plant."""
+        """Of X and of Y, with slopes in the time of the balanced plant.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            Scheduling values, in the units of the box.
+        time : float
+            Pace of the balanced plant [1/s], `Units.time`: physical slopes over it.
+
+        Returns
+        -------
+        (Variation, Variation)
+            Of X and of Y; constant where it does not vary.
+        """
         still = Variation.constant(len(points))
         still = Variation(still.values, np.zeros((len(points), len(self.corners), 1)))
         if self.basis is None:
@@ -72,7 +85,18 @@ class Variations:
         return (still if self.varying == "measurements" else own), (still if self.varying == "controls" else own)
 
     def gradients(self, points: np.ndarray) -> np.ndarray:
-        """(N, len(moving), K) ∂ψ/∂p_i per physical unit."""
+        """(N, len(moving), K) ∂ψ/∂p_i per physical unit.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            Scheduling values, in the units of the box.
+
+        Returns
+        -------
+        (N, len(moving), K) array
+            K functions of the basis; (N, 0, 1) without one.
+        """
         if self.basis is None:
             return np.zeros((len(points), 0, 1))
         own = points[:, [self.box.names.index(n) for n in self.basis.names]]
@@ -156,7 +180,26 @@ class ControllerFormula:
     @classmethod
     def gentle(cls, plant: BalancedPlant, variations: Variations, pair: MatrixPair, gamma: float, points: np.ndarray
                ) -> ControllerFormula | None:
-        """The formula with as much fictitious effort and noise as the bound allows at the points; None for no bound."""
+        """The formula with as much fictitious effort and noise as the bound allows at the points; None for no bound.
+
+        Parameters
+        ----------
+        plant : BalancedPlant
+            What is designed for.
+        variations : Variations
+            How X and Y may vary.
+        pair : MatrixPair
+            X and Y of the search.
+        gamma : float
+            Bound of the gain w → z, the same in balanced units.
+        points : (N, n_scheduling) array
+            Where the bound is kept.
+
+        Returns
+        -------
+        ControllerFormula or None
+            None where the pair keeps no bound at some point, also by rounding.
+        """
         n = pair.x.shape[1]
         try:
             pair, inner = _balanced(variations, pair, points)
@@ -177,7 +220,20 @@ class ControllerFormula:
                    np.linalg.cholesky(parts[1].mean(axis=0)).T)
 
     def at(self, points: np.ndarray) -> tuple[Matrices, np.ndarray]:
-        """The controller (N, …) at ṗ = 0, and ∂A_K/∂ṗ_i as (N, len(moving), n, n); none if it does not depend on ṗ."""
+        """The controller (N, …) at ṗ = 0, and ∂A_K/∂ṗ_i as (N, len(moving), n, n); none if it does not depend on ṗ.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            Scheduling values, in the plant's units.
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+            For the plant's own sensors, controls and kind of time.
+        (N, n_rates, n, n) array
+            ∂A_K/∂ṗ_i; no rates unless X and Y both move.
+        """
         at, v = self._plant(points), self._lyapunov(points)
         a, b, c, d = controller_at(at, v, self.gamma, self.efforts, feedthrough(at, self.gamma))
         q, back = self.outer, np.linalg.inv(self.outer)
@@ -190,7 +246,18 @@ class ControllerFormula:
         return k, slopes
 
     def storage(self, points: np.ndarray) -> LoopStorage:
-        """Of the closed loop with [x; x_K], both as the plant and the returned controller have them."""
+        """Of the closed loop with [x; x_K], both as the plant and the returned controller have them.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            Scheduling values, in the plant's units.
+
+        Returns
+        -------
+        LoopStorage
+            With slopes per second.
+        """
         v, d = self._lyapunov(points), self.plant.units.states[:, None] * self.inner
         zero, q = np.zeros_like(d), self.outer
         first, second, first_slope, second_slope = (*v.blocks(), *v.block_slopes())

@@ -22,6 +22,20 @@ def table(formula: FeedbackLaw, axes: tuple[np.ndarray, ...], polynomial: bool) 
     """The controller, exact at the grid of `axes` and linear in each variable between its points.
 
     With `polynomial` and two points for each variable the entries are polynomials of degree one in each variable.
+
+    Parameters
+    ----------
+    formula : FeedbackLaw
+        The controller for every p.
+    axes : tuple of arrays
+        Rising values of each scheduling variable.
+    polynomial : bool
+        Prefer polynomials to a table where both are the same.
+
+    Returns
+    -------
+    LPVStateSpace
+        Scheduled also on ``p_rate`` where the formula depends on rates.
     """
     points = tensor(axes)
     k, slopes = formula.at(points)
@@ -37,7 +51,20 @@ def table(formula: FeedbackLaw, axes: tuple[np.ndarray, ...], polynomial: bool) 
 
 
 def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
-    """The controller with cubic splines of so many segments of each variable, fitted by least squares."""
+    """The controller with cubic splines of so many segments of each variable, fitted by least squares.
+
+    Parameters
+    ----------
+    formula : FeedbackLaw
+        The controller for every p; its box has width in some variable.
+    segments : int
+        Of every variable with width; the fit takes three cells to each.
+
+    Returns
+    -------
+    LPVStateSpace
+        Near the formula, not equal to it: its bound must be checked.
+    """
     box = formula.plant.plant.box
     basis: Basis | None = None
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
@@ -51,13 +78,39 @@ def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
 
 
 def dense(box: Scheduling, cells: int) -> np.ndarray:
-    """(N, n_scheduling) tensor grid with so many cells along every variable that has width."""
+    """(N, n_scheduling) tensor grid with so many cells along every variable that has width.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges of the variables.
+    cells : int
+        At least 1.
+
+    Returns
+    -------
+    (N, n_scheduling) array
+        In the units of the box; ends included.
+    """
     return tensor(tuple(np.linspace(low, high, cells + 1) if high > low else np.array([low])
                         for low, high in zip(box.lower, box.upper, strict=True)))
 
 
 def rated_box(box: Scheduling, moving: tuple[str, ...]) -> Scheduling:
-    """The box with a further variable for the rate of each of `moving`."""
+    """The box with a further variable for the rate of each of `moving`.
+
+    Parameters
+    ----------
+    box : Scheduling
+        With rate bounds of the variables that move.
+    moving : tuple of str
+        Variables whose rate becomes a variable, named with `RATE` appended.
+
+    Returns
+    -------
+    Scheduling
+        Rates range over ± their bound [units/s]; no bound counts as 0.
+    """
     limits = [box.rate[box.names.index(n)] or 0.0 for n in moving]
     units = [f"{box.units[box.names.index(n)] or '1'}/s" for n in moving]
     return Scheduling((*box.names, *(n + RATE for n in moving)), (*box.lower, *(-r for r in limits)),
@@ -65,7 +118,22 @@ def rated_box(box: Scheduling, moving: tuple[str, ...]) -> Scheduling:
 
 
 def matrices_at(controller: LPVStateSpace, box: Scheduling, points: np.ndarray) -> Matrices:
-    """(N, …) matrices of a controller at points over the variables of `box`."""
+    """(N, …) matrices of a controller at points over the variables of `box`.
+
+    Parameters
+    ----------
+    controller : LPVStateSpace
+        Scheduled on some of the box's variables.
+    box : Scheduling
+        Names the columns of the points.
+    points : (N, n_scheduling) array
+        Scheduling values.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+        Frozen matrices.
+    """
     phi = columns(box, controller.basis, points)
     a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (controller.A, controller.B, controller.C, controller.D))
     return a, b, c, d
@@ -75,6 +143,20 @@ def bounds_at(formula: FeedbackLaw, points: np.ndarray, controller: LPVStateSpac
     """(N,) bounds of the closed loop's gain at points, over all corners of the rates; infinite where there is none.
 
     With the controller as written down; left out, as the formula has it at every point.
+
+    Parameters
+    ----------
+    formula : FeedbackLaw
+        The controller for every p, with its storage function.
+    points : (N, n_scheduling) array
+        Scheduling values, in the plant's units.
+    controller : LPVStateSpace, optional
+        As `table` or `smooth` gives it.
+
+    Returns
+    -------
+    (N,) array
+        In the plant's units of performance per disturbance.
     """
     plant, v = formula.plant.plant, formula.storage(points)
     at, discrete = plant.at(points), plant.sample_time is not None
@@ -92,7 +174,22 @@ def bounds_at(formula: FeedbackLaw, points: np.ndarray, controller: LPVStateSpac
 
 
 def loop_at(plant: GeneralizedPlant, controller: LPVStateSpace, points: np.ndarray) -> Matrices:
-    """The frozen closed loop w → z at points of the plant's box, rates of the scheduling at zero."""
+    """The frozen closed loop w → z at points of the plant's box, rates of the scheduling at zero.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        What is controlled.
+    controller : LPVStateSpace
+        May be scheduled on rates (``p_rate``) too.
+    points : (N, n_scheduling) array
+        Scheduling values, in the plant's units.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+        Frozen matrices with [x; x_K].
+    """
     extra = sum(n not in plant.box.names for n in controller.box.names)
     box = plant.box if not extra else rated_box(plant.box, tuple(
         n.removesuffix(RATE) for n in controller.box.names if n not in plant.box.names))

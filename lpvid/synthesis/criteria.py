@@ -88,6 +88,19 @@ class HInfinity(_Channel):
 
         Squared, the storage is measured in |w|² as that of an H2 criterion: the two then share 𝐗 with less loss
         (Bernstein & Haddad 1989).
+
+        Parameters
+        ----------
+        program : Program
+            Where that is required.
+        loops : sequence of ShapedLoop
+            At the points and moves that are looked at.
+        level : Affine
+            (1, 1) γ, or γ².
+        chosen : ((n_w, ·) array, (n_z, ·) array)
+            What picks the channel's signals, as `selection` gives it.
+        squared : bool
+            The level is γ².
         """
         for loop in loops:
             into, out = (chosen[1].T, chosen[0].T) if loop.turned else chosen
@@ -225,7 +238,15 @@ class Region(ABC):
 
     @abstractmethod
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """L (symmetric) and M."""
+        """L (symmetric) and M.
+
+        Returns
+        -------
+        (m, m) array
+            L, symmetric.
+        (m, m) array
+            M, of any form.
+        """
 
     @property
     @abstractmethod
@@ -233,7 +254,15 @@ class Region(ABC):
         """True where the plane is that of z, False for s, None for both."""
 
     def require(self, program: Program, loops: Sequence[ShapedLoop]) -> None:
-        """L ⊗ 𝐗 + M ⊗ 𝐀 + Mᵀ ⊗ 𝐀ᵀ ≺ 0 in every loop."""
+        """L ⊗ 𝐗 + M ⊗ 𝐀 + Mᵀ ⊗ 𝐀ᵀ ≺ 0 in every loop.
+
+        Parameters
+        ----------
+        program : Program
+            Where that is required.
+        loops : sequence of ShapedLoop
+            At the points that are looked at.
+        """
         fixed, varying = self.matrices()
         for loop in loops:
             rows = [[(-1.0 / loop.pace) * (float(fixed[i, j]) * loop.lyapunov + float(varying[i, j]) * loop.dynamics
@@ -242,13 +271,37 @@ class Region(ABC):
             program.require(block(rows), margin=STRICT)
 
     def distance(self, poles: np.ndarray) -> np.ndarray:
-        """(n,) largest eigenvalue of L + sM + s̄Mᵀ at each pole: negative inside."""
+        """(n,) largest eigenvalue of L + sM + s̄Mᵀ at each pole: negative inside.
+
+        Parameters
+        ----------
+        poles : (n,) array
+            Complex [1/s], or of the z plane.
+
+        Returns
+        -------
+        (n,) array
+            0 on the boundary.
+        """
         fixed, varying = self.matrices()
         s = np.asarray(poles, dtype=complex).reshape(-1, 1, 1)
         return np.linalg.eigvalsh(fixed + s * varying + s.conj() * varying.T)[:, -1]
 
     def slack(self, lyapunov: np.ndarray, matrix: np.ndarray) -> float:
-        """Smallest eigenvalue of −(L ⊗ P + M ⊗ PA + Mᵀ ⊗ (PA)ᵀ) relative to P: positive, all poles of A are inside."""
+        """Smallest eigenvalue of −(L ⊗ P + M ⊗ PA + Mᵀ ⊗ (PA)ᵀ) relative to P: positive, all poles of A are inside.
+
+        Parameters
+        ----------
+        lyapunov : (n, n) array
+            P, positive definite.
+        matrix : (n, n) array
+            Dynamics A of the closed loop.
+
+        Returns
+        -------
+        float
+            Eigenvalue in coordinates where P is the identity.
+        """
         fixed, varying = self.matrices()
         factor = np.linalg.cholesky(lyapunov)
         a = factor.T @ matrix @ np.linalg.inv(factor.T)
@@ -259,6 +312,11 @@ class Region(ABC):
 @dataclass(frozen=True)
 class HalfPlane(Region):
     """Re s < −decay: everything settles at least as exp(−decay·t).
+
+    Parameters
+    ----------
+    decay : float
+        [1/s]
 
     Examples
     --------
@@ -276,12 +334,21 @@ class HalfPlane(Region):
         return False
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """L = 2·decay and M = 1: 2 Re s + 2·decay < 0."""
         return np.array([[2.0 * self.decay]]), np.eye(1)
 
 
 @dataclass(frozen=True)
 class Disc(Region):
-    """|s − centre| < radius; in discrete time Disc(0, r) is a decay by r per sample."""
+    """|s − centre| < radius; in discrete time Disc(0, r) is a decay by r per sample.
+
+    Parameters
+    ----------
+    centre : float
+        On the real axis [1/s, or of the z plane].
+    radius : float
+        In the same unit.
+    """
 
     centre: float
     radius: float
@@ -295,6 +362,7 @@ class Disc(Region):
         return None
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """[−radius, s − centre; s̄ − centre, −radius] ≺ 0."""
         return (np.array([[-self.radius, -self.centre], [-self.centre, -self.radius]]),
                 np.array([[0.0, 1.0], [0.0, 0.0]]))
 
@@ -302,6 +370,11 @@ class Disc(Region):
 @dataclass(frozen=True)
 class Cone(Region):
     """Damping ratio above `damping`: |Im s| < −Re s · tan(arccos damping).
+
+    Parameters
+    ----------
+    damping : float
+        Damping ratio ζ, between 0 and 1.
 
     Examples
     --------
@@ -320,6 +393,7 @@ class Cone(Region):
         return False
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """L = 0, M of sin θ = √(1 − ζ²) on the diagonal and ± cos θ = ± ζ beside it."""
         cosine, sine = self.damping, math.sqrt(1 - self.damping**2)
         return np.zeros((2, 2)), np.array([[sine, cosine], [-cosine, sine]])
 

@@ -54,6 +54,11 @@ def design_of(table: Mapping[str, Any], plant: GeneralizedPlant) -> Design:
     plant : GeneralizedPlant
         What it is for.
 
+    Returns
+    -------
+    Design
+        One of the classes in `DESIGNS`, with SI values.
+
     Raises
     ------
     InputError
@@ -195,13 +200,24 @@ back_off = 0.02                # how far above the least gain to stop, for a tam
 
 
 def template() -> str:
-    """A commented file that loads as it stands, as plant and as design."""
+    """A commented file that loads as it stands, as plant and as design.
+
+    Returns
+    -------
+    str
+        TOML text.
+    """
     return TEMPLATE.replace("KINDS", ", ".join(WEIGHTS)).replace("NAMES", ", ".join(DESIGNS)).replace(
         "STRUCTURES", ", ".join(STRUCTURES))
 
 
 def plant_schema() -> dict[str, Any]:
     """JSON schema (2020-12) of a PLANT file, as a plain dict.
+
+    Returns
+    -------
+    dict
+        With the schema of the design inside.
 
     Examples
     --------
@@ -232,6 +248,11 @@ def plant_schema() -> dict[str, Any]:
 
 def design_schema() -> dict[str, Any]:
     """JSON schema (2020-12) of a DESIGN file, as a plain dict.
+
+    Returns
+    -------
+    dict
+        One alternative for each design of `DESIGNS`.
 
     Examples
     --------

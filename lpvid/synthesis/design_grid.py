@@ -27,6 +27,20 @@ ROUNDING = 4096 * np.finfo(float).eps
 def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray, ...]:
     """Values of each scheduling variable: the ends where inequalities are affine in it, `points` of them elsewhere.
 
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges of the variables.
+    points : int
+        Values of each variable, at least 2, where inequalities are not affine.
+    affine : bool
+        The ends are enough.
+
+    Returns
+    -------
+    tuple of arrays
+        Rising values of each variable, in its unit; one value where it has no width.
+
     Raises
     ------
     InputError
@@ -51,12 +65,35 @@ def _smaller(variables: int, points: int) -> str:
 
 
 def tensor(axes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(N, n_scheduling) all combinations."""
+    """(N, n_scheduling) all combinations.
+
+    Parameters
+    ----------
+    axes : tuple of arrays
+        Values of each variable.
+
+    Returns
+    -------
+    (N, n_scheduling) array
+        The last variable runs fastest; one row without columns where there is no variable.
+    """
     return np.array(list(itertools.product(*axes)), dtype=float) if axes else np.empty((1, 0))
 
 
 def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
     """Axes with every interval divided into `cells`.
+
+    Parameters
+    ----------
+    axes : tuple of arrays
+        Rising values of each variable.
+    cells : int
+        Parts of every interval.
+
+    Returns
+    -------
+    tuple of arrays
+        With the given values among them; an axis of one value stays.
 
     Examples
     --------
@@ -73,6 +110,16 @@ def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
 def varies(stack: np.ndarray) -> bool:
     """Entries of (N, …) values differ from point to point by more than rounding leaves of a fitted plant.
 
+    Parameters
+    ----------
+    stack : (N, …) array
+        Values at N points.
+
+    Returns
+    -------
+    bool
+        False for an empty array.
+
     Examples
     --------
     >>> varies(np.array([1.0, 1.0 + 4e-16])), varies(np.array([1.0, 1.001]))
@@ -82,7 +129,18 @@ def varies(stack: np.ndarray) -> bool:
 
 
 def is_affine(basis: Basis) -> bool:
-    """Along every coordinate: then a matrix inequality that is linear in these functions holds where corners do."""
+    """Along every coordinate: then a matrix inequality that is linear in these functions holds where corners do.
+
+    Parameters
+    ----------
+    basis : Basis
+        Functions of the scheduling.
+
+    Returns
+    -------
+    bool
+        False for a table and for whatever is neither a polynomial nor a product of such.
+    """
     if isinstance(basis, Product):
         separate = not set(basis.first.names) & set(basis.second.names)
         return separate and is_affine(basis.first) and is_affine(basis.second)
@@ -91,6 +149,18 @@ def is_affine(basis: Basis) -> bool:
 
 def interpolating(box: Scheduling, axes: tuple[np.ndarray, ...]) -> Basis:
     """Functions that are linear between neighbouring points of every axis: one for each point, in `tensor`'s order.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Names the axes.
+    axes : tuple of arrays
+        Rising values of each variable.
+
+    Returns
+    -------
+    Basis
+        Splines of degree one and their products; the constant where no axis has two values.
 
     Examples
     --------
@@ -116,10 +186,24 @@ def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tu
     (or of the highest degree tried), for a Fourier series over the only variable that moves such a series (if one
     misses by less); else a table, linear between the points of a grid finer than `axes`.
 
+    box : Scheduling
+        Ranges of the variables.
+    axes : tuple of arrays
+        Grid of the design.
+    basis : Basis
+        Of the plant: its kind decides what is tried.
+
     Parameters
     ----------
     values : callable
         (N, …) values at (N, n_scheduling) points.
+
+    Returns
+    -------
+    Basis
+        Polynomial, Fourier series or table.
+    (M, …) array
+        Coefficients over it.
     """
     finest = finer(axes, CELLS)
     points = tensor(finest)
@@ -151,7 +235,22 @@ def _rising(basis: Basis, box: Scheduling) -> Iterator[Basis]:
 
 
 def richer(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...]) -> Basis:
-    """Functions for an unknown gain beside a Lyapunov matrix that moves: a degree more, or free at every point."""
+    """Functions for an unknown gain beside a Lyapunov matrix that moves: a degree more, or free at every point.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Its basis and box.
+    lyapunov : Basis
+        Functions of the Lyapunov matrix.
+    axes : tuple of arrays
+        Grid of the design.
+
+    Returns
+    -------
+    Basis
+        Polynomial or Fourier series where both bases are, else one function for each point of the grid.
+    """
     own = plant.system.basis
     if isinstance(lyapunov, Polynomial) and isinstance(own, Polynomial):
         return Polynomial(plant.box.names, max(own.degree, lyapunov.degree) + 1).bound(plant.box)
@@ -161,21 +260,60 @@ def richer(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...
 
 
 def storage_for(lyapunov: Basis) -> Basis:
-    """Functions in which the inverse of a Lyapunov matrix over others is looked for: two degrees more."""
+    """Functions in which the inverse of a Lyapunov matrix over others is looked for: two degrees more.
+
+    Parameters
+    ----------
+    lyapunov : Basis
+        Functions of the Lyapunov matrix.
+
+    Returns
+    -------
+    Basis
+        One degree more for several variables; `lyapunov` itself where it is no polynomial, or constant.
+    """
     if isinstance(lyapunov, Polynomial) and lyapunov.names:
         return Polynomial(lyapunov.names, lyapunov.degree + (2 if len(lyapunov.names) == 1 else 1))
     return lyapunov
 
 
 def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:
-    """The part of a box that a basis reads, in the order of its names."""
+    """The part of a box that a basis reads, in the order of its names.
+
+    Parameters
+    ----------
+    box : Scheduling
+        With all scheduling variables.
+    names : tuple of str
+        Some of its variables.
+
+    Returns
+    -------
+    Scheduling
+        With their ranges, rates and units.
+    """
     index = [box.names.index(n) for n in names]
     return Scheduling(names, *(tuple(getattr(box, field)[i] for i in index)
                                for field in ("lower", "upper", "rate", "units")))
 
 
 def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
-    """(N, M) values of a basis over some of a box's variables, at points over all of them."""
+    """(N, M) values of a basis over some of a box's variables, at points over all of them.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Names the columns of the points.
+    basis : Basis
+        Reads some of them.
+    points : (N, n_scheduling) array
+        Scheduling values.
+
+    Returns
+    -------
+    (N, M) array
+        One column for each function.
+    """
     return basis.evaluate(np.atleast_2d(points)[:, [box.names.index(n) for n in basis.names]])
 
 
@@ -206,7 +344,22 @@ def moving_basis(lyapunov: Basis | None) -> Basis | None:
 
 
 def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> None:
-    """Refuse a Lyapunov matrix that no certificate covers, or over a variable of unbounded rate in continuous time."""
+    """Refuse a Lyapunov matrix that no certificate covers, or over a variable of unbounded rate in continuous time.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of the Lyapunov matrix.
+    box : Scheduling
+        With its rate bounds [units/s]; None for none.
+    sample_time : float or None
+        [s]; None in continuous time. In discrete time no rate bound is needed.
+
+    Raises
+    ------
+    InputError
+        A variable that is not in the box, or one with width and no rate bound in continuous time.
+    """
     from lpvid.lmi.readings import readings_of
 
     readings_of(basis)

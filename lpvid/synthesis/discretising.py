@@ -90,6 +90,11 @@ def discretise(
     highest : int
         Highest power.
 
+    Returns
+    -------
+    Discretisation
+        The sampled system with its errors.
+
     Raises
     ------
     InputError
@@ -120,6 +125,24 @@ def discretise(
 def to_continuous(system: LPVStateSpace, rule: SamplingRule | None = None, *, basis: Basis | None = None,
                   tolerance: float = 1e-8, highest: int = 4) -> Discretisation:
     """The continuous LPV system whose samples, by the same rule, are the discrete one.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Discrete.
+    rule : SamplingRule, optional
+        `ZeroOrderHold()` if left out.
+    basis : Basis, optional
+        For the fit, instead of powers of the system's own.
+    tolerance : float
+        Misfit at which no higher power is tried.
+    highest : int
+        Highest power.
+
+    Returns
+    -------
+    Discretisation
+        The continuous system with its errors.
 
     Raises
     ------
@@ -228,7 +251,22 @@ def _stated(
 
 
 def comparison_signals(box: Scheduling, inputs: int) -> tuple[np.ndarray, np.ndarray]:
-    """(SAMPLES, n_scheduling) sweeps of the box and (SAMPLES, inputs) sums of sines, for the figure of error."""
+    """(SAMPLES, n_scheduling) sweeps of the box and (SAMPLES, inputs) sums of sines, for the figure of error.
+
+    Parameters
+    ----------
+    box : Scheduling
+        Ranges that p sweeps.
+    inputs : int
+        Number of inputs.
+
+    Returns
+    -------
+    (SAMPLES, n_scheduling) array
+        p, two to five turns of each variable.
+    (SAMPLES, inputs) array
+        u, three sines of amplitude 1 for each input.
+    """
     k = np.arange(SAMPLES)[:, None]
     golden = (math.sqrt(5) - 1) / 2
     turns = np.array([2 + 3 * ((i + 1) * golden % 1) for i in range(len(box.names))])

@@ -94,7 +94,19 @@ class DissipativeFeedback:
         _checks.count(self.points, "points of a design grid", at_least=2)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
-        """The gain for a plant, with what its closed loop was shown to do for every share."""
+        """The gain for a plant, with what its closed loop was shown to do for every share.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Continuous, all states measured.
+
+        Returns
+        -------
+        Synthesis
+            "infeasible" where no constant P bounds the plant without control; "numerical" where no solver's P passes
+            the check.
+        """
         started = time.perf_counter()
         reading = state_reading(plant)
         points = tensor(design_axes(plant.box, self.points, is_affine(plant.system.basis)))

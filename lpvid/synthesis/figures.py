@@ -61,7 +61,20 @@ class Figure(Encoded):
 
 
 def channel(loop: LPVStateSpace, into: Sequence[int], out: Sequence[int]) -> LPVStateSpace:
-    """The closed loop between some of its signals."""
+    """The closed loop between some of its signals.
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        Closed loop.
+    into, out : sequence of int
+        Places of its inputs and outputs, in the order wanted.
+
+    Returns
+    -------
+    LPVStateSpace
+        Same states, without offsets, observer gain and noise.
+    """
     j, i = list(into), list(out)
     return replace(loop, B=loop.B[:, :, j], C=loop.C[:, i], D=loop.D[:, i][:, :, j], state_offset=None,
                    output_offset=None, observer_gain=None, noise_covariance=None,
@@ -73,6 +86,24 @@ def measure(criterion: Criterion, plant: GeneralizedPlant, loop: LPVStateSpace, 
     """What a closed loop, with signals in the order of a plant's, does in the channel of a criterion.
 
     `storage` are the functions of the storage function that is looked for; None leaves them to the analysis.
+
+    Parameters
+    ----------
+    criterion : Criterion
+        Names the channel.
+    plant : GeneralizedPlant
+        For the places of the channel's signals.
+    loop : LPVStateSpace
+        Closed loop w → z.
+    promised : float
+        Level that the inequalities gave.
+    storage : Basis, optional
+        Functions of the scheduling.
+
+    Returns
+    -------
+    Figure
+        `verified` is infinite where no bound was found.
     """
     part = channel(loop, *criterion.indices(plant))
     if isinstance(criterion, CovarianceCriterion):
@@ -86,7 +117,22 @@ def measure(criterion: Criterion, plant: GeneralizedPlant, loop: LPVStateSpace, 
 
 
 def stays_inside(regions: Sequence[Region], loop: LPVStateSpace) -> tuple[bool, tuple[str, ...]]:
-    """Whether the frozen poles of a loop are stable and lie in all regions, with a remark on each region."""
+    """Whether the frozen poles of a loop are stable and lie in all regions, with a remark on each region.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+        Where frozen poles are wanted.
+    loop : LPVStateSpace
+        Closed loop; its poles are looked at on a grid of the box.
+
+    Returns
+    -------
+    bool
+        False where a frozen pole at a point of the grid is not stable or lies outside.
+    tuple of str
+        One remark for each region; empty with False.
+    """
     points = loop.box.grid(GRID.get(len(loop.box.names), 3))
     phi = loop.basis.evaluate(points[:, [loop.box.names.index(n) for n in loop.basis.names]])
     poles = np.linalg.eigvals(np.tensordot(phi, loop.A, axes=1)).ravel() if loop.order else np.empty(0)

@@ -41,7 +41,18 @@ class Filtered:
     bandwidths: dict[str, float]
 
     def complete(self, controller: LPVStateSpace) -> LPVStateSpace:
-        """The controller together with its filters, for the plant as it was."""
+        """The controller together with its filters, for the plant as it was.
+
+        Parameters
+        ----------
+        controller : LPVStateSpace
+            Designed for `plant`, with the names of its signals.
+
+        Returns
+        -------
+        LPVStateSpace
+            Same signals; the controller itself where no filter was put in.
+        """
         blocks: list[LPVStateSpace] = []
         inputs, outputs = [s.name for s in controller.inputs], [s.name for s in controller.outputs]
         inner = {n: f"{n} inside" for n in (*inputs, *outputs) if n in self.bandwidths}
@@ -67,6 +78,16 @@ def add_actuator_filters(plant: GeneralizedPlant, bandwidth: float) -> Filtered:
     plant : GeneralizedPlant
     bandwidth : float
         rad/s.
+
+    Returns
+    -------
+    Filtered
+        The plant as it was, without filters, where nothing moves.
+
+    Raises
+    ------
+    InputError
+        A bandwidth that is not positive, or that reaches the Nyquist frequency of a discrete plant.
 
     Examples
     --------

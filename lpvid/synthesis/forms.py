@@ -38,6 +38,11 @@ def to_polynomial(model: Model, degree: int) -> Conversion:
     degree : int
         1 gives the affine form.
 
+    Returns
+    -------
+    Conversion
+        The system over monomials, with its error.
+
     Examples
     --------
     >>> system = LPVStateSpace([[[-1.0]], [[-2.0]]], np.zeros((2, 1, 0)), np.zeros((2, 0, 1)), np.zeros((2, 0, 0)),
@@ -59,7 +64,18 @@ def to_polynomial(model: Model, degree: int) -> Conversion:
 
 
 def to_affine(model: Model) -> Conversion:
-    """`to_polynomial` of degree 1."""
+    """`to_polynomial` of degree 1.
+
+    Parameters
+    ----------
+    model : LPVStateSpace or LFTModel
+        What is converted.
+
+    Returns
+    -------
+    Conversion
+        The affine system, with its error.
+    """
     return to_polynomial(model, 1)
 
 
@@ -71,6 +87,11 @@ def to_gridded(model: Model, points: int | Mapping[str, Sequence[float]] = 5) ->
     model : LPVStateSpace or LFTModel
     points : int or mapping of name to rising values
         Points of every variable; a number spreads that many evenly.
+
+    Returns
+    -------
+    Conversion
+        The table, with its error; exact for a system that is affine in every single variable.
 
     Notes
     -----
@@ -84,6 +105,16 @@ def to_polytopic(model: Model) -> Conversion:
     """Vertices of the box and interpolation weights: a grid of two points for every variable.
 
     The coefficients are the vertex systems, the basis gives their weights, which are positive and add up to 1.
+
+    Parameters
+    ----------
+    model : LPVStateSpace or LFTModel
+        Affine in every single scheduling variable.
+
+    Returns
+    -------
+    Conversion
+        Exact.
 
     Raises
     ------
@@ -107,6 +138,16 @@ def to_polytopic(model: Model) -> Conversion:
 
 def to_lft(system: LPVStateSpace) -> Conversion:
     """A polynomial system as a linear fractional form, exact and well posed, with few repetitions (rank factorised).
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Over polynomials, without offsets.
+
+    Returns
+    -------
+    Conversion
+        Exact; its model is an `LFTModel`.
 
     Raises
     ------
@@ -137,6 +178,16 @@ def to_lft(system: LPVStateSpace) -> Conversion:
 
 def from_lft(model: LFTModel) -> Conversion:
     """The polynomial that a linear fractional form with nilpotent D_qp Δ stands for, exactly.
+
+    Parameters
+    ----------
+    model : LFTModel
+        With D_qp Δ nilpotent for every Δ.
+
+    Returns
+    -------
+    Conversion
+        Exact, over monomials.
 
     Raises
     ------
@@ -196,7 +247,18 @@ def _interpolated(model: Model, axes: Mapping[str, np.ndarray]) -> LPVStateSpace
 
 
 def multi_affine(model: Model) -> bool:
-    """Whether the system is affine in every single variable over its box."""
+    """Whether the system is affine in every single variable over its box.
+
+    Parameters
+    ----------
+    model : LPVStateSpace or LFTModel
+        What is looked at.
+
+    Returns
+    -------
+    bool
+        False for every linear fractional form, and for a basis that is neither polynomial nor table.
+    """
     if isinstance(model, LFTModel):
         return False
     function = as_polynomial(model)

@@ -39,7 +39,20 @@ class FractionalPlant:
     turn: np.ndarray | None = None
 
     def part(self, row: str, column: str) -> np.ndarray:
-        """A block by its letters: rows x, q, z, y; columns x, p, w, u."""
+        """A block by its letters: rows x, q, z, y; columns x, p, w, u.
+
+        Parameters
+        ----------
+        row : str
+            One of x, q, z, y.
+        column : str
+            One of x, p, w, u.
+
+        Returns
+        -------
+        2-D array
+            A view into `blocks`; empty where the plant has no such signal.
+        """
         nw, nu, nz, ny = self.outer
         n, r = self.order, sum(self.repetitions)
         tall, wide = np.cumsum([0, n, r, nz, ny]), np.cumsum([0, n, r, nw, nu])
@@ -47,17 +60,49 @@ class FractionalPlant:
         return self.blocks[tall[i] : tall[i + 1], wide[j] : wide[j + 1]]
 
     def stack(self, rows: str, columns: str) -> np.ndarray:
-        """Several blocks side by side and above each other."""
+        """Several blocks side by side and above each other.
+
+        Parameters
+        ----------
+        rows : str
+            Letters among x, q, z, y, in the order wanted.
+        columns : str
+            Letters among x, p, w, u, in the order wanted.
+
+        Returns
+        -------
+        2-D array
+            One matrix of all of them.
+        """
         return np.block([[self.part(r, c) for c in columns] for r in rows])
 
 
     def dual(self) -> FractionalPlant:
-        """The transposed plant, in which z and w, and y and u, change places."""
+        """The transposed plant, in which z and w, and y and u, change places.
+
+        Returns
+        -------
+        FractionalPlant
+            Without `turn`.
+        """
         nw, nu, nz, ny = self.outer
         return FractionalPlant(self.blocks.T, self.order, self.repetitions, (nz, ny, nw, nu), self.discrete)
 
     def in_coordinates(self, states: np.ndarray, channels: np.ndarray) -> FractionalPlant:
-        """The same plant for x = `states` x̃, p = `channels` p̃ and q = `channels` q̃, which commute with Δ."""
+        """The same plant for x = `states` x̃, p = `channels` p̃ and q = `channels` q̃, which commute with Δ.
+
+        Parameters
+        ----------
+        states : (n, n) array
+            Regular.
+        channels : (r, r) array
+            Regular, block diagonal as Δ is.
+
+        Returns
+        -------
+        FractionalPlant
+            Its `turn` leads back to the states it was made with.
+        """
         nw, nu, nz, ny = self.outer
         left = diagonal(np.linalg.inv(states), np.linalg.inv(channels), np.eye(nz + ny))
         return FractionalPlant(left @ self.blocks @ diagonal(states, channels, np.eye(nw + nu)), self.order,
@@ -67,7 +112,19 @@ class FractionalPlant:
 
 @dataclass(frozen=True, eq=False)
 class FractionalController:
-    """x_K⁺, u, q_K = Ω [x_K; y; p_K] with p_K = Δ q_K, and the storage function that proves its bound, where known."""
+    """x_K⁺, u, q_K = Ω [x_K; y; p_K] with p_K = Δ q_K, and the storage function that proves its bound, where known.
+
+    Parameters
+    ----------
+    matrix : (n_K + n_u + r, n_K + n_y + r) array
+        Ω, rows x_K⁺, u, q_K and columns x_K, y, p_K.
+    order : int
+        n_K, number of states.
+    repetitions : tuple of int
+        r_i of Δ = diag(δ_i I_{r_i}); r is their sum.
+    storage : LoopStorage, optional
+        Of the closed loop; None where the controller came without one.
+    """
 
     matrix: np.ndarray
     order: int
@@ -75,7 +132,18 @@ class FractionalController:
     storage: LoopStorage | None = None
 
     def at(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A_K, B_K, C_K, D_K at normalised scheduling values δ of shape (len(repetitions),)."""
+        """A_K, B_K, C_K, D_K at normalised scheduling values δ of shape (len(repetitions),).
+
+        Parameters
+        ----------
+        delta : (len(repetitions),) array
+            Between −1 and 1; I − Ω_qp Δ must be regular there.
+
+        Returns
+        -------
+        (A, B, C, D)
+            Frozen matrices, in the coordinates of Ω.
+        """
         n, r = self.order, sum(self.repetitions)
         m = self.matrix
         outer, inner = m.shape[0] - r, m.shape[1] - r
@@ -89,6 +157,18 @@ def fractional_plant(plant: GeneralizedPlant, c: SignalCoordinates) -> Fractiona
     """The linear fractional form of a plant, its signals sorted, factorised in scaled coordinates.
 
     The factorisation cuts small singular values, which means something only where states and signals are of one size.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Over polynomials of the scheduling.
+    c : SignalCoordinates
+        Scales of states, controls, measurements and time.
+
+    Returns
+    -------
+    FractionalPlant
+        In these coordinates.
     """
     model = to_lft(_scaled(plant, c)).model
     assert isinstance(model, LFTModel)

@@ -25,12 +25,20 @@ from lpvid.synthesis.output_feedback_search import FeedbackProblem, moderate
 def by_feedback(plant: FractionalPlant, gamma: float, scaling: np.ndarray) -> FractionalController | None:
     """A controller that brings the scaled gain below one, the most moderate that was found; None for none.
 
+    plant : FractionalPlant
+        In the coordinates of the scaling.
+
     Parameters
     ----------
     gamma : float
         Of the performance.
     scaling : (2r, 2r) array
         Λ ≻ 0 of (q, q_K), which commutes with diag(Δ, Δ).
+
+    Returns
+    -------
+    FractionalController or None
+        With the storage function of its closed loop.
     """
     still = _still(plant, gamma, scaling)
     nowhere = np.empty((1, 0))

@@ -34,6 +34,16 @@ def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: flo
                   ) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
     """Solve for R, S and the scalings J, L: the lowest γ, or at a given γ the tamest matrices.
 
+    Parameters
+    ----------
+    plant : FractionalPlant
+        What is controlled.
+    gamma : float, optional
+        Level to keep; left out, the lowest is looked for.
+    scale : float
+        Norm of R, S, J and L that counts as much as one unit of distance of their couplings from the limit; without
+        meaning where no `gamma` is given.
+
     Yields
     ------
     (float, dict)
@@ -73,6 +83,13 @@ def settled_levels(plant: FractionalPlant, back_off: float
 
     In the coordinates of the last answer R = S and J = L are diagonal, so that no unknown is large because another is
     small. They are taken at a γ above the least one, where the matrices stay bounded.
+
+    Parameters
+    ----------
+    plant : FractionalPlant
+        What is controlled.
+    back_off : float
+        Factor, at least 1.
 
     Yields
     ------
@@ -141,6 +158,22 @@ def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
     First by output feedback of the plant with the scalings in it (`lpvid.synthesis.fractional_recovery`). Otherwise
     the inequality is Q + 𝓑Ω𝓒 + (𝓑Ω𝓒)ᵀ ≺ 0 in the controller Ω: the Ω of least norm, then the closed form, which needs
     no solver, but whose gains are large where the sensors carry little noise.
+
+    Parameters
+    ----------
+    plant : FractionalPlant
+        In the coordinates of the matrices.
+    gamma : float
+        Level to reach.
+    found : dict of str to array
+        R, S (n, n) and J, L (r, r), as `settled_levels` gives them.
+
+    Yields
+    ------
+    FractionalController
+        Not verified yet.
+    str
+        Solver, or what it was made by.
     """
     own = by_feedback(plant, gamma, _completed(found["L"], found["J"], plant.repetitions))
     if own is not None:

@@ -15,7 +15,17 @@ from lpvid.scheduling import Scheduling
 
 @dataclass(frozen=True, eq=False)
 class PlantMatrices:
-    """The blocks of a generalised plant at N points of the scheduling; every array starts with that axis."""
+    """The blocks of a generalised plant at N points of the scheduling; every array starts with that axis.
+
+    Attributes
+    ----------
+    A, B1, B2 : (N, n, n), (N, n, n_w) and (N, n, n_u) arrays
+        Of ẋ, or of x⁺.
+    C1, D11, D12 : (N, n_z, n), (N, n_z, n_w) and (N, n_z, n_u) arrays
+        Of the performance signals z.
+    C2, D21, D22 : (N, n_y, n), (N, n_y, n_w) and (N, n_y, n_u) arrays
+        Of the measurements y.
+    """
 
     A: np.ndarray
     B1: np.ndarray
@@ -28,7 +38,18 @@ class PlantMatrices:
     D22: np.ndarray
 
     def point(self, k: int) -> PlantMatrices:
-        """The blocks at one point, as matrices."""
+        """The blocks at one point, as matrices.
+
+        Parameters
+        ----------
+        k : int
+            Which of the N points.
+
+        Returns
+        -------
+        PlantMatrices
+            Without the first axis.
+        """
         return PlantMatrices(*(getattr(self, f)[k] for f in self.__dataclass_fields__))
 
 
@@ -129,7 +150,18 @@ class GeneralizedPlant:
         return self.system.sample_time
 
     def at(self, points: np.ndarray) -> PlantMatrices:
-        """The blocks at points of shape (N, n_scheduling)."""
+        """The blocks at points of shape (N, n_scheduling).
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            Scheduling values, in the units of the box.
+
+        Returns
+        -------
+        PlantMatrices
+            In SI of the signals.
+        """
         s = self.system
         phi = s.basis.evaluate(np.asarray(points, dtype=float))
         a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (s.A, s.B, s.C, s.D))

@@ -32,6 +32,22 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
 
     A bound exists as soon as both sides can be stabilised: X ≻ 0 with Nᵀ(He(AX) − Ẋ)N ≺ 0, N spanning the null space
     of B2ᵀ, and the same for the measurements. That one side cannot is only stated where a dual matrix shows it.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        For the names of signals and scheduling variables.
+    problem : ProjectedInequalities
+        The inequalities without answer, in balanced units.
+
+    Returns
+    -------
+    str
+        "infeasible" where a dual matrix shows it, else "numerical".
+    str
+        Why, with the least frozen gain where that is known.
+    str
+        What to change.
     """
     scheduled = ", ".join(plant.box.names)
     moves = problem.controls.moves or problem.measurements.moves
@@ -76,7 +92,18 @@ def _slowly_refuted(problem: ProjectedInequalities, half: Half, root: np.ndarray
 
 
 def hopeless(problem: ProjectedInequalities) -> bool:
-    """That one side cannot be had is shown."""
+    """That one side cannot be had is shown.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        In balanced units.
+
+    Returns
+    -------
+    bool
+        False does not show that there is a controller.
+    """
     return any(_refuted(half, root) >= BEYOND for half, root in zip(problem.halves, start_roots(problem), strict=True))
 
 

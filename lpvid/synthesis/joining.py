@@ -20,6 +20,18 @@ def gain(matrix: np.ndarray | Sequence, inputs: Sequence[str | Signal], outputs:
          ) -> LPVStateSpace:
     """y = matrix · u without states; it joins systems of any sampling period.
 
+    Parameters
+    ----------
+    matrix : (n_outputs, n_inputs) array
+        In units of output per input.
+    inputs, outputs : sequence of str or Signal
+        Names, or names with units.
+
+    Returns
+    -------
+    LPVStateSpace
+        Without states and sample time.
+
     Examples
     --------
     >>> gain([[2.0, -1.0]], ["r", "y"], ["e"]).frozen([])[3]
@@ -33,6 +45,23 @@ def gain(matrix: np.ndarray | Sequence, inputs: Sequence[str | Signal], outputs:
 
 def summing_junction(text: str, unit: str = "") -> LPVStateSpace:
     """The block of a signed sum; all its signals carry one unit.
+
+    Parameters
+    ----------
+    text : str
+        "output = signed sum of inputs", each with a number before it where that is not 1.
+    unit : str
+        Of every signal; empty where it is not known.
+
+    Returns
+    -------
+    LPVStateSpace
+        A gain with one row.
+
+    Raises
+    ------
+    InputError
+        No equals sign, no name before it, or what follows is no signed sum.
 
     Examples
     --------
@@ -48,6 +77,16 @@ def summing_junction(text: str, unit: str = "") -> LPVStateSpace:
 
 def append(*systems: LPVStateSpace) -> LPVStateSpace:
     """The systems side by side: all inputs, all outputs, nothing joined.
+
+    Parameters
+    ----------
+    *systems : LPVStateSpace
+        Of one sample time, apart from gains.
+
+    Returns
+    -------
+    LPVStateSpace
+        Inputs and outputs in the order of the systems.
 
     Raises
     ------
@@ -73,6 +112,21 @@ def append(*systems: LPVStateSpace) -> LPVStateSpace:
 def series(*systems: LPVStateSpace) -> LPVStateSpace:
     """One behind the other, first to last: outputs drive the next one's inputs in their order.
 
+    Parameters
+    ----------
+    *systems : LPVStateSpace
+        At least one; of one sample time, apart from gains.
+
+    Returns
+    -------
+    LPVStateSpace
+        Inputs of the first, outputs of the last.
+
+    Raises
+    ------
+    InputError
+        A system with another number of inputs than the one before has outputs.
+
     Examples
     --------
     >>> series(gain([[2.0]], ["a"], ["b"]), gain([[3.0]], ["x"], ["y"])).frozen([])[3]
@@ -93,6 +147,21 @@ def series(*systems: LPVStateSpace) -> LPVStateSpace:
 
 def parallel(*systems: LPVStateSpace) -> LPVStateSpace:
     """Fed by the same inputs, outputs added, both in their order and under the names of the first.
+
+    Parameters
+    ----------
+    *systems : LPVStateSpace
+        At least one; of one sample time, apart from gains.
+
+    Returns
+    -------
+    LPVStateSpace
+        Inputs and outputs as the first has them.
+
+    Raises
+    ------
+    InputError
+        Systems with different numbers of inputs or of outputs.
 
     Examples
     --------

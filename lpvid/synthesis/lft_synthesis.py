@@ -72,7 +72,24 @@ class LFTFeedback:
                              mend="1.02 stops 2 % above it")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
-        """The controller for a plant with a polynomial basis, its closed loop verified."""
+        """The controller for a plant with a polynomial basis, its closed loop verified.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            D22 = 0, over polynomials.
+
+        Returns
+        -------
+        Synthesis
+            The first controller that keeps its promise, else the best that was verified; "numerical" where none was
+            recovered.
+
+        Raises
+        ------
+        InputError
+            Controls that reach the measurements directly, or a basis that is no polynomial.
+        """
         started, corners = time.perf_counter(), plant.box.grid(3)
         at = plant.at(corners)
         fault = fault_of(plant, at, corners, between=True)

@@ -35,7 +35,18 @@ class Lifting:
     kept: tuple[int, ...]
 
     def variables(self, points: np.ndarray) -> np.ndarray:
-        """(N, n_θ) values of θ at points of p, shape (N, n_p)."""
+        """(N, n_θ) values of θ at points of p, shape (N, n_p).
+
+        Parameters
+        ----------
+        points : (N, n_p) array
+            Scheduling values, in the units of p.
+
+        Returns
+        -------
+        (N, n_θ) array
+            In the order of the lifted box's variables.
+        """
         return self.basis.evaluate(np.asarray(points, dtype=float))[:, list(self.kept)]
 
 
@@ -48,6 +59,16 @@ def lift(system: LPVStateSpace) -> Lifting:
     ----------
     system : LPVStateSpace
         With a basis that reads p at one time.
+
+    Returns
+    -------
+    Lifting
+        The affine system and the map to θ.
+
+    Raises
+    ------
+    InputError
+        A basis that reads p at several times.
 
     Examples
     --------

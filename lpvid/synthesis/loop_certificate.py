@@ -32,6 +32,20 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
 
     With X(p), Y(p) the storage function holds X⁻¹, which is no finite sum: it is fitted in a richer basis. That of a
     controller which reads the rates ties them to p, on a grid.
+
+    Parameters
+    ----------
+    formula : FeedbackLaw
+        The controller for every p, with its storage function.
+    loop : LPVStateSpace
+        Closed loop with the controller as it was written down.
+    bound : float
+        Gain that the storage function kept at points.
+
+    Returns
+    -------
+    GainCertificate, RatedGainCertificate or None
+        The latter for a controller that reads the rates.
     """
     if formula.variations.rated:
         states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
@@ -45,11 +59,21 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
            shares: Sequence[float]) -> GainCertificate | None:
     """The first of some storage functions that proves a gain at most `shares` above a bound; else the best on a grid.
 
+    loop : LPVStateSpace
+        Closed loop w → z.
+    bound : float
+        Gain that was found at points.
+
     Parameters
     ----------
     proposals : iterable of (Basis, (K, n, n) array)
     shares : sequence of float
         Rising.
+
+    Returns
+    -------
+    GainCertificate or None
+        None where no storage function proves any of the shares.
     """
     system = driven(loop)
     box = box_of(system.readings, loop.box)
@@ -74,12 +98,24 @@ def own_certificate(values: Callable[[np.ndarray], np.ndarray], basis: Basis, lo
                     most: float) -> GainCertificate | None:
     """Whether the storage function that a design gives proves its promise for the loop, or `most` times that.
 
+    loop : LPVStateSpace
+        Closed loop w → z.
+    promised : float
+        Gain that the design gave.
+    most : float
+        Above 1.
+
     Parameters
     ----------
     values : callable
         (N, n, n) P at (N, variables) points of the loop's box; fitted in `basis` and in richer ones.
     basis : Basis
         Over variables of the box.
+
+    Returns
+    -------
+    GainCertificate or None
+        None where nothing up to `most` times the promise is proven.
     """
     box = loop.box
     if not loop.is_discrete and not _plausible(values, loop, promised * most):

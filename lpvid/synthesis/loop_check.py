@@ -33,7 +33,13 @@ class LoopStorage:
     mix: np.ndarray
 
     def matrices(self) -> np.ndarray:
-        """(N, n + m, n + m) P in terms of [x; x_K]."""
+        """(N, n + m, n + m) P in terms of [x; x_K].
+
+        Returns
+        -------
+        (N, n + m, n + m) array
+            Symmetric.
+        """
         back = np.linalg.inv(self.mix)
         p = back.T @ self.blocks() @ back
         return 0.5 * (p + p.swapaxes(1, 2))
@@ -59,12 +65,20 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
     H = [0 Dᵀ; D 0], or M = I − AᵀA, G = [−AᵀB Cᵀ], H = [BᵀB −Dᵀ; −D 0] in discrete time (Schur complement of
     equations sheet, 5.3).
 
+    discrete : bool
+        Discrete time; V is then constant, its slopes are not read.
+
     Parameters
     ----------
     loop : (A, B, C, D), each (N, …)
     v : LoopStorage
     corner : int
         Which corner of the rates.
+
+    Returns
+    -------
+    (N,) array
+        Raised by `SAFETY` above the computed value; infinite also for matrices that are not finite.
     """
     if not all(np.all(np.isfinite(m)) for m in (*loop, v.first, v.second)):
         return np.full(len(loop[0]), np.inf)
@@ -103,7 +117,20 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
 
 
 def frozen_gain(loop: Matrices, *, discrete: bool = False) -> float:
-    """Largest H-infinity norm of the frozen loops at N points; infinite where one is unstable."""
+    """Largest H-infinity norm of the frozen loops at N points; infinite where one is unstable.
+
+    Parameters
+    ----------
+    loop : (A, B, C, D), each (N, …)
+        Closed loop at N points.
+    discrete : bool
+        Discrete time.
+
+    Returns
+    -------
+    float
+        At the two points that look worst on a few frequencies.
+    """
     from lpvid.analysis.frozen_norms import h_infinity_norm
 
     a, b, c, d = loop

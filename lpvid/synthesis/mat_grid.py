@@ -16,6 +16,19 @@ def read_mat_grid(path: Path) -> tuple[tuple[str, ...], dict[tuple[float, ...], 
 
     The vectors of the file whose lengths are those of the last axes of A, in that order, are the scheduling variables.
 
+    Parameters
+    ----------
+    path : Path
+        MAT file of version 5; "Ts" [s] in it makes the systems discrete, 0 or none leaves them continuous.
+
+    Returns
+    -------
+    tuple of str
+        Scheduling variables, in the order of the grid's axes.
+    dict of tuple of float to tuple or system
+        By grid point, one value for each variable: (A, B, C, D) in continuous time, a python-control system in
+        discrete time.
+
     Raises
     ------
     InputError

@@ -45,7 +45,18 @@ class MatrixFunction:
 
     @classmethod
     def constant(cls, matrix: np.ndarray) -> MatrixFunction:
-        """A matrix that does not move."""
+        """A matrix that does not move.
+
+        Parameters
+        ----------
+        matrix : (rows, columns) array
+            Value at every p; a number counts as (1, 1).
+
+        Returns
+        -------
+        MatrixFunction
+            Over the basis {1}.
+        """
         return cls(ONE, np.atleast_2d(np.asarray(matrix, dtype=float))[None])
 
     @property
@@ -69,7 +80,18 @@ class MatrixFunction:
         return np.any(self.coefficients != 0, axis=0)
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """(N, rows, columns) values at points of shape (N, len(basis.names))."""
+        """(N, rows, columns) values at points of shape (N, len(basis.names)).
+
+        Parameters
+        ----------
+        points : (N, len(basis.names)) array
+            Scheduling values, in the order of the basis's names.
+
+        Returns
+        -------
+        (N, rows, columns) array
+            M(p).
+        """
         return np.tensordot(self.basis.evaluate(np.asarray(points, dtype=float)), self.coefficients, axes=1)
 
     def __getitem__(self, index: tuple) -> MatrixFunction:
@@ -139,17 +161,44 @@ class MatrixFunction:
         return MatrixFunction(self.basis, np.asarray(left, dtype=float) @ self.coefficients)
 
     def times(self, factor: float) -> MatrixFunction:
-        """Every entry times a number."""
+        """Every entry times a number.
+
+        Parameters
+        ----------
+        factor : float
+            Multiplies every coefficient.
+
+        Returns
+        -------
+        MatrixFunction
+            Over the same basis.
+        """
         return MatrixFunction(self.basis, factor * self.coefficients)
 
     def trimmed(self) -> MatrixFunction:
-        """The same function over no higher degree, and no more stacked bases, than it needs; variables stay named."""
+        """The same function over no higher degree, and no more stacked bases, than it needs; variables stay named.
+
+        Returns
+        -------
+        MatrixFunction
+            Same values at every point.
+        """
         basis, coefficients = self.basis.trimmed(self.coefficients)
         return MatrixFunction(basis, coefficients)
 
 
 def block(rows: Sequence[Sequence[MatrixFunction | np.ndarray]]) -> MatrixFunction:
     """A matrix of blocks over one basis that spans all of theirs.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of MatrixFunction or 2-D array
+        Blocks of a row have one height, those of a column one width.
+
+    Returns
+    -------
+    MatrixFunction
+        Over the common basis.
 
     Examples
     --------

@@ -82,6 +82,11 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
         Share by which the bound is raised above the least one, for a controller of moderate gains.
     criteria : sequence of HInfinity, H2 or GeneralizedH2
         In place of one gain; they share P and G. Those of the covariance need `turned` to be false.
+
+    Returns
+    -------
+    Synthesis
+        With a note where D22 kept the controller from having feedthrough.
     """
     axes = _with_kinks(plant, lyapunov, axes)
     raw = plant.at(tensor(axes))
@@ -97,7 +102,20 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
 
 
 def lowest(moving: Sequence[Synthesis], constant: Synthesis) -> Synthesis:
-    """The lowest verified gain of designs whose matrices move, and of one whose do not, which a note compares."""
+    """The lowest verified gain of designs whose matrices move, and of one whose do not, which a note compares.
+
+    Parameters
+    ----------
+    moving : sequence of Synthesis
+        Of matrices that move; at least one.
+    constant : Synthesis
+        Of a constant X and Y.
+
+    Returns
+    -------
+    Synthesis
+        One of them with a note; the first of `moving` where none gave a controller.
+    """
     solved = [s for s in moving if s.gamma_verified is not None]
     best = min(solved, key=_verified, default=None)
     if best is None:

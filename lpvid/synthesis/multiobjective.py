@@ -93,7 +93,18 @@ class MultiObjective:
                              mend="1.02 stops 2 % above it")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
-        """The controller for a plant, with the figures of its closed loop."""
+        """The controller for a plant, with the figures of its closed loop.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Continuous or discrete.
+
+        Returns
+        -------
+        Synthesis
+            Of several inequalities and coordinates the first that is solved or refuted, else the lowest figures.
+        """
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
         found: list[Synthesis] = []
         if (len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough

@@ -85,6 +85,16 @@ class Observer:
         """The observer as `controller`, with inputs (controls, measurements) and outputs named ``…_estimate``.
 
         `closed_loop` is the error: from the disturbances to ``…_error``.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Its controls are known inputs of the observer.
+
+        Returns
+        -------
+        Synthesis
+            "undetectable" where measurements do not show a mode that does not decay.
         """
         problem = _problem(self, plant)
         points = tensor(problem.axes)
@@ -117,7 +127,18 @@ class Filter:
     back_off: float = 1.02
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
-        """The filter as `controller`, from measurements (and known controls) to ``…_estimate``."""
+        """The filter as `controller`, from measurements (and known controls) to ``…_estimate``.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Stable without control.
+
+        Returns
+        -------
+        Synthesis
+            "unstabilisable" for a plant that is not stable on its own.
+        """
         criteria = [replace(c, performance=tuple(f"{n}_error" for n in c.performance),
                             disturbances=(*c.disturbances, *plant.controls) if c.disturbances else ())
                     for c in listed(self.criteria, Criterion, "the criteria")]
@@ -136,6 +157,16 @@ def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
 
         w, u ──> plant ──> z ──(−)──> z_error       measurements: y, and u as it is known
                       └──> y    └── z_estimate
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        With or without controls.
+
+    Returns
+    -------
+    GeneralizedPlant
+        Disturbances are w and u, controls ``…_estimate``, performance ``…_error``, measurements y and ``…_known``.
     """
     p, s, nz, ny = plant_functions(plant), plant.system, len(plant.performance), len(plant.measurements)
     nw, nu = len(plant.disturbances), len(plant.controls)

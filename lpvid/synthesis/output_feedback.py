@@ -94,6 +94,16 @@ class OutputFeedback:
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with what its closed loop was shown to do.
 
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Continuous or discrete.
+
+        Returns
+        -------
+        Synthesis
+            Infeasible, or without an answer, is an outcome with its reason, no error.
+
         Raises
         ------
         InputError

@@ -112,6 +112,20 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
 
     Where X(p), Y(p) lose the bound between the points of the grid, points are added there. Where the first solver's
     answers lead to no controller near the least bound, the next one leads.
+
+    Parameters
+    ----------
+    problem : FeedbackProblem
+        Plant, grid and what may vary.
+    wanted : float or None
+        A gain that is good enough; None for the least.
+    back_off : float
+        Share above the least bound; multiples of it are tried.
+
+    Returns
+    -------
+    Synthesis
+        "solved", "backed-off", "infeasible" or "numerical".
     """
     found = _refined(problem, wanted, back_off)
     rest = problem.solvers[1:]
@@ -247,7 +261,22 @@ def _target(problem: FeedbackProblem, projected: ProjectedInequalities, best: Ma
 
 
 def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, ControllerFormula] | None:
-    """The first controller, most moderate first, that keeps a bound which is known to be admitted; None for none."""
+    """The first controller, most moderate first, that keeps a bound which is known to be admitted; None for none.
+
+    Parameters
+    ----------
+    problem : FeedbackProblem
+        Plant, grid and what may vary.
+    bound : float
+        Gain w → z to keep.
+
+    Returns
+    -------
+    LPVStateSpace
+        The controller as written down.
+    ControllerFormula
+        What it was made of.
+    """
     clock, projected = Clock(), problem.projected
     best = _least(projected, clock, problem.solvers)
     if best is None or best.gamma * (1 + SLACK) > bound:

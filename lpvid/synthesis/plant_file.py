@@ -51,6 +51,11 @@ def plant_of(table: Mapping[str, Any], folder: Path, load: Callable[[Path], obje
     load : callable
         Reads a saved model.
 
+    Returns
+    -------
+    GeneralizedPlant
+        In SI, with the weights of the file attached.
+
     Raises
     ------
     InputError

@@ -15,7 +15,18 @@ BLOCKS = ("A", "B1", "B2", "C1", "D11", "D12", "C2", "D21", "D22")
 
 
 def plant_functions(plant: GeneralizedPlant) -> dict[str, MatrixFunction]:
-    """A, B1, B2, C1, D11, D12, C2, D21 and D22 of a plant over its own basis."""
+    """A, B1, B2, C1, D11, D12, C2, D21 and D22 of a plant over its own basis.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Over its own basis; signals sorted by their roles.
+
+    Returns
+    -------
+    dict of str to MatrixFunction
+        By the names in `BLOCKS`.
+    """
     s = plant.system
     inputs, outputs = [x.name for x in s.inputs], [x.name for x in s.outputs]
     w, u = ([inputs.index(n) for n in names] for names in (plant.disturbances, plant.controls))
@@ -27,7 +38,24 @@ def plant_functions(plant: GeneralizedPlant) -> dict[str, MatrixFunction]:
 
 def assembled(whole: MatrixFunction, order: int, plant: GeneralizedPlant, inputs: Sequence[Signal],
               outputs: Sequence[Signal]) -> LPVStateSpace:
-    """[A B; C D](p) as a system with a plant's clock and scheduling."""
+    """[A B; C D](p) as a system with a plant's clock and scheduling.
+
+    Parameters
+    ----------
+    whole : MatrixFunction
+        (n + n_outputs, n + n_inputs), over variables of the plant's box.
+    order : int
+        n, number of states.
+    plant : GeneralizedPlant
+        Gives sample time and box.
+    inputs, outputs : sequence of Signal
+        In the order of the columns of B and the rows of C.
+
+    Returns
+    -------
+    LPVStateSpace
+        Over no more functions than it needs.
+    """
     whole = whole.trimmed()
     g = whole.coefficients
     return LPVStateSpace(g[:, :order, :order], g[:, :order, order:], g[:, order:, :order], g[:, order:, order:],
@@ -36,6 +64,21 @@ def assembled(whole: MatrixFunction, order: int, plant: GeneralizedPlant, inputs
 
 
 def named(plant: GeneralizedPlant, names: Sequence[str], suffix: str = "") -> tuple[Signal, ...]:
-    """Signals of a plant by name, with a suffix to the name."""
+    """Signals of a plant by name, with a suffix to the name.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Whose signals they are.
+    names : sequence of str
+        Inputs or outputs of its system.
+    suffix : str
+        Put behind every name.
+
+    Returns
+    -------
+    tuple of Signal
+        In the order of the names, with their units.
+    """
     signals = {s.name: s for s in (*plant.system.inputs, *plant.system.outputs)}
     return tuple(replace(signals[n], name=signals[n].name + suffix) for n in names)

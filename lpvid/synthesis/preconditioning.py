@@ -17,6 +17,17 @@ class Preconditioned:
     """A plant over states x' = `turn`⁻¹x in which X = Y = diag(`sizes`) suits the middle of its box.
 
     Not `balanced`, it is the plant as it was.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Over x'.
+    turn : (n, n) array
+        T of x = T x'.
+    sizes : (n,) array
+        Diagonal of X and Y; ones where not balanced.
+    balanced : bool
+        Whether the states were changed.
     """
 
     plant: GeneralizedPlant
@@ -31,10 +42,18 @@ def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> Preconditione
     T⁻¹XT⁻ᵀ = TᵀYT (as in balanced truncation), for a pair that keeps twice the least gain there. A controller for one
     plant is a controller for the other. Where the equations have no solution, the plant as it is.
 
+    plant : GeneralizedPlant
+        Continuous or discrete.
+
     Parameters
     ----------
     points : (N, n_scheduling) array
         Over which units are balanced; the one in the middle counts.
+
+    Returns
+    -------
+    Preconditioned
+        The plant over the new states, with the way back.
     """
     at = plant.at(points)
     if plant.sample_time is not None:
@@ -54,7 +73,7 @@ def turned(plant: GeneralizedPlant, turn: np.ndarray, sizes: np.ndarray) -> Prec
     Parameters
     ----------
     plant : GeneralizedPlant
-        The plant.
+        Kept as it is.
     turn : (n, n) array
         Regular.
     sizes : (n,) array
@@ -71,12 +90,35 @@ def turned(plant: GeneralizedPlant, turn: np.ndarray, sizes: np.ndarray) -> Prec
 
 
 def unconditioned(plant: GeneralizedPlant) -> Preconditioned:
-    """The plant as it is."""
+    """The plant as it is.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Kept as it is.
+
+    Returns
+    -------
+    Preconditioned
+        With `turn` the identity, not balanced.
+    """
     return Preconditioned(plant, np.eye(plant.order), np.ones(plant.order), False)
 
 
 def balancing(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """T with T⁻¹ X T⁻ᵀ = Tᵀ Y T = Σ, and the diagonal of Σ.
+
+    Parameters
+    ----------
+    x, y : (n, n) array
+        Symmetric and positive definite.
+
+    Returns
+    -------
+    (n, n) array
+        Change of states T.
+    (n,) array
+        Diagonal of Σ, falling.
 
     Examples
     --------

@@ -42,7 +42,13 @@ FACTORS = (1.01, 1.05, 1.12, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
 
 @dataclass
 class Clock:
-    """Wall time spent inside solvers [s], for comparison with the whole."""
+    """Wall time spent inside solvers [s], for comparison with the whole.
+
+    Attributes
+    ----------
+    solving : float
+        Raised by each solve.
+    """
 
     solving: float = 0.0
 
@@ -65,6 +71,26 @@ def least_bound(
     Every solver but the first is a fallback for one that gives no plausible answer: no bound can be had that the
     Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are
     tried, which leaves the solvers room.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        In balanced units.
+    clock : Clock
+        Takes the time of the solvers.
+    solvers : sequence of str
+        In the order in which they are tried; those that are not installed are passed over.
+    known : MatrixPair, optional
+        Of the same problem at fewer points.
+    hopeless : callable, optional
+        Without arguments, to bool.
+    roughly : bool
+        Accept the first answer that keeps its inequalities.
+
+    Returns
+    -------
+    MatrixPair or None
+        Its status is `ROOMY` where γ may not be the least.
     """
     rough: MatrixPair | None = None
     for solver in (s for s in solvers if available([s])):
@@ -122,7 +148,18 @@ def _starts(problem: ProjectedInequalities) -> Iterator[tuple[MatrixPair, tuple[
 
 
 def start_roots(problem: ProjectedInequalities) -> tuple[np.ndarray, np.ndarray]:
-    """The first coordinates in which the search looks."""
+    """The first coordinates in which the search looks.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        In balanced units.
+
+    Returns
+    -------
+    ((n, n) array, (n, n) array)
+        T of X = T X' Tᵀ and U of Y = U Y' Uᵀ.
+    """
     return next(_starts(problem))[1]
 
 
@@ -172,6 +209,26 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
     """Pairs for a fixed bound above the least one, each better conditioned than the last.
 
     The traces in coordinates where the last pair is the identity are the slopes of log det X + log det Y.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        In balanced units.
+    pair : MatrixPair
+        Whose coordinates are used first.
+    gamma : float
+        Bound to keep.
+    clock : Clock
+        Takes the time of the solvers.
+    rounds : int
+        Most pairs that are made.
+    solvers : sequence of str
+        In the order in which they are tried.
+
+    Yields
+    ------
+    MatrixPair
+        Keeps the bound; `pair` itself after an interruption, none where no solver answers.
     """
     pair, timed = replace(pair, gamma=gamma), Rounds(f"a well-conditioned controller for {gamma:.4g}", rounds)
     for _ in range(rounds):

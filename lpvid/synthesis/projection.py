@@ -40,7 +40,18 @@ class Variation:
 
     @classmethod
     def constant(cls, points: int) -> Variation:
-        """One matrix for all points."""
+        """One matrix for all points.
+
+        Parameters
+        ----------
+        points : int
+            Number of points N.
+
+        Returns
+        -------
+        Variation
+            One function, one corner, no slope.
+        """
         return cls(np.ones((points, 1)), np.zeros((points, 1, 1)))
 
     @property
@@ -49,17 +60,51 @@ class Variation:
         return self.values.shape[1] > 1
 
     def at(self, matrices: np.ndarray) -> np.ndarray:
-        """(N, n, n) of (K, n, n) matrices."""
+        """(N, n, n) of (K, n, n) matrices.
+
+        Parameters
+        ----------
+        matrices : (K, n, n) array
+            Coefficients X_j.
+
+        Returns
+        -------
+        (N, n, n) array
+            The matrix at every point.
+        """
         return np.tensordot(self.values, matrices, axes=1)
 
     def slope(self, matrices: np.ndarray) -> np.ndarray:
-        """(N, T, n, n) derivatives."""
+        """(N, T, n, n) derivatives.
+
+        Parameters
+        ----------
+        matrices : (K, n, n) array
+            Coefficients X_j.
+
+        Returns
+        -------
+        (N, T, n, n) array
+            At every point and corner, per unit of time of the plant.
+        """
         return np.tensordot(self.slopes, matrices, axes=1)
 
 
 @dataclass(frozen=True, eq=False)
 class MatrixPair:
-    """Lyapunov matrices X (controls) and Y (measurements) as (K, n, n) coefficients, with the bound they are for."""
+    """Lyapunov matrices X (controls) and Y (measurements) as (K, n, n) coefficients, with the bound they are for.
+
+    Parameters
+    ----------
+    x, y : (K, n, n) array
+        One matrix for each function of its variation; K may differ.
+    gamma : float
+        Bound of the gain w → z.
+    solver : str
+        Where it comes from.
+    status : str
+        Of the solver, or what the pair is otherwise.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -105,6 +150,24 @@ class ProjectedInequalities:
         its limit, where the controller's matrices would be inverses of nearly singular ones. `roomy`, it is the common
         margin of all inequalities, in rows of size one, that is made largest: where the traces are least some of them
         have no room at all, and rounding may then cost the proof. `room` is a margin that the inequalities must have.
+
+        Parameters
+        ----------
+        roots : ((n, n) array, (n, n) array)
+            T and U.
+        sizes : (list of array, list of array)
+            Diagonals, one for each inequality of either half, as `sizes_at` gives them.
+        gamma : float or None
+            Bound to keep; None for the least.
+        roomy : bool
+            Make the common margin largest, at most 1.
+        room : float
+            Margin in rows of size one; 0 for none.
+
+        Returns
+        -------
+        ProjectedProgram
+            Ready to be solved.
         """
         program = Program()
         unknowns, n = program.unknowns, self.plant.A.shape[1]
@@ -151,7 +214,21 @@ class ProjectedInequalities:
 
 @dataclass(frozen=True, eq=False)
 class ProjectedProgram:
-    """A program and where its matrices are."""
+    """A program and where its matrices are.
+
+    Parameters
+    ----------
+    program : Program
+        Constraints and objective.
+    x, y : list of Affine
+        (n, n) unknowns X' and Y', one for each function.
+    bound : Affine
+        (1, 1) γ where it is minimised; at a given γ the distance of the coupling, or the common margin.
+    roots : ((n, n) array, (n, n) array)
+        T of X = T X' Tᵀ and U of Y = U Y' Uᵀ.
+    gamma : float or None
+        The given bound; None where it is minimised.
+    """
 
     program: Program
     x: list[Affine]
@@ -161,7 +238,18 @@ class ProjectedProgram:
     gamma: float | None
 
     def pair(self, solution: SolverAnswer) -> MatrixPair:
-        """X and Y in the plant's coordinates."""
+        """X and Y in the plant's coordinates.
+
+        Parameters
+        ----------
+        solution : SolverAnswer
+            Of this program.
+
+        Returns
+        -------
+        MatrixPair
+            With the solver's name and status.
+        """
         x, y = (np.array([root @ solution[m] @ root.T for m in matrices])
                 for root, matrices in zip(self.roots, (self.x, self.y), strict=True))
         gamma = float(solution[self.bound][0, 0]) if self.gamma is None else self.gamma
@@ -170,7 +258,19 @@ class ProjectedProgram:
 
 @dataclass(frozen=True, eq=False)
 class Half:
-    """One of the two sides, as a problem of full information; `sign` is that of the Lyapunov matrix's derivative."""
+    """One of the two sides, as a problem of full information; `sign` is that of the Lyapunov matrix's derivative.
+
+    Parameters
+    ----------
+    A, B1, B2 : (N, n, n), (N, n, n_w) and (N, n, n_u) arrays
+        Dynamics, disturbances and controls; of the measurements' side those of the dual plant.
+    C1, D11, D12 : (N, n_z, n), (N, n_z, n_w) and (N, n_z, n_u) arrays
+        Performance signals.
+    variation : Variation
+        Of X, or of Y.
+    sign : float
+        1 or −1.
+    """
 
     A: np.ndarray
     B1: np.ndarray
@@ -182,7 +282,20 @@ class Half:
     sign: float
 
     def pieces(self, root: np.ndarray, k: int) -> HalfPoint:
-        """What the inequalities at point k are made of, in coordinates x = `root`·x'."""
+        """What the inequalities at point k are made of, in coordinates x = `root`·x'.
+
+        Parameters
+        ----------
+        root : (n, n) array
+            Regular.
+        k : int
+            Which of the N points.
+
+        Returns
+        -------
+        HalfPoint
+            For a bound that is a number or an unknown.
+        """
         inverse = np.linalg.inv(root)
         n, w = self.A.shape[1], self.D11.shape[2]
         a, b, c = inverse @ self.A[k] @ root, inverse @ self.B1[k], self.C1[k] @ root
@@ -193,7 +306,22 @@ class Half:
         return HalfPoint(null[:n].T @ a + null[n:].T @ c, null[:n], null.T @ np.vstack([b, self.D11[k]]), weight)
 
     def inequalities(self, root: np.ndarray, matrices: list[Affine]) -> Iterator[tuple[Affine, np.ndarray]]:
-        """F and E with γE − F ⪰ 0, for every point and corner."""
+        """F and E with γE − F ⪰ 0, for every point and corner.
+
+        Parameters
+        ----------
+        root : (n, n) array
+            Of x = `root`·x'.
+        matrices : list of Affine
+            (n, n) unknowns, one for each function of the variation, in coordinates x'.
+
+        Yields
+        ------
+        Affine
+            F, affine in the unknowns.
+        2-D array
+            E, of the size of F.
+        """
         for k in range(len(self.A)):
             p = self.pieces(root, k)
             inner = he(p.left @ _sum(self.variation.values[k], matrices) @ p.null)
@@ -205,7 +333,22 @@ class Half:
                 yield block([[top, p.drive], [p.drive.T, zero]]), p.weight
 
     def sizes(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> list[np.ndarray]:
-        """Norms of the rows of γE − F for known matrices (K, n, n) in the plant's own coordinates."""
+        """Norms of the rows of γE − F for known matrices (K, n, n) in the plant's own coordinates.
+
+        Parameters
+        ----------
+        root : (n, n) array
+            Of x = `root`·x'.
+        matrices : (K, n, n) array
+            X or Y over its basis.
+        gamma : float
+            Bound of the gain.
+
+        Returns
+        -------
+        list of array
+            One for each point and corner.
+        """
         return [np.linalg.norm(value, axis=1) for value in self.values(root, matrices, gamma)]
 
     def values(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> Iterator[np.ndarray]:
@@ -241,7 +384,19 @@ class Half:
 
 @dataclass(frozen=True, eq=False)
 class HalfPoint:
-    """One point of a side: F = [He(left·X·null) + nullᵀẊnull, drive; ⋆, 0] and its weight E."""
+    """One point of a side: F = [He(left·X·null) + nullᵀẊnull, drive; ⋆, 0] and its weight E.
+
+    Parameters
+    ----------
+    left : (m, n) array
+        NᵀA with the performance signals, in the coordinates of the side.
+    null : (n, m) array
+        States' part of the null space of [B2ᵀ D12ᵀ]; F uses its transpose on the left.
+    drive : (m, n_w) array
+        Disturbances on the null space.
+    weight : (m + n_w, m + n_w) array
+        E, what γ multiplies.
+    """
 
     left: np.ndarray
     null: np.ndarray
@@ -250,7 +405,18 @@ class HalfPoint:
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Orthonormal columns spanning the null space; directions below 1e-10 of the largest count as null."""
+    """Orthonormal columns spanning the null space; directions below 1e-10 of the largest count as null.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+        Any matrix.
+
+    Returns
+    -------
+    (n, n − rank) array
+        The identity's size for a matrix of zeros.
+    """
     _, s, vt = np.linalg.svd(matrix)
     rank = int((s > 1e-10 * max(s.max(initial=0.0), 1e-300)).sum())
     return vt[rank:].T
@@ -259,7 +425,22 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
 def sizes_at(
     problem: ProjectedInequalities, roots: tuple[np.ndarray, np.ndarray], pair: MatrixPair
 ) -> tuple[list, list]:
-    """Diagonals that give every inequality, at a pair, rows of size one."""
+    """Diagonals that give every inequality, at a pair, rows of size one.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        Of a balanced plant at N points.
+    roots : ((n, n) array, (n, n) array)
+        T and U.
+    pair : MatrixPair
+        X, Y and γ.
+
+    Returns
+    -------
+    (list of array, list of array)
+        One diagonal for each inequality of the controls' half, and of the measurements'.
+    """
     x, y = ([_levelled(size) for size in half.sizes(root, matrices, pair.gamma)]
             for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True))
     return x, y
@@ -326,7 +507,20 @@ def _levelled(size: np.ndarray) -> np.ndarray:
 
 
 def initial(problem: ProjectedInequalities) -> tuple[MatrixPair, tuple[np.ndarray, np.ndarray]]:
-    """Identity matrices, for scaling alone."""
+    """Identity matrices, for scaling alone.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        For the functions and the number of states.
+
+    Returns
+    -------
+    MatrixPair
+        X = Y = I as well as the functions have it, with γ = 1.
+    ((n, n) array, (n, n) array)
+        Identities: the plant's own coordinates.
+    """
     n = problem.plant.A.shape[1]
     parts = []
     for v in (problem.controls, problem.measurements):
@@ -336,7 +530,20 @@ def initial(problem: ProjectedInequalities) -> tuple[MatrixPair, tuple[np.ndarra
 
 
 def roots_of(problem: ProjectedInequalities, pair: MatrixPair) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates in which the means over the points of X and Y are the identity."""
+    """Coordinates in which the means over the points of X and Y are the identity.
+
+    Parameters
+    ----------
+    problem : ProjectedInequalities
+        For the functions.
+    pair : MatrixPair
+        X and Y over them.
+
+    Returns
+    -------
+    ((n, n) array, (n, n) array)
+        T and U; eigenvalues of a mean below 1e-13 of the largest are raised to that.
+    """
     means = (problem.controls.at(pair.x).mean(axis=0), problem.measurements.at(pair.y).mean(axis=0))
     found = []
     for mean in means:
@@ -346,7 +553,18 @@ def roots_of(problem: ProjectedInequalities, pair: MatrixPair) -> tuple[np.ndarr
 
 
 def singular(plant: PlantMatrices) -> bool:
-    """Some control is limited by nothing at high frequency, or some measurement is exact."""
+    """Some control is limited by nothing at high frequency, or some measurement is exact.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points.
+
+    Returns
+    -------
+    bool
+        D12 or D21 passes almost nothing in some direction at some point.
+    """
     return any(len(w) for w in _unlimited(plant))
 
 
@@ -354,13 +572,38 @@ def regular(plant: PlantMatrices, size: float) -> PlantMatrices:
     """The plant with noise of a given size in measurements that are exact, and effort of controls that are free.
 
     What bounds its gain bounds that of the plant itself.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points, in balanced units.
+    size : float
+        Of noise and effort.
+
+    Returns
+    -------
+    PlantMatrices
+        With further disturbances and performance signals where there are such directions.
     """
     effort, noise = _unlimited(plant)
     return _restrained(plant, size, effort, noise, len(plant.A))
 
 
 def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
-    """The plant with noise of a given size in every measurement and effort of every control: gains stay moderate."""
+    """The plant with noise of a given size in every measurement and effort of every control: gains stay moderate.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points, in balanced units.
+    size : float
+        Of noise and effort.
+
+    Returns
+    -------
+    PlantMatrices
+        With n_y more disturbances and n_u more performance signals.
+    """
     count, nu, ny = len(plant.A), plant.B2.shape[2], plant.C2.shape[1]
     return _restrained(plant, size, np.eye(nu), np.eye(ny), count)
 

@@ -41,13 +41,25 @@ class LyapunovPair:
     by_measurements: bool = True
 
     def blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """(N, n, n) P of the closed loop in two parts: of x and x + x_K, or of x − x_K and x_K."""
+        """(N, n, n) P of the closed loop in two parts: of x and x + x_K, or of x − x_K and x_K.
+
+        Returns
+        -------
+        ((N, n, n) array, (N, n, n) array)
+            Both positive definite where [X, I; I, Y] ≻ 0.
+        """
         if self.by_measurements:
             return np.linalg.inv(self.x), self.y - np.linalg.inv(self.x)
         return self.y, np.linalg.inv(self.x - np.linalg.inv(self.y))
 
     def block_slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(N, T, n, n) derivatives of `blocks`."""
+        """(N, T, n, n) derivatives of `blocks`.
+
+        Returns
+        -------
+        ((N, T, n, n) array, (N, T, n, n) array)
+            Per unit of time of the plant.
+        """
         first, second = (m[:, None] for m in self.blocks())
         if self.by_measurements:
             falling = -first @ self.x_slope @ first
@@ -55,7 +67,18 @@ class LyapunovPair:
         return self.y_slope, -second @ self.x_slope @ second
 
     def drift(self, x_rate: np.ndarray) -> np.ndarray:
-        """N⁻¹ (Y Ẋ + N Ṁᵀ) M⁻ᵀ, the part of A_K that is proportional to ṗ, for Ẋ = `x_rate` (N, n, n)."""
+        """N⁻¹ (Y Ẋ + N Ṁᵀ) M⁻ᵀ, the part of A_K that is proportional to ṗ, for Ẋ = `x_rate` (N, n, n).
+
+        Parameters
+        ----------
+        x_rate : (N, n, n) array
+            Derivative of X.
+
+        Returns
+        -------
+        (N, n, n) array
+            Zero where the controller is that of a constant Y.
+        """
         if not self.by_measurements:
             return np.zeros_like(self.x)
         p, n = self.blocks()
@@ -63,7 +86,20 @@ class LyapunovPair:
 
 
 def feedthrough(plant: PlantMatrices, gamma: float) -> np.ndarray:
-    """(N, n_u, n_y) the smallest D_K with ‖D11 + D12 D_K D21‖ < γ (Parrott's theorem); zero where none is needed."""
+    """(N, n_u, n_y) the smallest D_K with ‖D11 + D12 D_K D21‖ < γ (Parrott's theorem); zero where none is needed.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points.
+    gamma : float
+        Bound of the gain.
+
+    Returns
+    -------
+    (N, n_u, n_y) array
+        Zero at points where the norm of D11 is below 0.9 γ.
+    """
     d = np.zeros((len(plant.A), plant.D12.shape[2], plant.D21.shape[1]))
     for k in range(len(d)):
         if np.linalg.norm(plant.D11[k], 2) < 0.9 * gamma or not d[k].size:
@@ -84,12 +120,28 @@ def observer_gain(plant: PlantMatrices, y: np.ndarray, gamma: float, noise: np.n
     """(N, n, n_y) B̂, the gain of the measurements that is best at γ; D_K is already closed in `plant`.
 
     `noise` (n_y, n_y) is the covariance that is added to D21 D21ᵀ.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points.
+    y : (N, n, n) array
+        Lyapunov matrix Y of the measurements' side, positive definite.
+    gamma : float
+        Bound of the gain.
+    noise : (n_y, n_y) array
+        Fictitious covariance.
+
+    Returns
+    -------
+    (N, n, n_y) array
+        Gain B̂ of the measurements, B_K = N⁻¹ B̂.
     """
     right = -np.concatenate([plant.C2, plant.B1.swapaxes(1, 2) @ y, plant.C1], axis=1)
     return _best(plant.D21, plant.D11, gamma, noise, right).swapaxes(1, 2)
 
 
-def state_gain(plant: PlantMatrices, p: np.ndarray, gamma: float, effort: np.ndarray) -> np.ndarray:
+def _state_gain(plant: PlantMatrices, p: np.ndarray, gamma: float, effort: np.ndarray) -> np.ndarray:
     """(N, n_u, n) F = Ĉ X⁻¹ for P = X⁻¹, the best gain of the controls if the state were known."""
     t = plant.B1.swapaxes(1, 2) @ p
     right = -np.concatenate([plant.B2.swapaxes(1, 2) @ p, plant.C1, t], axis=1)
@@ -97,19 +149,43 @@ def state_gain(plant: PlantMatrices, p: np.ndarray, gamma: float, effort: np.nda
 
 
 def closed_through(plant: PlantMatrices, d: np.ndarray) -> PlantMatrices:
-    """The plant with u = D_K y + u'."""
+    """The plant with u = D_K y + u'.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points, D22 = 0.
+    d : (N, n_u, n_y) array
+        Feedthrough D_K of the controller.
+
+    Returns
+    -------
+    PlantMatrices
+        Its controls are u'.
+    """
     return PlantMatrices(plant.A + plant.B2 @ d @ plant.C2, plant.B1 + plant.B2 @ d @ plant.D21, plant.B2,
                          plant.C1 + plant.D12 @ d @ plant.C2, plant.D11 + plant.D12 @ d @ plant.D21, plant.D12,
                          plant.C2, plant.D21, plant.D22)
 
 
 def dual(plant: PlantMatrices) -> PlantMatrices:
-    """Controls and measurements exchanged: every matrix transposed."""
+    """Controls and measurements exchanged: every matrix transposed.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points.
+
+    Returns
+    -------
+    PlantMatrices
+        Its disturbances are the plant's performance signals, and the other way round.
+    """
     p = plant
     return PlantMatrices(*(m.swapaxes(1, 2) for m in (p.A, p.C1, p.C2, p.B1, p.D11, p.D21, p.B2, p.D12, p.D22)))
 
 
-def half_norm(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gain: np.ndarray, gamma: float) -> float:
+def _half_norm(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gain: np.ndarray, gamma: float) -> float:
     """Largest eigenvalue of the observer's own inequality, relative to Y; negative where it holds."""
     root = np.linalg.inv(np.linalg.cholesky(y))
     a, b = plant.A + np.linalg.solve(y, gain @ plant.C2), plant.B1 + np.linalg.solve(y, gain @ plant.D21)
@@ -128,6 +204,24 @@ def gentlest(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: floa
     """B̂ with the largest fictitious noise that keeps the observer's inequality, and its covariance; None if none does.
 
     First the same in every direction, then more of it in those that D21 does not reach.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points, D_K already closed.
+    y : (N, n, n) array
+        Lyapunov matrix Y of the measurements' side, positive definite.
+    slope : (N, T, n, n) array
+        Derivatives of Y at the corners of the rates.
+    gamma : float
+        Bound of the gain.
+
+    Returns
+    -------
+    (N, n, n_y) array
+        Gain B̂ of the measurements, B_K = N⁻¹ B̂.
+    (n_y, n_y) array
+        Covariance of the noise; zero where there is room for none.
     """
     eye = np.eye(plant.D21.shape[1])
     found = next(_fitting(plant, y, slope, gamma, ((size**2 * eye) for size in (*SIZES, 0.0))), None)
@@ -145,7 +239,7 @@ def _fitting(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: floa
     for noise in sizes:
         try:
             gain = observer_gain(plant, y, gamma, noise)
-            if np.all(np.isfinite(gain)) and half_norm(plant, y, slope, gain, gamma) < 0:
+            if np.all(np.isfinite(gain)) and _half_norm(plant, y, slope, gain, gamma) < 0:
                 yield gain, noise
         except np.linalg.LinAlgError:
             continue
@@ -161,6 +255,24 @@ def controller_at(plant: PlantMatrices, v: LyapunovPair, gamma: float, efforts: 
 
     where w̄ is the worst disturbance of the state feedback and E the fictitious effort: the same controller as equations
     sheet 5.4 without its differences of large numbers. Where only X moves, the dual plant's controller, transposed.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        At N points, D22 = 0.
+    v : LyapunovPair
+        X and Y there.
+    gamma : float
+        Bound of the gain.
+    efforts : ((n_u, n_u) array, (n_y, n_y) array)
+        Fictitious effort and noise.
+    d : (N, n_u, n_y) array
+        Feedthrough D_K of the controller.
+
+    Returns
+    -------
+    (A, B, C, D), each (N, …)
+        For u = C x_K + D y.
     """
     if not v.by_measurements:
         turned = LyapunovPair(v.y, v.x, v.y_slope, v.x_slope)
@@ -168,7 +280,7 @@ def controller_at(plant: PlantMatrices, v: LyapunovPair, gamma: float, efforts: 
         return a.swapaxes(1, 2), c.swapaxes(1, 2), b.swapaxes(1, 2), d
     at = closed_through(plant, d)
     p, n = v.blocks()
-    f = state_gain(at, p, gamma, efforts[0])
+    f = _state_gain(at, p, gamma, efforts[0])
     b = np.linalg.solve(n, observer_gain(at, v.y, gamma, efforts[1]))
     into = np.concatenate([at.B1.swapaxes(1, 2) @ p, at.C1 + at.D12 @ f], axis=1)
     worst = np.linalg.solve(_supply(at.D11, gamma), into)

@@ -83,6 +83,11 @@ def reduce_order(system: LPVStateSpace, order: int | None = None, *, tolerance: 
     certified : bool
         Whether to solve the inequalities. They need a common Lyapunov function, a mean does not.
 
+    Returns
+    -------
+    Reduction
+        The smaller system, with its error.
+
     Raises
     ------
     InputError
@@ -128,6 +133,18 @@ def balanced_realization(system: LPVStateSpace, points: int = 5) -> LPVStateSpac
 
     For an unstable system, where there are no gramians, the states are scaled only. Inequalities in balanced states
     lose far fewer digits than in companion forms.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Continuous or discrete.
+    points : int
+        Points of the grid for each scheduling variable, over which the gramians are averaged.
+
+    Returns
+    -------
+    LPVStateSpace
+        Same signals and basis; the system itself where it has no states.
 
     Examples
     --------

@@ -124,6 +124,11 @@ class Synthesis(Coded, Shown):
     def required(self) -> LPVStateSpace:
         """The controller.
 
+        Returns
+        -------
+        LPVStateSpace
+            From the plant's measurements to its controls.
+
         Raises
         ------
         NumericalError

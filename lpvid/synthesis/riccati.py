@@ -40,7 +40,15 @@ ROOM = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Central:
-    """X and Y of the inequalities, (n, n), and the bound that they keep at one value of the scheduling."""
+    """X and Y of the inequalities, (n, n), and the bound that they keep at one value of the scheduling.
+
+    Parameters
+    ----------
+    x, y : (n, n) array
+        X and Y.
+    gamma : float
+        Bound of the gain w → z.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -51,6 +59,20 @@ def least_gain(plant: PlantMatrices, k: int = 0, free: float = FREE) -> float:
     """The least H-infinity norm at point k, to `SETTLED`; infinite where the equations have no solution at any bound.
 
     Controls that are free and exact measurements get effort and noise of size `FREE`: the figure is then from above.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        Continuous, at N points.
+    k : int
+        Which of them.
+    free : float
+        Effort and noise where the plant has none, in balanced units.
+
+    Returns
+    -------
+    float
+        Of all controllers at frozen scheduling.
 
     Examples
     --------
@@ -85,18 +107,63 @@ def least_gain(plant: PlantMatrices, k: int = 0, free: float = FREE) -> float:
 
 
 def admits(plant: PlantMatrices, gamma: float, k: int = 0) -> bool:
-    """A bound can be had at point k."""
+    """A bound can be had at point k.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        Continuous, at N points.
+    gamma : float
+        Bound of the gain.
+    k : int
+        Which of the points.
+
+    Returns
+    -------
+    bool
+        With effort and noise of size `FREE` where the plant has none.
+    """
     return admitted(_point(plant, k, FREE), gamma)
 
 
 def admitted(point: PlantMatrices, gamma: float) -> bool:
-    """Both equations have a solution ⪰ 0, and they fit together."""
+    """Both equations have a solution ⪰ 0, and they fit together.
+
+    Parameters
+    ----------
+    point : PlantMatrices
+        One point (first axes of length 1), with effort of every control and noise in every measurement.
+    gamma : float
+        Bound of the gain.
+
+    Returns
+    -------
+    bool
+        Also false where rounding keeps the equations from being solved.
+    """
     found = _solutions(point, gamma)
     return found is not None
 
 
 def central(plant: PlantMatrices, gamma: float, k: int = 0, free: float = FREE) -> Central | None:
-    """A pair that keeps a bound at point k with as much room as there is; None where the equations have none."""
+    """A pair that keeps a bound at point k with as much room as there is; None where the equations have none.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        Continuous, at N points.
+    gamma : float
+        Bound of the gain.
+    k : int
+        Which of the points.
+    free : float
+        Effort and noise where the plant has none, in balanced units.
+
+    Returns
+    -------
+    Central or None
+        For the largest share of `STRICT` at which there is one.
+    """
     point = _point(plant, k, free)
     for share in STRICT:
         found = _solutions(_strict(point, share), gamma)
@@ -111,7 +178,18 @@ def central(plant: PlantMatrices, gamma: float, k: int = 0, free: float = FREE) 
 
 
 def start(plant: PlantMatrices) -> Central | None:
-    """A pair of the middle one of a plant's points at `ROOM` times its least bound."""
+    """A pair of the middle one of a plant's points at `ROOM` times its least bound.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+        Continuous, at N points.
+
+    Returns
+    -------
+    Central or None
+        None where that point has no least bound, or the bound zero.
+    """
     middle = len(plant.A) // 2
     least = least_gain(plant, middle, GENTLE)
     return central(plant, ROOM * least, middle, GENTLE) if np.isfinite(least) and least > 0 else None

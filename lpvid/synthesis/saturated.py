@@ -45,6 +45,16 @@ class SaturatedController:
         ----------
         period : float, optional
             Time between calls [s], over which inputs and scheduling are held; for a continuous controller.
+
+        Returns
+        -------
+        SaturatedRun
+            With x_K = 0.
+
+        Raises
+        ------
+        InputError
+            A continuous controller without a period, or a discrete one with another than its own.
         """
         if self.controller.sample_time is None:
             if period is None:
@@ -57,7 +67,15 @@ class SaturatedController:
 
 
 class SaturatedRun:
-    """The moving part of a `SaturatedController`."""
+    """The moving part of a `SaturatedController`.
+
+    Parameters
+    ----------
+    law : SaturatedController
+        What is run.
+    period : float or None
+        Time between calls [s] of a continuous controller; None for a discrete one.
+    """
 
     def __init__(self, law: SaturatedController, period: float | None) -> None:
         self._law, self._period = law, period
@@ -73,6 +91,11 @@ class SaturatedRun:
         measurements : (n_y,) array
         scheduling : (n_scheduling,) array, optional
             None for a controller that reads none.
+
+        Returns
+        -------
+        (n_u,) array
+            Within the limits.
 
         Raises
         ------
@@ -118,6 +141,17 @@ def saturate(controller: LPVStateSpace, limits: Limits, gain: np.ndarray | None 
     gain : (n_K, n_u) or (M, n_K, n_u) array, optional
         E, constant or over the controller's basis.
 
+    Returns
+    -------
+    SaturatedController
+        A control without a limit has ±∞.
+
+    Raises
+    ------
+    InputError
+        A limit of an unknown control, a lower end that is not below the upper, a gain of another shape, or a constant
+        one for a basis that does not contain constants.
+
     Examples
     --------
     >>> from lpvid.scheduling import Polynomial
@@ -140,12 +174,12 @@ def saturate(controller: LPVStateSpace, limits: Limits, gain: np.ndarray | None 
     shape = (controller.order, len(names))
     e = np.zeros(shape) if gain is None else np.asarray(gain, dtype=float)
     if e.ndim == 2:
-        e = _checks.shaped(e, shape, "an anti-windup gain") * constant_one(controller)[:, None, None]
+        e = _checks.shaped(e, shape, "an anti-windup gain") * _constant_one(controller)[:, None, None]
     e = _checks.shaped(e, (controller.basis.size, *shape), "an anti-windup gain")
     return SaturatedController(controller, np.array([x[0] for x in ends]), np.array([x[1] for x in ends]), e)
 
 
-def constant_one(system: LPVStateSpace) -> np.ndarray:
+def _constant_one(system: LPVStateSpace) -> np.ndarray:
     """(M,) coefficients with which a system's basis makes the constant 1."""
     points = system.box.grid(5)
     phi = system.basis.evaluate(points)

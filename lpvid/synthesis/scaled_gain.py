@@ -49,6 +49,11 @@ def scaled_gain(model: LFTModel) -> ScaledGain:
     model : LFTModel
         |δ_i| ≤ 1 are real and repeated.
 
+    Returns
+    -------
+    ScaledGain
+        The first solver's matrices that pass the check.
+
     Examples
     --------
     >>> from lpvid.scheduling import Scheduling
@@ -79,7 +84,24 @@ def scaled_gain(model: LFTModel) -> ScaledGain:
 
 
 def recheck_scaled(model: LFTModel, p: np.ndarray, s: np.ndarray, t: np.ndarray, gamma: float) -> float:
-    """Smallest eigenvalue of P, S and the inequality, less a bound of the rounding errors; numpy alone."""
+    """Smallest eigenvalue of P, S and the inequality, less a bound of the rounding errors; numpy alone.
+
+    Parameters
+    ----------
+    model : LFTModel
+        What is bounded.
+    p : (n, n) array
+        Lyapunov matrix P.
+    s, t : (r, r) array
+        Multipliers S = Sᵀ and T = −Tᵀ, which commute with Δ.
+    gamma : float
+        Bound of the gain.
+
+    Returns
+    -------
+    float
+        Positive: the bound is proven.
+    """
     from scipy import sparse
 
     def given(matrix: np.ndarray) -> Affine:

@@ -42,6 +42,16 @@ class Units:
         """Units that balance a continuous plant over all its points: every state has rows and columns of equal size.
 
         Time is measured so that the fastest and the slowest mode are equally far from 1.
+
+        Parameters
+        ----------
+        plant : PlantMatrices
+            Continuous, at N points.
+
+        Returns
+        -------
+        Units
+            Positive; 1 for what has no size.
         """
         time = pace(plant.A)
         root = np.sqrt(time)
@@ -52,14 +62,36 @@ class Units:
         return cls(time, d, u, y)
 
     def apply(self, plant: PlantMatrices) -> PlantMatrices:
-        """The plant in these units."""
+        """The plant in these units.
+
+        Parameters
+        ----------
+        plant : PlantMatrices
+            Continuous, at N points, in the original units.
+
+        Returns
+        -------
+        PlantMatrices
+            D11 is unchanged.
+        """
         root, d, u, y = np.sqrt(self.time), self.states, self.controls, self.measurements[:, None]
         return PlantMatrices(plant.A * d / d[:, None] / self.time, plant.B1 / d[:, None] / root,
                              plant.B2 * u / d[:, None] / root, plant.C1 * d / root, plant.D11, plant.D12 * u,
                              plant.C2 * d / y / root, plant.D21 / y, plant.D22 * u / y)
 
     def controller(self, k: Matrices) -> Matrices:
-        """A controller for the balanced plant in the original units of time, controls and measurements."""
+        """A controller for the balanced plant in the original units of time, controls and measurements.
+
+        Parameters
+        ----------
+        k : (A, B, C, D), each (N, …)
+            Of the balanced plant.
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+            States keep their scale.
+        """
         a, b, c, d = k
         root, u = np.sqrt(self.time), self.controls[:, None]
         return self.time * a, root * b / self.measurements, root * u * c, u * d / self.measurements

@@ -83,23 +83,79 @@ class ShapedProblem(ABC):
     @abstractmethod
     def storage_of(self, shaped: Shaped) -> Values | None:
         """(N, n, n) P at (N, n_scheduling) points of the box, as an answer has it; None where the analysis is as quick.
+
+        Parameters
+        ----------
+        shaped : Shaped
+            Values of the unknowns with the figures that they promise.
+
+        Returns
+        -------
+        callable or None
+            From points to P over the states of `close`.
         """
 
     @abstractmethod
     def blocks_of(self, shaped: Shaped) -> LoopStorage | None:
-        """One storage function for the box, in two blocks, over the states of `close`; None where there is none."""
+        """One storage function for the box, in two blocks, over the states of `close`; None where there is none.
+
+        Parameters
+        ----------
+        shaped : Shaped
+            Values of the unknowns with the figures that they promise.
+
+        Returns
+        -------
+        LoopStorage or None
+            At one point, with slopes of zero.
+        """
 
     @abstractmethod
     def build(self, program: Program, scale: float) -> Shaping:
-        """Declare the unknowns and shape the loops; `scale` is how large the unknowns were before."""
+        """Declare the unknowns and shape the loops; `scale` is how large the unknowns were before.
+
+        Parameters
+        ----------
+        program : Program
+            Where the unknowns are declared.
+        scale : float
+            Largest entry of the unknowns in the first solve; 1 in that solve.
+
+        Returns
+        -------
+        Shaping
+            Loops and unknowns.
+        """
 
     @abstractmethod
     def controller(self, shaped: Shaped) -> LPVStateSpace:
-        """The controller of an answer."""
+        """The controller of an answer.
+
+        Parameters
+        ----------
+        shaped : Shaped
+            Values of the unknowns with the figures that they promise.
+
+        Returns
+        -------
+        LPVStateSpace
+            In the plant's own units.
+        """
 
     @abstractmethod
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
-        """What the criteria are about, from the plant's disturbances to its performance signals (in its order)."""
+        """What the criteria are about, from the plant's disturbances to its performance signals (in its order).
+
+        Parameters
+        ----------
+        controller : LPVStateSpace
+            As `controller` gives it.
+
+        Returns
+        -------
+        LPVStateSpace
+            Closed loop, or the error of an estimate.
+        """
 
 
 Answers = Callable[[float], Iterator[tuple[ShapedProblem, Shaped]]]
@@ -107,7 +163,27 @@ Answers = Callable[[float], Iterator[tuple[ShapedProblem, Shaped]]]
 
 
 def listed(value: T | Sequence[T], kind: type | tuple[type, ...] | UnionType, what: str) -> tuple[T, ...]:
-    """One object or several of a kind, as a tuple."""
+    """One object or several of a kind, as a tuple.
+
+    Parameters
+    ----------
+    value : object or sequence of objects
+        What was given.
+    kind : type, tuple of types or union
+        What every object must be.
+    what : str
+        Of the design, for the message.
+
+    Returns
+    -------
+    tuple
+        Empty for an empty sequence.
+
+    Raises
+    ------
+    InputError
+        An object of another kind.
+    """
     items = tuple(value) if isinstance(value, (tuple, list)) else (value,)
     for item in items:
         if not isinstance(item, kind):
@@ -119,7 +195,25 @@ def listed(value: T | Sequence[T], kind: type | tuple[type, ...] | UnionType, wh
 
 def check_criteria(plant: GeneralizedPlant, criteria: Sequence[Criterion], regions: Sequence[Region],
                    points: np.ndarray) -> None:
-    """Refuse what cannot be met by any controller: unknown signals, regions of the wrong plane, H2 of white noise."""
+    """Refuse what cannot be met by any controller: unknown signals, regions of the wrong plane, H2 of white noise.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Its signals, its kind of time and its D11.
+    criteria : sequence of HInfinity, H2 or GeneralizedH2
+        Bounds of its closed loop.
+    regions : sequence of Region
+        Where its poles are wanted.
+    points : (N, n_scheduling) array
+        Where the direct path is looked at.
+
+    Raises
+    ------
+    InputError
+        A region of the other kind of time, a criterion that names no signal of the plant, or a direct path from white
+        noise to a performance signal in continuous time.
+    """
     discrete = plant.sample_time is not None
     m = plant.at(points)
     for region in regions:

@@ -58,12 +58,24 @@ class ShapedLoop:
         return self.dynamics.shape[0]
 
     def flow(self) -> Affine:
-        """(n, n) 𝐀 + 𝐀ᵀ with what the motion of the scheduling adds, per pace (continuous time)."""
+        """(n, n) 𝐀 + 𝐀ᵀ with what the motion of the scheduling adds, per pace (continuous time).
+
+        Returns
+        -------
+        Affine
+            Negative definite where the loop is stable.
+        """
         total = self.dynamics + self.dynamics.T
         return (1.0 / self.pace) * (total if self.moved is None else total + self.moved)
 
     def later(self) -> Affine:
-        """(n, n) 𝐗 one sample later (discrete time)."""
+        """(n, n) 𝐗 one sample later (discrete time).
+
+        Returns
+        -------
+        Affine
+            `lyapunov` where nothing moves.
+        """
         return self.lyapunov if self.moved is None else self.moved
 
 
@@ -107,7 +119,20 @@ def _ends(basis: Basis, name: str, low: float, high: float) -> Sequence[float]:
 
 
 def combined(matrices: Sequence[Affine], weights: np.ndarray) -> Affine:
-    """Σ_m weights[m] · matrices[m]."""
+    """Σ_m weights[m] · matrices[m].
+
+    Parameters
+    ----------
+    matrices : sequence of Affine
+        M of one shape; at least one.
+    weights : (M,) array
+        Values of the functions.
+
+    Returns
+    -------
+    Affine
+        Of that shape.
+    """
     total = float(weights[0]) * matrices[0]
     for matrix, weight in zip(matrices[1:], weights[1:], strict=True):
         if weight:

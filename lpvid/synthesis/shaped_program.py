@@ -44,7 +44,19 @@ class Shaping:
 
 @dataclass(frozen=True, eq=False)
 class Shaped:
-    """An answer: the values of the unknowns, the figures (γ, ν) that it promises, and the lowest there are."""
+    """An answer: the values of the unknowns, the figures (γ, ν) that it promises, and the lowest there are.
+
+    Parameters
+    ----------
+    solution : SolverAnswer
+        Of the program.
+    shaping : Shaping
+        Loops and unknown matrices by name.
+    promised : tuple of float
+        γ or ν of each criterion.
+    lowest : tuple of float
+        The least of each; the bound itself where one was given.
+    """
 
     solution: SolverAnswer
     shaping: Shaping
@@ -52,7 +64,18 @@ class Shaped:
     lowest: tuple[float, ...]
 
     def values(self, name: str) -> np.ndarray:
-        """(M, …) values of the unknown matrices of a name."""
+        """(M, …) values of the unknown matrices of a name.
+
+        Parameters
+        ----------
+        name : str
+            Key in `shaping.unknowns`.
+
+        Returns
+        -------
+        (M, …) array
+            One for each function.
+        """
         return np.array([self.solution[matrix] for matrix in self.shaping.unknowns[name]])
 
 
@@ -81,7 +104,18 @@ class ShapedProgram:
         return (2 if mixed else 1,) * len(self.criteria)
 
     def answers(self, back_off: float) -> Iterator[Shaped]:
-        """Answers with figures `back_off` above the lowest, best solver first; none if no solver finds any."""
+        """Answers with figures `back_off` above the lowest, best solver first; none if no solver finds any.
+
+        Parameters
+        ----------
+        back_off : float
+            Factor, at least 1; a criterion with a bound of its own keeps that.
+
+        Yields
+        ------
+        Shaped
+            For every solver the tame answers, then the one of the lowest levels itself.
+        """
         bounds = [c.bound for c in self.criteria]
         program, shaping, levels = self._program(bounds)
         for rough in program.solve(solvers=PATIENT):
@@ -98,7 +132,13 @@ class ShapedProgram:
             yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
 
     def refuted(self) -> float:
-        """The norm of the unknowns below which the criteria and regions were shown to have no answer; 0 for nothing."""
+        """The norm of the unknowns below which the criteria and regions were shown to have no answer; 0 for nothing.
+
+        Returns
+        -------
+        float
+            In the coordinates of the design.
+        """
         return self._program([c.bound for c in self.criteria])[0].refuted()
 
     def _raised(self, criterion: Criterion, low: float, back_off: float) -> float:
@@ -133,12 +173,38 @@ def _size(plant: GeneralizedPlant, criterion: Criterion) -> float:
 
 
 def known(value: float) -> Affine:
-    """A (1, 1) number where an unknown could stand."""
+    """A (1, 1) number where an unknown could stand.
+
+    Parameters
+    ----------
+    value : float
+        A level that is fixed, γ, ν or its square.
+
+    Returns
+    -------
+    Affine
+        Without unknowns.
+    """
     return Affine(np.array([[float(value)]]), sparse.csr_array((1, 0)))
 
 
 def tame(program: Program, *, above: Sequence[Affine] = (), below: Sequence[Affine] = ()) -> Affine:
-    """(1, 1) t with M ⪰ I/t for the matrices of `above` and ‖M‖ ≤ t for those of `below`."""
+    """(1, 1) t with M ⪰ I/t for the matrices of `above` and ‖M‖ ≤ t for those of `below`.
+
+    Parameters
+    ----------
+    program : Program
+        Gets the unknown t and the constraints.
+    above : sequence of Affine
+        Square and symmetric.
+    below : sequence of Affine
+        Of any shape.
+
+    Returns
+    -------
+    Affine
+        (1, 1) t, to be minimised.
+    """
     t = program.unknowns.scalar()
     for matrix in above:
         n = matrix.shape[0]
@@ -168,7 +234,22 @@ class SignalCoordinates:
 
     @classmethod
     def of(cls, m: PlantMatrices, discrete: bool, balanced: bool = False) -> SignalCoordinates:
-        """Balanced coordinates of a plant at N points, whose states may be `balanced` already."""
+        """Balanced coordinates of a plant at N points, whose states may be `balanced` already.
+
+        Parameters
+        ----------
+        m : PlantMatrices
+            At N points.
+        discrete : bool
+            Discrete time.
+        balanced : bool
+            Leave the states as they are.
+
+        Returns
+        -------
+        SignalCoordinates
+            In which B2 with D12, and C2 with D21, have columns and rows of size one.
+        """
         n, nw, nz = m.A.shape[1], m.B1.shape[2], m.C1.shape[1]
         mean = np.zeros((n + nw + nz,) * 2)
         mean[:n, :n], mean[:n, n : n + nw], mean[n + nw :, :n] = (np.abs(x).mean(axis=0) for x in (m.A, m.B1, m.C1))
@@ -183,7 +264,18 @@ class SignalCoordinates:
         return cls(states, 1 / _lengths(scaled, 1), _lengths(seen, 2), pace)
 
     def scaled(self, m: PlantMatrices) -> PlantMatrices:
-        """The plant in these coordinates."""
+        """The plant in these coordinates.
+
+        Parameters
+        ----------
+        m : PlantMatrices
+            At N points, in the original coordinates.
+
+        Returns
+        -------
+        PlantMatrices
+            Time keeps its unit.
+        """
         t, u, y = self.states, self.controls, self.measurements
         return PlantMatrices(m.A * t / t[:, None], m.B1 / t[:, None], m.B2 * u / t[:, None], m.C1 * t, m.D11,
                              m.D12 * u, m.C2 * t / y[:, None], m.D21 / y[:, None], m.D22 * u / y[:, None])

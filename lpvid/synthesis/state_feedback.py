@@ -94,13 +94,34 @@ class StateFeedback:
                              mend="1.02 stops 2 % above it")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
-        """The gain for a plant, with the figures of its closed loop."""
+        """The gain for a plant, with the figures of its closed loop.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            All states follow from its measurements.
+
+        Returns
+        -------
+        Synthesis
+            The controller has no states.
+        """
         problem = _problem(self, plant)
         return settle(problem, fault_of(plant, plant.at(tensor(problem.axes)), tensor(problem.axes)))
 
 
 def state_reading(plant: GeneralizedPlant) -> np.ndarray:
     """(n, n_y) matrix E with x = E y.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Looked at in the middle and the corners of its box.
+
+    Returns
+    -------
+    (n, n_y) array
+        Pseudo-inverse of C2; constant over the box.
 
     Raises
     ------

@@ -18,7 +18,18 @@ class Design(Protocol):
     """Settings that know how to find a controller: `OutputFeedback`, `StateFeedback` and others with `solve`."""
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
-        """The controller for a plant, or why there is none."""
+        """The controller for a plant, or why there is none.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            What is controlled.
+
+        Returns
+        -------
+        Synthesis
+            A failure is a verdict with its reason, no error.
+        """
         ...
 
 

@@ -39,6 +39,11 @@ def first_order(dc: float, crossover: float | tuple[float, float], high: float) 
     crossover : float or (float, float)
         Frequency ω [rad/s] where the gain is 1, or (ω, m) where it is m.
 
+    Returns
+    -------
+    LPVStateSpace
+        One state, from "in" to "out", continuous.
+
     Raises
     ------
     InputError
@@ -64,6 +69,18 @@ def lead_lag(gain: float, zero: float, pole: float) -> LPVStateSpace:
 
     A target for a response (handling, comfort) is written so, and its inverse is the weight on that signal.
 
+    Parameters
+    ----------
+    gain : float
+        At rest.
+    zero, pole : float
+        Corner frequencies [rad/s].
+
+    Returns
+    -------
+    LPVStateSpace
+        One state, from "in" to "out", continuous.
+
     Examples
     --------
     >>> w = lead_lag(0.04, 8.0, 80.0).to_control([])              # handling target of a quarter-car design
@@ -76,6 +93,18 @@ def lead_lag(gain: float, zero: float, pole: float) -> LPVStateSpace:
 
 def lowpass(gain: float, corner: float) -> LPVStateSpace:
     """gain/(s/corner + 1), corner in rad/s: an actuator, a prefilter that makes B2 constant, a road as seen by speed.
+
+    Parameters
+    ----------
+    gain : float
+        At rest.
+    corner : float
+        Frequency [rad/s] where the gain has fallen to 0.71 of that.
+
+    Returns
+    -------
+    LPVStateSpace
+        One state, from "in" to "out", continuous.
 
     Examples
     --------
@@ -90,6 +119,20 @@ def performance(bandwidth: float, peak: float = 2.0, floor: float = 1e-3) -> LPV
 
     With ‖W_e S‖ < 1 the sensitivity S stays below the inverse weight: static error below `floor`, bandwidth at least
     `bandwidth` [rad/s], resonance at most `peak`.
+
+    Parameters
+    ----------
+    bandwidth : float
+        ω_b [rad/s].
+    peak : float
+        Largest error over reference.
+    floor : float
+        Error over reference at rest.
+
+    Returns
+    -------
+    LPVStateSpace
+        One state, from "in" to "out", continuous.
 
     Examples
     --------
@@ -107,6 +150,20 @@ def control_effort(bandwidth: float, peak: float = 100.0, roll_off: float = 0.01
 
     It limits what the controller may ask of an actuator, above all beyond the actuator's bandwidth.
 
+    Parameters
+    ----------
+    bandwidth : float
+        ω_bc [rad/s].
+    peak : float
+        Gain to the control that is allowed at rest.
+    roll_off : float
+        Gain that is allowed at high frequency.
+
+    Returns
+    -------
+    LPVStateSpace
+        One state, from "in" to "out", continuous.
+
     Examples
     --------
     >>> w = control_effort(1000.0).to_control([])
@@ -123,6 +180,20 @@ def bandpass(gain: float, centre: float, damping: float = 1.0) -> LPVStateSpace:
 
     The larger the damping ζ the wider the band: ω·2ζ between the points of gain/√2. For comfort put it on the body's
     acceleration between 1 and 12 Hz, for road holding on the wheel between 8 and 15 Hz.
+
+    Parameters
+    ----------
+    gain : float
+        At the centre.
+    centre : float
+        ω [rad/s].
+    damping : float
+        ζ.
+
+    Returns
+    -------
+    LPVStateSpace
+        Two states, from "in" to "out", continuous.
 
     Examples
     --------
@@ -145,6 +216,11 @@ def second_order(gain: float, zero: tuple[float, float], pole: tuple[float, floa
     zero, pole : (float, float)
         (Ω, ζ), Ω in rad/s.
 
+    Returns
+    -------
+    LPVStateSpace
+        Two states, from "in" to "out", continuous.
+
     Examples
     --------
     >>> round(float(abs(second_order(2.0, (10.0, 0.9), (10.0, 0.3)).to_control([])(10.0j))), 6)
@@ -162,12 +238,25 @@ def scheduled_performance(bandwidth: str, box: Scheduling, peak: float = 2.0, fl
 
     The requirement on the loop moves with ρ: fast where the plant allows it, slow elsewhere.
 
+    peak, floor : float
+        M and ε, as in `performance`.
+
     Parameters
     ----------
     bandwidth : str
         Name of the variable.
     box : Scheduling
         Its range and rate.
+
+    Returns
+    -------
+    LPVStateSpace
+        One state, scheduled on the bandwidth alone.
+
+    Raises
+    ------
+    InputError
+        A variable that the box does not have, or one that may be zero or negative.
 
     Examples
     --------
@@ -190,6 +279,25 @@ def scheduled_gain(variable: str, box: Scheduling, coefficients: Sequence[float]
 
     Large where the actuator is at its limit, it takes the control out of the loop there (Poussot-Vassal 2008).
 
+    Parameters
+    ----------
+    variable : str
+        Name of ρ.
+    box : Scheduling
+        Its range and rate.
+    coefficients : sequence of float
+        c₀, c₁, …; at least two, in powers of ρ in its unit.
+
+    Returns
+    -------
+    LPVStateSpace
+        Without states, scheduled on ρ alone.
+
+    Raises
+    ------
+    InputError
+        A variable that the box does not have, or fewer than two coefficients.
+
     Examples
     --------
     >>> rho = Scheduling(("rho",), (0.1,), (0.99,))
@@ -209,7 +317,20 @@ def scheduled_gain(variable: str, box: Scheduling, coefficients: Sequence[float]
 
 def from_control(system: control.StateSpace | control.TransferFunction, inputs: Sequence[str] = (),
                  outputs: Sequence[str] = ()) -> LPVStateSpace:
-    """Deprecated name of `from_lti`; `lpvid.from_control` makes an LPV model of systems on a grid."""
+    """Deprecated name of `from_lti`; `lpvid.from_control` makes an LPV model of systems on a grid.
+
+    Parameters
+    ----------
+    system : control.TransferFunction or control.StateSpace
+        As for `from_lti`.
+    inputs, outputs : sequence of str, optional
+        Left out, the names it bears.
+
+    Returns
+    -------
+    LPVStateSpace
+        That of `from_lti`.
+    """
     import warnings
 
     warnings.warn("lpvid.synthesis.weights.from_control is now from_lti; lpvid.from_control is another function",
@@ -228,6 +349,16 @@ def from_lti(system: control.StateSpace | control.TransferFunction, inputs: Sequ
     system : control.TransferFunction or control.StateSpace
     inputs, outputs : sequence of str, optional
         Left out, the names it bears.
+
+    Returns
+    -------
+    LPVStateSpace
+        Without scheduling.
+
+    Raises
+    ------
+    InputError
+        A discrete system without a sampling period (dt=True).
 
     Examples
     --------

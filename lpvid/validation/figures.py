@@ -65,7 +65,12 @@ class Figures:
 
 @dataclass(frozen=True)
 class FigurePair(Encoded):
-    """Free-run and one-step figures of the same samples."""
+    """Free-run and one-step figures of the same samples.
+
+    Attributes
+    ----------
+    free_run, one_step : Figures
+    """
 
     free_run: Figures
     one_step: Figures
@@ -73,7 +78,18 @@ class FigurePair(Encoded):
 
 @dataclass(frozen=True)
 class RecordFigures(Encoded):
-    """Figures of one record."""
+    """Figures of one record.
+
+    Attributes
+    ----------
+    name : str
+        Of the record.
+    n_samples : int
+        Of the whole record.
+    free_run, one_step : Figures
+    extrapolation_share : float
+        Share of the samples whose scheduling the model does not know, as in `Validation`.
+    """
 
     name: str
     n_samples: int
@@ -92,6 +108,20 @@ class Pool:
         self.diverged: int | None = None
 
     def add(self, y: np.ndarray, run: Simulation) -> Figures:
+        """Add the run of one record to the sums.
+
+        Parameters
+        ----------
+        y : (n, n_outputs) array
+            Measured outputs of the whole record.
+        run : Simulation
+            Its first `start` samples are left out.
+
+        Returns
+        -------
+        Figures
+            Of this record.
+        """
         measured, model = y[run.start:], run.output[run.start:]
         power = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
         power[np.ptp(measured, axis=0) == 0] = 0.0  # the mean of a constant may miss it by a rounding
@@ -107,12 +137,44 @@ class Pool:
         return figures_of(run.kind, (error, power, total), len(measured), self.unit, run.diverged_at)
 
     def total(self, kind: str) -> Figures:
+        """Pooled figures of all records that were added.
+
+        Parameters
+        ----------
+        kind : {"free-run", "one-step", "k-step"}
+            What the runs were.
+
+        Returns
+        -------
+        Figures
+            Without figures where one of the runs diverged.
+        """
         return figures_of(kind, (self.error, self.power, self.sum), self.count, self.unit, self.diverged)
 
 
 def figures_of(kind: str, sums: tuple[np.ndarray, np.ndarray, float], count: int, unit: str,
                diverged: int | None) -> Figures:
-    """Figures from squared error and squared deviation per output, and the sum of the first output's errors."""
+    """Figures from squared error and squared deviation per output, and the sum of the first output's errors.
+
+    Parameters
+    ----------
+    kind : {"free-run", "one-step", "k-step"}
+        What the run was.
+    sums : ((n_outputs,) array, (n_outputs,) array, float)
+        Squared error, squared deviation of the measured output about each record's mean, and sum of measured less
+        model.
+    count : int
+        Samples behind the sums.
+    unit : str
+        Of the first output.
+    diverged : int or None
+        Sample at which a run diverged.
+
+    Returns
+    -------
+    Figures
+        Without any after divergence or without samples; without ESR where an output does not move.
+    """
     error, power, total = sums
     if diverged is not None or count == 0:
         return Figures(kind, None, None, None, unit, count, diverged)

@@ -79,7 +79,12 @@ class Validation(Shown):
         return max(self.judged, key=lambda r: np.inf if r.free_run.esr is None else r.free_run.esr)
 
     def summary(self) -> str:
-        """One line of figures."""
+        """One line of figures.
+
+        Returns
+        -------
+        str
+        """
         return "; ".join(map(str, (self.overall.free_run, self.overall.one_step, *self.k_steps)))
 
     def to_dict(self) -> dict:
@@ -119,6 +124,18 @@ class Validation(Shown):
 
 def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rate: float | None = None) -> Model:
     """What stands for a model on these records: itself, or what an `Adaptable` gives for its own or the data's rate.
+
+    Parameters
+    ----------
+    model : model or Adaptable
+    records : sequence of Record
+        The first one's mean rate counts where nothing else is known.
+    sample_rate : float, optional
+        [Hz], for an `Adaptable` without a rate of its own.
+
+    Returns
+    -------
+    model
 
     Raises
     ------
@@ -234,7 +251,25 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
 
 def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str, ...] = (),
             horizons: Sequence[int] = ()) -> Validation:
-    """As `validate`, for uniform finite records at the model's rate."""
+    """As `validate`, for uniform finite records at the model's rate.
+
+    Parameters
+    ----------
+    model : model
+        In discrete time.
+    pieces : sequence of Record
+        From `segments`.
+    label : {"training", "held-out", "partly training"}
+        What these data are to the model.
+    notes : tuple of str
+        Remarks for the result.
+    horizons : sequence of int
+        Further prediction horizons [samples], at least 2.
+
+    Returns
+    -------
+    Validation
+    """
     assert model.sample_time is not None
     steps = [_checks.count(h, "a prediction horizon", at_least=2) for h in horizons]
     rows, free, one = [], Pool(), Pool()

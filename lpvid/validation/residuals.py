@@ -26,6 +26,18 @@ class ResidualTest(Encoded):
     """A test on the one-step residuals.
 
     A small p-value states that the residual still holds something the model could have used.
+
+    Attributes
+    ----------
+    name : str
+        "whiteness", "independence", or what else was tested.
+    statistic : float
+        Of a χ² law where the hypothesis holds.
+    p_value : float
+    passed : bool
+        Whether the p-value is at least `LEVEL`.
+    description : str
+        The outcome in words.
     """
 
     JSON = ("name", "statistic", "p_value", "passed", ("says", "description"))
@@ -57,6 +69,11 @@ def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray 
     further : mapping of str to callable, optional
         Further signals the residual must not depend on, record by record, computed when their turn comes: a weight of
         the residual (or None) and a signal; other inputs, or an input with a power of a scheduling variable as weight.
+
+    Returns
+    -------
+    tuple of ResidualTest
+        Empty where no record is longer than four times the lags.
     """
     long = [i for i, e in enumerate(residuals) if len(e) > 4 * lags]
     if not long:
@@ -86,6 +103,15 @@ def _autocovariance(pieces: Sequence[np.ndarray], lags: int) -> np.ndarray:
 def probability(p: float) -> str:
     """"p = 3.2e-05"; below the smallest normal number of double precision, where the tail underflows, a bound.
 
+    Parameters
+    ----------
+    p : float
+        p-value.
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> probability(3.21e-5), probability(0.0)
@@ -100,7 +126,22 @@ def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
 
 
 def whiteness(r: np.ndarray, n: int, lags: int) -> ResidualTest:
-    """Ljung and Box's test from the autocovariance over lags 0 … `lags` of n residuals."""
+    """Ljung and Box's test from the autocovariance over lags 0 … `lags` of n residuals.
+
+    Parameters
+    ----------
+    r : (lags + 1,) array
+        Autocovariance of the residual.
+    n : int
+        Residuals behind it.
+    lags : int
+        Degrees of freedom.
+
+    Returns
+    -------
+    ResidualTest
+        Passed where the residual is zero.
+    """
     from scipy.special import chdtrc
 
     if not r[0] > 0:
@@ -134,6 +175,11 @@ def independence(cross: np.ndarray, re: np.ndarray, ru: np.ndarray, n: int) -> R
     re, ru : (4 lags + 1,) and (5 lags + 1,) arrays
         Autocovariances of residual and signal.
     n : int
+
+    Returns
+    -------
+    ResidualTest
+        Passed where the residual is zero.
     """
     from scipy.special import chdtrc
 
@@ -157,6 +203,18 @@ def independence(cross: np.ndarray, re: np.ndarray, ru: np.ndarray, n: int) -> R
 
 
 def residual_of(y: np.ndarray, output: np.ndarray) -> np.ndarray:
-    """One-step residual; zero where it is no more than the rounding of an exact model."""
+    """One-step residual; zero where it is no more than the rounding of an exact model.
+
+    Parameters
+    ----------
+    y : (n,) array
+        Measured output.
+    output : (n,) array
+        One-step prediction.
+
+    Returns
+    -------
+    (n,) array
+    """
     e = y - output
     return e if np.linalg.norm(e) > EXACT * np.linalg.norm(y) else np.zeros_like(e)

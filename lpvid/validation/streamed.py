@@ -60,6 +60,11 @@ class StreamedRuns:
     def run(self, piece: Record) -> tuple[np.ndarray, np.ndarray, int, int | None] | None:
         """The next piece of a record.
 
+        Parameters
+        ----------
+        piece : Record
+            Uniform and finite, with the model's channels; it goes on where the one before ended.
+
         Returns
         -------
         (free, one_step, first, diverged_at) or None
@@ -143,7 +148,13 @@ class LagSums:
         self.head, self.tail_y = np.zeros(0), np.zeros(0)
 
     def add(self, x: np.ndarray, y: np.ndarray) -> None:
-        """The next samples of a record."""
+        """The next samples of a record.
+
+        Parameters
+        ----------
+        x, y : (n,) arrays
+            Of the same times; may be empty.
+        """
         if not x.size:
             return
         if not self.count:
@@ -166,7 +177,12 @@ class LagSums:
         self.count += x.size
 
     def close(self) -> bool:
-        """The end of a record; whether it was long enough to count."""
+        """The end of a record; whether it was long enough to count.
+
+        Returns
+        -------
+        bool
+        """
         n = self.count
         long = n > self.shortest
         if long:
@@ -213,7 +229,7 @@ class _Sums:
         return figures_of(kind, (self.error, self.power, self.total), self.count, unit, at)
 
 
-def pooled(parts: list[_Sums], kind: str, unit: str, start: int) -> Figures:
+def _pooled(parts: list[_Sums], kind: str, unit: str, start: int) -> Figures:
     """Numerators and denominators summed over records."""
     at = next((p.diverged + start for p in parts if p.diverged is not None), None)
     sums = (np.sum([p.error for p in parts], axis=0), np.sum([p.power for p in parts], axis=0),
@@ -337,7 +353,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
         shown = f"{name}#{numbers[name]}" if several[name] > 1 else name
         rows.append(RecordFigures(shown, length, free.figures("free-run", unit, start),
                                   one.figures("one-step", unit, start), share / length))
-    pair = FigurePair(pooled([r[2] for r in kept], "free-run", unit, start),
-                pooled([r[3] for r in kept], "one-step", unit, start))
+    pair = FigurePair(_pooled([r[2] for r in kept], "free-run", unit, start),
+                _pooled([r[3] for r in kept], "one-step", unit, start))
     return Validation(label, pair, tuple(rows), tests.tests(), outside / seen,
                       (f"figures of a stream of {seen} samples; regimes are not looked for",))

@@ -194,6 +194,7 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
     from lpvid.condition import segments
     from lpvid.condition.preparing import decimation, with_motion
     from lpvid.condition.resampling import resample
+    from lpvid.diagnosis.preparing import quiet_pieces
 
     notes: tuple[str, ...] = ()
     record, notes = _without_delays(record, settings, notes)
@@ -209,6 +210,7 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
         if integrated:
             piece = piece.with_channel("displacement", integral(piece["velocity"], float(piece.sample_time or 1)), "m")
         (piece,), stated = with_motion([piece])
+        ((piece,),), stated = quiet_pieces([[piece]], stated)
         notes = (*notes, *stated)
         found.append((piece, raw, specimen, integrated))
     return found, (*notes, *(w.replace("all records ", "") for w in why))

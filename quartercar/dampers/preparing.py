@@ -45,8 +45,8 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
             sample_rate: float | None = None) -> Prepared:
     """Find the roles, derive what is missing, bring all records to one rate and look at their polarity.
 
-    A velocity that was not measured is derived from displacement. Where no record has a current, a voltage stands for
-    it. A common rate above 1024 Hz is decimated (`lpvid.condition.preparing.decimation`).
+    A velocity that was not measured is derived from displacement, in the band in which it moves. Where no record has a
+    current, a voltage stands for it. A common rate above 1024 Hz is decimated (`lpvid.condition.preparing.decimation`).
 
     Parameters
     ----------
@@ -77,6 +77,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     """
     from lpvid.condition import segments
     from lpvid.condition.preparing import decimation, losses, one_clock
+    from lpvid.diagnosis.preparing import quiet_pieces
 
     records = [*training, *held_out]
     if not training:
@@ -86,7 +87,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     channels = [r for r in ("velocity", "force", "displacement", "current") if records[0].has(r)]
     cut = [segments(part, channels, sample_rate=rate, minimum=SHORTEST) if part else []
            for part in (records[: len(training)], records[len(training):])]
-    cut = one_clock(cut, channels)
+    cut, notes = quiet_pieces(one_clock(cut, channels), notes)
     _need_signals(cut[0])
     polarity, stated = sense_of([*cut[0], *cut[1]])
     return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*stated, *notes, *why, *losses([*cut[0], *cut[1]])))

@@ -68,7 +68,7 @@ class Backlash(SeriesElement):
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in series with the damper"
-    rugged: ClassVar[bool] = True
+    rugged: ClassVar[str] = "play"
     equation: ClassVar[str] = "v = w + dD/dt, D = (delta/2) sign F, any of +-delta/2 where F = 0; F = law(w)"
     reference: ClassVar[str] = "equation sheet 3.7"
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"

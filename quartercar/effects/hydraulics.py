@@ -131,17 +131,20 @@ class ReliefValve(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.9; source 001"
     experiment: ClassVar[str] = "triangles of at least 15 speeds up to three times that of the knee, at two currents"
     smooth: ClassVar[bool] = False
+    rugged: ClassVar[str] = "opening_force"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("relief", "", "r, share of the slope that goes beyond the knee", 0.0, (0.0, 1.0),
-                                (0.0, 1.2), (0.3, 0.8)),
+                                (0.0, 1.2), (0.5,)),
                 EffectParameter("opening_force", "N", "F_b", 100.0, (5.0, 5e3), (0.1, 1e6), (30.0, 100.0, 300.0)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        slope = measured_slope(signals)
-        forces = [f for f in (slope * v for v in speed_quantiles(signals, (0.3, 0.55, 0.75, 0.9))) if f > 0]
-        return [np.array([r, max(f, 0.1)]) for r in self.parameters[0].grid for f in forces]
+        """By the slope of the force over the speed and, where currents or friction hide that, by the force itself."""
+        shares = (0.3, 0.55, 0.75, 0.9)
+        by_slope = [measured_slope(signals) * v for v in speed_quantiles(signals, shares)]
+        by_force = np.quantile(np.abs(np.concatenate([s.output for s in signals])), shares)
+        return [np.array([r, max(f, 0.1)]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         v = s["velocity"]
@@ -161,6 +164,7 @@ class SeriesOrifice(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.9; source 001, extended model"
     experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
     smooth: ClassVar[bool] = False
+    rugged: ClassVar[str] = "onset"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

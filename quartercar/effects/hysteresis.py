@@ -22,6 +22,7 @@ class BoucWenHysteresis(ParallelForce):
 
     name: ClassVar[str] = "hysteresis"
     placement_of: ClassVar[str] = "coulomb-friction"
+    contains: ClassVar[tuple[str, ...]] = ("series-compliance",)  # yields by d before it slides
     title: ClassVar[str] = "hysteresis over the way beside the law"
     equation: ClassVar[str] = "F += F_z z, d z' = v - (1 - s)|v| z - s v |z|"
     reference: ClassVar[str] = "equation sheet 1.1; Wen 1976, order one"

@@ -216,6 +216,13 @@ def reliability(p: np.ndarray, there: np.ndarray) -> tuple[list[tuple[float, flo
     return rows, float(sum(n * abs(a - b) for a, b, n in rows) / max(p.size, 1))
 
 
+def by_chance(p: np.ndarray, draws: int = 200) -> float:
+    """The expected calibration error of claims that are there with just the probabilities given: that of few claims is
+    not zero."""
+    rng = np.random.default_rng(0)
+    return float(np.mean([reliability(p, (rng.random(p.size) < p).astype(float))[1] for _ in range(draws)]))
+
+
 def fitted(found: Sequence[Claim]) -> np.ndarray:
     """Coefficients of the map of most likelihood (logistic regression; Platt 1999)."""
     from scipy.optimize import minimize
@@ -273,7 +280,8 @@ def table(rows: list[Row]) -> str:
             pick = np.array([rig in ("all", c.rig) for c in part])
             if pick.any():
                 bins, error = reliability(p[pick], np.array([float(c.there) for c in part])[pick])
-                lines += [f"{label}, {rig}: calibration error {error:.3f} of {pick.sum()}",
+                chance = by_chance(p[pick])
+                lines += [f"{label}, {rig}: calibration error {error:.3f} of {pick.sum()} (by chance {chance:.3f})",
                           *(f"  {a:.3f} given, {b:.3f} there, {n}" for a, b, n in bins if rig == "all")]
     return "\n".join([*lines, *named_table(good)])
 

@@ -168,6 +168,10 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
         dropped |= {e.name: "held-out error is no lower with it" for e, _ in useless}
     members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
+    for k, m in enumerate(members):  # a component is named once, by the form that changes most
+        if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
+            form = Support.of(sets, _in_this_form(m.effect), search.structured)
+            members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
     kept = {m.effect.name for m in members}
     return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                   tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
@@ -375,28 +379,34 @@ def _without_noise(w: Weighed) -> float:
     return w.fit.cached("without noise", find)
 
 
+def _holds(name: str) -> Finding:
+    """Finds a component, or an effect of that name."""
+    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if name in (k, e.name)), None)
+
+
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,
              structured: float) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
-    Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
-    and only where it or one of them is there with `NAMED` do they answer for it together.
+    Of what a set holds in its absence, and the best set does not, that which contains it does its work, else that which
+    changes the output most; and only where it or one of them is there with `NAMED` do they answer for it together.
     """
     lone: dict[str, float] = {}
     form: dict[str, str] = {}
     for w, p in sets:
         if finding(w) is None:
-            other = [(c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
-                     if e.name not in best.members and (k == kind or k not in best.kinds)]
+            other = [(kind in e.contains, c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
+                     if e.name not in best.members and (k == kind or k not in best.kinds or kind in e.contains)]
             if other:
-                _, k, name = max(other)
+                contains, _, k, name = max(other)
+                k = name if contains else k
                 lone[k] = lone.get(k, 0.0) + p
                 form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
-    others = [component(k) for k in listed]
+    others = [_holds(k) for k in listed]
     either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None),
                         structured)
     if either.probability < NAMED:
         return ()
-    return tuple((form[k], Support.of(sets, component(k), structured).probability)
+    return tuple((form[k], Support.of(sets, _holds(k), structured).probability)
                  for k, _ in sorted(listed.items(), key=lambda t: -t[1]))

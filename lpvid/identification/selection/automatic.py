@@ -49,7 +49,7 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     Selection
     """
     listed = as_records(records)
-    candidates = automatic_candidates(listed, input, output, scheduling)
+    candidates = _automatic_candidates(listed, input, output, scheduling)
     inputs, outputs = _checks.names(input, "input"), _checks.names(output, "output")
     variables = _checks.names(scheduling, "scheduling") if scheduling else ()
     damper = _is_damper(listed, inputs, outputs)
@@ -58,8 +58,8 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
                   rounds=lambda search: rounds(search, damper, bool(scheduling)), progress=progress, budget=budget)
 
 
-def automatic_candidates(records: Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],
-                         scheduling: str | Sequence[str] = ()) -> list[Structure]:
+def _automatic_candidates(records: Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],
+                          scheduling: str | Sequence[str] = ()) -> list[Structure]:
     """The candidates that `auto` searches."""
     inputs, outputs = _checks.names(input, "input"), _checks.names(output, "output")
     variables = _checks.names(scheduling, "scheduling") if scheduling else ()

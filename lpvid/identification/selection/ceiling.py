@@ -58,7 +58,17 @@ class Ceiling(Encoded):
     name: str
 
     def on(self, records: Record | Sequence[Record]) -> float:
-        """The fit [%] that this noise leaves possible on other records of the same channel."""
+        """The fit [%] that this noise leaves possible on other records of the same channel.
+
+        Parameters
+        ----------
+        records : Record or sequence of Record
+            With the channel `name`.
+
+        Returns
+        -------
+        float
+        """
         listed = as_records(records)
         return 100 * (1 - self.noise / _spread([r[self.name] for r in listed]))
 
@@ -89,6 +99,11 @@ def noise_ceiling(records: Record | Sequence[Record], structure: Structure, *,
     -------
     Ceiling
         For the first output.
+
+    Raises
+    ------
+    InputError
+        A structure that is no ARX and holds none, or records too short for an ARX of the lowest order tried.
     """
     if isinstance(structure, SparseARX | PredictionError):
         structure = structure.arx

@@ -34,7 +34,7 @@ def compete(search: StructureSearch, rounds: Iterable[Round], records: Sequence[
     search.report_progress("estimating the noise")
     ceiling, tried = _ceiling(search, records), []
     for entry in rounds:
-        if (entry.further and not far_below(search, ceiling)) or not entry.structures:
+        if (entry.further and not _far_below(search, ceiling)) or not entry.structures:
             continue
         if search.late():
             search.left_out.append(entry.name)
@@ -48,7 +48,7 @@ def compete(search: StructureSearch, rounds: Iterable[Round], records: Sequence[
     return _conclusion(search, ceiling, any(entry.further for entry in tried))
 
 
-def far_below(search: StructureSearch, ceiling: Ceiling | None) -> bool:
+def _far_below(search: StructureSearch, ceiling: Ceiling | None) -> bool:
     """Whether there may be something to gain: below the ceiling by more than `NEAR`, or no ceiling known."""
     best = search.best
     return best is not None and (ceiling is None or fit_percent(best[1]) < ceiling.fit_percent - NEAR)
@@ -64,7 +64,7 @@ def _ceiling(search: StructureSearch, records: Sequence[Record]) -> Ceiling | No
 
 def _conclusion(search: StructureSearch, ceiling: Ceiling | None, looked: bool) -> list[str]:
     best = search.best
-    if best is None or ceiling is None or not far_below(search, ceiling):
+    if best is None or ceiling is None or not _far_below(search, ceiling):
         return []
     gap = ceiling.fit_percent - fit_percent(best[1])
     more = "richer structures were tried too" if looked else "the time did not allow richer structures"

@@ -81,7 +81,18 @@ class Trial:
 
 
 def spread(values: np.ndarray) -> float:
-    """Standard error of a mean over folds."""
+    """Standard error of a mean over folds.
+
+    Parameters
+    ----------
+    values : (k,) array
+        One figure per fold.
+
+    Returns
+    -------
+    float
+        0 for a single fold.
+    """
     return float(np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
 
 
@@ -315,7 +326,20 @@ def _memory(model: Model) -> int:
 
 
 def unstable_share(model: Model, records: Sequence[Record]) -> float:
-    """Share of the samples at which a frozen pole lies outside the unit circle (on it counts as outside)."""
+    """Share of the samples at which a frozen pole lies outside the unit circle (on it counts as outside).
+
+    Parameters
+    ----------
+    model : model
+        Any; only an `LPVTransferFunction` with output lags has frozen poles here.
+    records : sequence of Record
+        Uniform and finite; looked at on a subsample of about `STEP_DOWN_POINTS`.
+
+    Returns
+    -------
+    float
+        Between 0 and 1; 0 for other models.
+    """
     if not isinstance(model, LPVTransferFunction) or not model.na:
         return 0.0
     total = sum(r.n_samples for r in records)

@@ -22,7 +22,17 @@ from lpvid.scheduling import Basis, Spline
 
 
 def describe(structure: Structure) -> str:
-    """A structure in a few words."""
+    """A structure in a few words.
+
+    Parameters
+    ----------
+    structure : Structure
+        Any; of an unknown kind its ``repr``, cut at 100 characters.
+
+    Returns
+    -------
+    str
+    """
     if isinstance(structure, RefinedIV):
         shared = {n: getattr(structure, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
                                                      "stage", "schedule_filter")}

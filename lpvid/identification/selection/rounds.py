@@ -70,6 +70,11 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
         Whether the one input is a velocity and the one output a force.
     scheduled : bool
         Whether there are measured scheduling variables.
+
+    Yields
+    ------
+    Round
+        None at all where nothing has been tried with success.
     """
     leader = search.asked_leader()
     if leader is None:
@@ -91,19 +96,50 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
 
 
 def hasty(structure: OutputError) -> OutputError:
-    """The same with a short search, to be compared with others."""
+    """The same with a short search, to be compared with others.
+
+    Parameters
+    ----------
+    structure : OutputError
+
+    Returns
+    -------
+    OutputError
+        With the settings `HASTY`.
+    """
     return replace(structure, **HASTY)
 
 
 def in_full(structure: Structure) -> Structure:
-    """The same with the whole search, to be reported."""
+    """The same with the whole search, to be reported.
+
+    Parameters
+    ----------
+    structure : Structure
+        Any.
+
+    Returns
+    -------
+    Structure
+        Of output error with the default settings in place of `HASTY`; others as they are.
+    """
     if not isinstance(structure, OutputError):
         return structure
     return replace(structure, **{n: getattr(OutputError, n) for n in HASTY})
 
 
 def output_error(arx: ARX) -> OutputError:
-    """The output-error structure of an ARX's orders, searched where it may be taken: with its frozen poles inside."""
+    """The output-error structure of an ARX's orders, searched where it may be taken: with its frozen poles inside.
+
+    Parameters
+    ----------
+    arx : ARX
+        Gives orders, channels, basis and stages.
+
+    Returns
+    -------
+    OutputError
+    """
     return OutputError(arx.na, arx.nb, arx.nk, arx.input, arx.output, arx.basis, arx.affine, arx.lagged, arx.stage,
                        arx.schedule_filter, frozen_poles="inside")
 

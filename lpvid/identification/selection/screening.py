@@ -48,13 +48,31 @@ class Screened:
     one_step: float
 
     def identification(self, records: Sequence[Record]) -> Identification:
-        """The estimate on the common rows."""
+        """The estimate on the common rows.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Those of the screening.
+
+        Returns
+        -------
+        Identification
+        """
         return self.structure.solved(records, self.box, self.factor)
 
 
 @dataclass(frozen=True, eq=False)
 class Refused:
-    """A candidate that could not be compared, and why."""
+    """A candidate that could not be compared, and why.
+
+    Attributes
+    ----------
+    asked : ARX
+        As given.
+    reason : str
+        For the ranking's row.
+    """
 
     asked: ARX
     reason: str
@@ -79,6 +97,11 @@ def screen(records: Sequence[Record], structures: Sequence[ARX],
     structures : sequence of ARX
     tell : callable
         Receives a line before every family.
+
+    Yields
+    ------
+    Screened or Refused
+        One per structure, family by family.
     """
     start = max(s.start for s in structures)
     power = _power(records, structures[0].output, start)
@@ -127,7 +150,19 @@ def _family(records: Sequence[Record], members: Sequence[ARX], pilot: ARX, start
 
 
 def nested(factor: Factor, columns: Sequence[int]) -> Factor:
-    """R of some columns of X, from R of all: no pass over the data."""
+    """R of some columns of X, from R of all: no pass over the data.
+
+    Parameters
+    ----------
+    factor : Factor
+        R of [X Y] with all columns.
+    columns : sequence of int
+        Places of the columns of X that are kept, in the order wanted.
+
+    Returns
+    -------
+    Factor
+    """
     outputs = range(factor.columns, factor.r.shape[1])
     chosen = factor.r[:, [*columns, *outputs]]
     return Factor(np.asarray(np.linalg.qr(chosen, mode="r")), factor.rows, len(columns))

@@ -43,7 +43,23 @@ Progress = Callable[[int, int, str], None]
 
 
 class StructureSearch:
-    """State of a search that may be interrupted at any time."""
+    """State of a search that may be interrupted at any time.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        On which candidates are compared: uniform and finite.
+    parts : sequence of Fold
+        (training, held-out) records of every fold.
+    limit : float
+        Share of the samples at which a frozen pole may lie outside the unit circle.
+    places : int
+        Screened candidates that are cross-validated at most.
+    progress : callable or None
+        ``progress(done, total, text)``.
+    budget : float, optional
+        Processor time of the search [s], from the end of `try_first` where that was called; left out, no limit.
+    """
 
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
                  progress: Progress | None, budget: float | None = None) -> None:
@@ -74,7 +90,13 @@ class StructureSearch:
         self.report_progress(f"one of every kind done after {self.seconds:.0f} s", line=True)
 
     def screen(self, candidates: Sequence[Structure]) -> None:
-        """Information criteria for every plain ARX; everything else waits for cross-validation."""
+        """Information criteria for every plain ARX; everything else waits for cross-validation.
+
+        Parameters
+        ----------
+        candidates : sequence of Structure
+            An ARX with ridge is not plain.
+        """
         plain = [s for s in candidates if isinstance(s, ARX) and not s.ridge]
         self.direct = [s for s in candidates if not (isinstance(s, ARX) and not s.ridge)]
         if plain:
@@ -98,7 +120,13 @@ class StructureSearch:
         self.try_others(self.direct)
 
     def try_others(self, structures: Iterable[Structure]) -> None:
-        """Structures that no factor can screen, those tried before left out; each is left once it cannot win."""
+        """Structures that no factor can screen, those tried before left out; each is left once it cannot win.
+
+        Parameters
+        ----------
+        structures : iterable of Structure
+            In the order in which they are tried.
+        """
         for structure in structures:
             if any(structure == known for known, _ in self.others):
                 continue
@@ -120,12 +148,28 @@ class StructureSearch:
         return trial if trial.failure else self._admitted(structure, trial, begin)
 
     def late(self) -> bool:
-        """Whether the time for the search is up; never before there is a candidate that could be taken."""
+        """Whether the time for the search is up; never before there is a candidate that could be taken.
+
+        Returns
+        -------
+        bool
+            False without a budget.
+        """
         return (self.budget is not None and self.seconds - self.first_seconds > self.budget
                 and self.best is not None)
 
     def unfinished(self, structures: Iterable[Structure]) -> int:
-        """How many of them the time ran out on."""
+        """How many of them the time ran out on.
+
+        Parameters
+        ----------
+        structures : iterable of Structure
+            Those asked about.
+
+        Returns
+        -------
+        int
+        """
         asked = tuple(structures)
         return sum(t.failure.startswith(TIME_UP) for s, t in self.others if s in asked)
 
@@ -142,13 +186,35 @@ class StructureSearch:
         return min(good, key=lambda row: row[1].counted) if good else None
 
     def simplest(self, kind: type) -> Structure | None:
-        """Of a kind that no factor screens, the one of fewest parameters within `TOLERATED` of its least error."""
+        """Of a kind that no factor screens, the one of fewest parameters within `TOLERATED` of its least error.
+
+        Parameters
+        ----------
+        kind : type
+            Class of structures.
+
+        Returns
+        -------
+        Structure or None
+            None where none of the kind gave figures.
+        """
         good = self.ranked_among(kind)
         near = [(s, t) for s, t in good if t.mean <= (1 + TOLERATED) * good[0][1].mean]
         return min(near, key=lambda row: (row[1].n_parameters or 0, row[1].mean))[0] if near else None
 
     def ranked_among(self, kind: type) -> list[tuple[Structure, Trial]]:
-        """Structures of a kind that no factor screens with their trials, least error first."""
+        """Structures of a kind that no factor screens with their trials, least error first.
+
+        Parameters
+        ----------
+        kind : type
+            Class of structures.
+
+        Returns
+        -------
+        list of (Structure, Trial)
+            Without failures.
+        """
         good = [(s, t) for s, t in self.others if not t.failure and isinstance(s, kind)]
         return sorted(good, key=lambda row: row[1].mean)
 
@@ -156,6 +222,11 @@ class StructureSearch:
         """The screened ARX of least free-run error, with its basis bound and its stages fitted.
 
         Where none was cross-validated, the best of those tried first.
+
+        Returns
+        -------
+        ARX or None
+            None where there is neither.
         """
         tried = [i for i, t in self.trials.items() if not t.failure]
         if tried:
@@ -216,7 +287,18 @@ class StructureSearch:
         return (1 - fit_from_measured_samples(model, self.records, len(self.parts)) / 100) ** 2
 
     def admissible(self, index: int) -> bool:
-        """Whether a screened candidate keeps its frozen poles inside along the training trajectory."""
+        """Whether a screened candidate keeps its frozen poles inside along the training trajectory.
+
+        Parameters
+        ----------
+        index : int
+            Place in `screened`.
+
+        Returns
+        -------
+        bool
+            Outside at no more than `limit` of the samples; without an estimate it counts as outside throughout.
+        """
         if index not in self.outside:
             try:
                 model = self.screened[index].identification(self.records).model
@@ -238,7 +320,15 @@ class StructureSearch:
             self.trials[index] = trial
 
     def report_progress(self, text: str, *, line: bool = False) -> None:
-        """Progress in words; a line ends a round and may be kept."""
+        """Progress in words; a line ends a round and may be kept.
+
+        Parameters
+        ----------
+        text : str
+            The figures of the best so far are added.
+        line : bool
+            Whether a round ends here.
+        """
         self._tell(len(self.trials) + len(self.others), (ROUND_DONE if line else "") + text)
 
     def _tell(self, done: int, text: str) -> None:
@@ -286,7 +376,13 @@ class StructureSearch:
 
     # -- verdict ------------------------------------------------------------------------------------------------
     def ranked(self) -> list[tuple[Structure, CandidateRow]]:
-        """Structures in order of preference with their rows: the first is the choice."""
+        """Structures in order of preference with their rows: the first is the choice.
+
+        Returns
+        -------
+        list of (Structure, CandidateRow)
+            Failed, untried and refused candidates at the end, with their reasons.
+        """
         tested = [(self._row(i), Tried(t, self.screened[i].n_parameters, partial(self._of_screened, i)))
                   for i, t in self.trials.items()]
         tested += [(CandidateRow(s, t.n_parameters, outside=t.outside),
@@ -349,7 +445,17 @@ class StructureSearch:
 
 
 def fit_percent(trial: Trial) -> float:
-    """Free-run fit [%] of a cross-validation."""
+    """Free-run fit [%] of a cross-validation.
+
+    Parameters
+    ----------
+    trial : Trial
+
+    Returns
+    -------
+    float
+        100 (1 − √ESR); −inf after a failure.
+    """
     return float(100 * (1 - np.sqrt(trial.mean)))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from lpvid.condition import segments, with_derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
+from lpvid.diagnosis.preparing import with_quiet_velocity
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.training_fingerprint import heads, ranges, roles, usual_range
@@ -136,8 +137,10 @@ def prepared(records: Record | Sequence[Record], channels: Sequence[str], start:
     listed = as_records(records)
     if not listed:
         return []
-    listed = with_derived(listed, channels)
-    return segments(listed, channels, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
+    derived = with_derived(listed, channels)
+    kept = tuple(dict.fromkeys((*channels, *("displacement",) * (derived != listed))))
+    pieces = segments(derived, kept, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
+    return [with_quiet_velocity(r) for r in pieces]
 
 
 def _one_rate(training: Sequence[Record], kept: Sequence[Record]) -> None:

@@ -487,3 +487,19 @@ def test_the_size_of_a_motion_is_put_as_a_question_where_no_velocity_confirms_it
     assert f"over {found[0].value:.3g} m" in found[0].evidence
     beside = audit(bare.with_channel("velocity", v, "m/s"))
     assert not [f for f in beside.findings if f.name.startswith("displacement-")]
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_hum_of_a_displacement_is_interference_where_the_force_does_not_follow(follows: bool, rng) -> None:
+    """40 µm at 50 Hz beside 18 mm at .2 Hz: half of the motion's velocity, if it is motion."""
+    t = np.arange(9000) / 300
+    slow, fast = 0.018 * np.sin(2 * np.pi * 0.2 * t), 4e-5 * np.sin(2 * np.pi * 50 * t)
+    speed = 2 * np.pi * (0.2 * 0.018 * np.cos(2 * np.pi * 0.2 * t) + follows * 50 * 4e-5 * np.cos(2 * np.pi * 50 * t))
+    record = Record({"displacement": slow + fast + 1e-6 * rng.standard_normal(t.size),
+                     "force": 2000 * speed + 0.5 * rng.standard_normal(t.size)}, sample_time=1 / 300,
+                    units={"displacement": "m", "force": "N"})
+    found = [f for f in audit(record).findings if f.name == "interference"]
+    assert len(found) == (0 if follows else 1)
+    if found:
+        assert found[0].value == pytest.approx(50 * 4e-5 / (0.2 * 0.018), rel=0.1)
+        assert "about 50 Hz" in found[0].evidence

@@ -12,6 +12,8 @@ from lpvid.condition import differentiate
 from lpvid.diagnosis.preparing import prepare
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
+from quartercar.dampers import fit
+from quartercar.dampers.laws.linear import Linear
 
 NOISE = 2e-5
 """of the displacement's sensor [m]"""
@@ -35,7 +37,7 @@ def test_noise_of_a_velocity_that_was_derived_is_told_from_motion(method: str, r
     inside = slice(100, -100)
     left, without_source, at_first = (float(np.std((got - exact)[inside])) for got in (
         without_noise(s, "velocity"), without_noise(alone, "velocity"), derived))
-    assert left < 0.4 * at_first and left < 0.6 * without_source
+    assert left < 0.4 * at_first and left < 0.7 * without_source
     assert left < 0.01 * v.std()
 
 
@@ -56,19 +58,60 @@ def test_the_diagnosis_derives_a_velocity_without_that_noise(rng: np.random.Gene
     assert note == "velocity derived from displacement without the sensor's noise beyond the band that moves"
 
 
+def slow_record(rng: np.random.Generator, hum: float, shake: float) -> tuple[Record, np.ndarray]:
+    """A slow sine whose displacement carries a hum of 50 Hz [m], and a shake of 80 Hz [m] that the damper follows."""
+    period, samples = 1 / 300, 9000
+    t = period * np.arange(samples)
+    shaking = 2 * np.pi * 80
+    x = 0.018 * np.sin(2 * np.pi * 0.21 * t) + shake * np.sin(shaking * t)
+    v = 0.018 * 2 * np.pi * 0.21 * np.cos(2 * np.pi * 0.21 * t) + shake * shaking * np.cos(shaking * t)
+    read = x + hum * np.sin(2 * np.pi * 50 * t) + 2e-6 * rng.standard_normal(samples)
+    channels = {"displacement": read, "force": 2000 * v + 40 * np.tanh(v / 1e-3) + 0.5 * rng.standard_normal(samples)}
+    return Record(channels, period, name="slow", units={c: UNITS[c] for c in channels}), v
+
+
+def test_mains_hum_of_the_displacement_is_no_motion(rng: np.random.Generator) -> None:
+    """50 µm at 50 Hz are as fast as 18 mm at .2 Hz."""
+    record, v = slow_record(rng, hum=5e-5, shake=0.0)
+    prepared = prepare([record], [], (), ("displacement", "velocity", "force"))
+    got, before = prepared.training[0]["velocity"], differentiate(record["displacement"], record.sample_time)
+    assert np.std(before - v) > 0.15 * np.std(v)
+    assert np.std(got - v) < 0.02 * np.std(v)
+
+
+def test_a_band_of_its_own_in_which_the_force_follows_is_motion(rng: np.random.Generator) -> None:
+    record, v = slow_record(rng, hum=5e-5, shake=3e-5)
+    got = prepare([record], [], (), ("displacement", "velocity", "force")).training[0]["velocity"]
+    assert np.std(got - v) < 0.06 * np.std(v)
+
+
+def test_a_damper_fitted_to_a_slow_record_with_hum_has_its_damping(rng: np.random.Generator) -> None:
+    record, v = slow_record(rng, hum=5e-5, shake=0.0)
+    found = fit(Linear(), record.with_channel("force", 2000 * v, "N"))
+    assert found.damper.values["damping"] == pytest.approx(2000, rel=0.01)
+
+
 def test_a_short_record_is_differentiated_as_elsewhere(rng: np.random.Generator) -> None:
-    record, _ = recorded(rng, 400)
+    record, _ = recorded(rng, 300)
     prepared = prepare([record], [], (), ("displacement", "velocity", "force"))
     np.testing.assert_allclose(prepared.training[0]["velocity"], differentiate(record["displacement"], PERIOD))
     assert prepared.notes == ("velocity derived from displacement (savitzky-golay)",)
 
 
+@pytest.mark.parametrize("samples", [400, 1000, 1900])
+def test_from_400_samples_on_the_band_of_the_motion_is_known_well_enough(samples: int, rng: np.random.Generator
+                                                                        ) -> None:
+    record, v = recorded(rng, samples)
+    got = prepare([record], [], (), ("displacement", "velocity", "force")).training[0]["velocity"]
+    assert np.std(got - v) < 0.9 * np.std(differentiate(record["displacement"], PERIOD) - v)
+
+
 def test_of_a_record_that_is_cut_the_short_pieces_are_told(rng: np.random.Generator) -> None:
     record, _ = recorded(rng)
     force = np.array(record["force"])
-    force[1000:1010] = np.nan
+    force[300:310] = np.nan
     prepared = prepare([record.with_channel("force", force, "N")], [], (), ("displacement", "velocity", "force"))
-    assert [r.n_samples for r in prepared.training] == [1000, 4990]
+    assert [r.n_samples for r in prepared.training] == [300, 5690]
     assert prepared.notes[0].endswith("in 1 of 2 pieces; the others are too short for that")
 
 
