@@ -28,14 +28,14 @@ def sweep_record(
 
     Parameters
     ----------
-    problem : Problem
+    problem : PredictionErrorProblem
     model : LPVTransferFunction
     signals : y (n, ny), u (width, n), phi (M, n)
     state : e (n, ny), and x (n, ny) or the equation error
     slopes : (n, ny) arrays
         Columns of the free stage parameters.
     absorb : callable
-        ``absorb(write, rows)``, see `Problem.sweep`.
+        ``absorb(write, rows)``, see `PredictionErrorProblem.sweep`.
     """
     from lpvid.identification.pem_problem import CHUNK
 
