@@ -33,7 +33,7 @@ def main(figure: Path | None = None) -> dict[str, float]:
     """Fit on low and middle amplitudes; free-run ESR on the two fastest, which no fit has seen."""
     rng = np.random.default_rng(1)
     records = [measured(ReliefValveOrifice(values={"friction": 80.0}), a, rng) for a in AMPLITUDES]
-    settings = FitSettings(starts=2, polished=1, tasting_evaluations=5, evaluations=25, tolerance=1e-5)
+    settings = FitSettings(starts=2, polished=1, short_evaluations=5, evaluations=25, tolerance=1e-5)
     training, fast = [records[k] for k in TRAINING], [records[k] for k in FAST]
     fits = {m.name: m.fit(training, fast, settings) for m in (ReliefValve(), ReliefValveOrifice())}
     esr = {}

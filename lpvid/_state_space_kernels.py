@@ -115,7 +115,7 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
     table (entries, 6): parameter, array (0 A, 1 B, 2 f, 3 K, 4 C, 5 D, 6 g), function, row, column, sign. ψ are
     parameters of what makes φ and u: d_phi (n, M, s) and d_u (n, nu, s) are their derivatives, s may be 0. State x
     (nx,) and its sensitivities moved (nx, nx + parameters), x0 first and ψ last, are carried from call to call. block
-    (columns, height) is filled from row `row0` on, as `ChunkedQR` wants it.
+    (columns, height) is filled from row `row0` on, as `ChunkedQR` takes it.
     """
     A, B, C, D, f, g, K = matrices
     ny, nx, nu, width = C.shape[1], A.shape[1], u.shape[1], moved.shape[1]

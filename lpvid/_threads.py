@@ -24,7 +24,7 @@ class _Crew:
         self.busy = 1
 
     def hire(self, wanted: int) -> int:
-        """As many of the threads that are wanted as there are processors for, at least the one that asks."""
+        """As many of the threads that are wanted as there are processors for, at least the calling one."""
         with self.lock:
             found = max(min(wanted, processors() - self.busy + 1, MOST_WORKERS), 1)
             self.busy += found - 1

@@ -12,7 +12,7 @@ import numpy as np
 MAX_DAMPING = 1e12
 """of unit columns: a step is then a part in 1e12 of the way down the gradient."""
 ROUNDING = 1e-14
-"""a fall of the cost by less than this share cannot be told from rounding."""
+"""a fall of the cost by less than this share is within rounding."""
 CONVERGED = "the cost no longer falls"
 LIMIT = "the limit of iterations"
 STUCK = "no shorter step helps"

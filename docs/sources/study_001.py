@@ -120,7 +120,7 @@ UNIT_2 = Device(relief_pressure=0.9 * 4.6e6, compressibility=5e-9, play=1e-4)
 
 def fit_models(records: list[lpv.Record]) -> dict[str, LagDamper]:
     """Baseline (7)-(8) and extended model (9)-(10), fitted to the training amplitudes of unit 1."""
-    settings = FitSettings(starts=3, polished=1, tasting_evaluations=8, evaluations=40, tolerance=1e-6)
+    settings = FitSettings(starts=3, polished=1, short_evaluations=8, evaluations=40, tolerance=1e-6)
     training = [records[k] for k in TRAINING]
     return {
         name: model.fit(training, settings=settings).damper  # type: ignore[misc]

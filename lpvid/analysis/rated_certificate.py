@@ -26,7 +26,7 @@ RATE = "_rate"
 class RatedGainCertificate(StorageCertificate):
     """A storage function ξᵀP(p)ξ, x = Tξ, that bounds the gain of a loop with scheduling p and ṗ, both read by it.
 
-    To a `GainCertificate` the variables ``p_rate`` would be free of p: it asks for He(PA(p, v)) + Ṗ(p, ṗ) at every v
+    To a `GainCertificate` the variables ``p_rate`` would be free of p: it needs He(PA(p, v)) + Ṗ(p, ṗ) at every v
     and ṗ. Here v = ṗ. With A affine in v the inequality is affine in ṗ, so that corners of the rates suffice at each p;
     it is looked at on a grid of p.
 

@@ -152,7 +152,7 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
 
 @dataclass(frozen=True, eq=False)
 class _Nominal:
-    """The system with p = 0, or p = q for blocks that follow, as `frame_of` asks for it."""
+    """The system with p = 0, or p = q for blocks that follow, as `frame_of` takes it."""
 
     base: Driven
     blocks: tuple[Block, ...]

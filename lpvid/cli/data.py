@@ -151,14 +151,16 @@ def rates(given: Sequence[str] | None, names: Sequence[str]) -> float | dict[str
     Returns
     -------
     float, dict of str to float or None, or None
-        Largest rates of change, in the unit of the variable per second; None for one that was not named: any rate. A
-        name outside `names` is kept.
+        Largest rates of change, in the unit of the variable per second; None for one that was not named: any rate.
 
     Raises
     ------
     InputError
-        A value that is no finite number, or one without a name beside others.
+        A value that is no finite number, one without a name beside others, or a variable that the model does not have
+        or that is named twice.
     """
+    from lpvid import _checks
+
     listed = split_names(given)
     if not listed:
         return None
@@ -169,7 +171,10 @@ def rates(given: Sequence[str] | None, names: Sequence[str]) -> float | dict[str
         name, equals, value = text.partition("=")
         if not equals:
             raise InputError("--rate takes R, or NAME=R for each variable", got=repr(text))
-        found[name.strip()] = _number(value, "--rate")
+        name = _checks.known_name(name.strip(), names, "scheduling variable")
+        if found[name] is not None:
+            raise InputError(f"--rate names '{name}' twice", got=", ".join(listed))
+        found[name] = _number(value, "--rate")
     return found
 
 

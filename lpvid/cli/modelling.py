@@ -199,7 +199,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     ----------
     request : Request
     training, held_out : sequence of Record
-        What the fit sees, and what it does not.
+        Data of the fit, and data held out.
     everything : sequence of Record
         The raw records, for the audit.
     report_progress : callable
@@ -207,7 +207,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
 
     Returns
     -------
-    Outcome
+    ReportedIdentification
 
     Raises
     ------

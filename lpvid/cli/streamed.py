@@ -92,7 +92,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
 
     Returns
     -------
-    Outcome
+    ReportedIdentification
 
     Raises
     ------

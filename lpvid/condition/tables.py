@@ -62,7 +62,7 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
 
     Parameters
     ----------
-    table : Table
+    table : ColumnTable
     where : str
         The file, for messages.
     name : str

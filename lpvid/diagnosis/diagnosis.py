@@ -299,11 +299,14 @@ class Errors:
         Squared error over the output's squared deviation from its mean; 1 for a constant at that mean.
     rmse : float
         Root mean square of the error on held-out samples, in the output's unit.
+    part : {"held-out", "training"}
+        What `esr_held_out` and `rmse` are of: "training" where nothing was held out, as in an interrupted diagnosis.
     """
 
     esr_training: float
     esr_held_out: float
     rmse: float
+    part: str = "held-out"
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -311,9 +314,10 @@ class Errors:
         Returns
         -------
         dict
-            ``esr`` with ``training`` and ``held_out``, and ``rmse``.
+            ``esr`` with ``training`` and ``held_out`` (None where nothing was held out), and ``rmse``.
         """
-        return {"esr": {"training": self.esr_training, "held_out": self.esr_held_out}, "rmse": self.rmse}
+        return {"esr": {"training": self.esr_training,
+                        "held_out": self.esr_held_out if self.part == "held-out" else None}, "rmse": self.rmse}
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,7 +358,7 @@ class Diagnosis(Shown):
         What was done to the data, and what to beware of.
     complete : bool
         False after an interruption.
-    weights : Weights or None
+    weights : SetProbabilities or None
         Of sets and families, where the engine weighs them.
     """
 
@@ -383,7 +387,7 @@ class Diagnosis(Shown):
 
     @property
     def gain_percent(self) -> float:
-        """100 (1 − ESR_extended/ESR_baseline), held-out."""
+        """100 (1 − ESR_extended/ESR_baseline), held-out; of `Errors.part` where nothing was held out."""
         if not self.before.esr_held_out > 0:
             return 0.0
         return 100.0 * (1.0 - self.after.esr_held_out / self.before.esr_held_out)
@@ -424,15 +428,16 @@ class Diagnosis(Shown):
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.reason}",
-                 f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training, "
-                 f"{self.before.esr_held_out:.4g} held-out ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
+                 f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training"
+                 + (f", {self.before.esr_held_out:.4g} held-out" if self.before.part == "held-out" else "")
+                 + f" ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
                   + ("" if c.probability is None else f", probability {c.probability:.2f}")
                   for c in self.causes[:3]]
         lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
             other = f"; {', '.join(self.stand_ins)} stands in for a cause that is not known" if self.stand_ins else ""
-            lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} held-out, "
+            lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} {self.after.part}, "
                          f"gain {self.gain_percent:.1f} %{other}")
         if self.wrong:
             lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"

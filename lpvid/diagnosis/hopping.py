@@ -48,7 +48,7 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     composition : Composition
     vector : (P,) array
     cost : float

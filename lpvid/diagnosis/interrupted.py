@@ -27,7 +27,7 @@ class BestSoFar:
     vector : (P,) array
     probability : float
         Its share among the sets that were visited.
-    weights : Weights
+    weights : SetProbabilities
         Of those sets.
     """
 
@@ -57,7 +57,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     ----------
     baseline : Baseline
         Fitted, if the fit had ended.
-    prepared : Prepared
+    prepared : PreparedRecords
     stage : str
         What was being done.
     best : BestSoFar, optional
@@ -66,7 +66,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     Returns
     -------
     Diagnosis
-        Of verdict ``cannot-tell``, with ``complete`` False; nothing was held out of its errors.
+        Of verdict ``cannot-tell``, with ``complete`` False; its errors are all of training samples.
     """
     signals = tuple(baseline.signals(r) for r in prepared.training)
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
@@ -91,4 +91,4 @@ def _figures(problem: DiagnosisProblem, composition: Composition, vector: np.nda
     """Free-run errors on the training samples."""
     stacked = problem.stack(problem.errors(composition, vector))
     esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)
-    return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))))
+    return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))), "training")

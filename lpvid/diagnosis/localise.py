@@ -49,7 +49,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[W
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Free-run errors, per record.
 

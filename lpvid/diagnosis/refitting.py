@@ -39,7 +39,7 @@ class Refit:
 
     Attributes
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     composition : Composition
     vector : (P,) array
     cost : float
@@ -234,7 +234,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     composition : Composition
     start : (P,) array
     fold : {None, 0, 1}

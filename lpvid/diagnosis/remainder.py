@@ -32,7 +32,7 @@ def predictable_share(
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record.
     channels : sequence of str

@@ -219,7 +219,7 @@ def screen(
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     fit : Refit
         What the directions were taken around.
     found : sequence of Direction

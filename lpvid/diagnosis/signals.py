@@ -69,7 +69,7 @@ class Signals:
         along those, and comes here by `refined`.
     peers : tuple of Signals
         All records of a diagnosis, as recorded: what one measurement did to all of them shows in all together.
-    stretches : tuple of Stretch
+    stretches : tuple of SignalStretch
         Where these are cut together from stretches of records, what they are; else empty.
     repeats : (Signals, int), optional
         Signals of which these repeat all but the velocity so many times, one repetition after the other.
@@ -162,6 +162,9 @@ class Signals:
 
     def replace(self, **channels: np.ndarray) -> Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`.
+
+        `coarse` and `repeats` are dropped, for they hold other channels than these now: code that reads none of the
+        replaced channels along them puts them back (`dataclasses.replace`).
 
         Parameters
         ----------

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.exporting import Content, Export, written
 from lpvid.export.python_control import frozen_grid, linear_model
@@ -43,14 +44,20 @@ def csv_content(found: Exportable, precision: str = "double") -> Content:
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : str
-        Has no effect: a table holds every digit.
+    precision : {"double"}
 
     Returns
     -------
     Content
         Parameters, trajectory and, of an LPV model, frozen matrices; always passed, since nothing is run.
+
+    Raises
+    ------
+    InputError
+        Another precision.
     """
+    if precision != "double":
+        raise InputError("tables hold every number in double precision", got=precision, mend="leave --precision out")
     program = found.program
     rows = [(q.name, " ".join(str(i + 1) for i in place), float(q.start[place]), q.unit, q.description)
             for q in program.parameters for place in np.ndindex(q.shape)]

@@ -117,7 +117,7 @@ def flow_of(noun: Any, options: Options | None = None) -> Any:
 
     Returns
     -------
-    Flow or None
+    lpvid.export.flow.Flow or None
         By the first exporter that accepts the noun.
     """
     for exporter in () if isinstance(noun, Exportable) else exporters():
@@ -143,7 +143,7 @@ def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
     Raises
     ------
     InputError
-        A name that is no input, a value outside the range that the model knows, or no input left.
+        A name that is no input, a value outside the model's range, or no input left.
     """
     if not at:
         return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 FUNCTIONS = ("tanh", "exp", "sqrt", "sin", "cos", "fabs", "floor", "pow", "fmin", "fmax")
-"""Functions of the C library that a program may call; every printer knows them."""
+"""Functions of the C library that a program may call; every printer has them."""
 
 
 class Expr:

@@ -99,10 +99,10 @@ def _state_space_flow(model: LPVStateSpace, options: Options) -> Flow:
     phi = vector(b, "basis", basis_values(b, model.basis, {n: (lambda i, at=at: at) for n, at in p.items()}))
     x = b.states("x", np.zeros(model.order), "", "states") if model.order else None
     if x is not None:
-        ahead = mixed(b, model, phi, x, driven, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
+        ahead = mixed(b, phi, x, driven, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
         for i in range(model.order):
             b.rate(x[i], ahead[i])
-    y = mixed(b, model, phi, x, driven, ("C", model.C), ("D", model.D), ("g", model.output_offset), model.n_outputs)
+    y = mixed(b, phi, x, driven, ("C", model.C), ("D", model.D), ("g", model.output_offset), model.n_outputs)
     for o, signal in enumerate(model.outputs):
         b.output(signal.name, y[o], signal.unit, f"output {signal.name}")
     program = b.program()

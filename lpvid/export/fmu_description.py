@@ -12,7 +12,7 @@ from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.units import base_exponents
 
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-"""Base units that FMI knows."""
+"""Base units of FMI."""
 STRUCTURED = 500
 """Variables up to which their names are declared structured: FMPy 0.3.32 parses each such name for some 10 ms."""
 

@@ -208,7 +208,7 @@ def _basis_program(model: LPVStateSpace) -> StepProgram:
 
 
 def _data_function(name: str, model: LPVStateSpace) -> str:
-    """[A, B, C, D, E, dx0, x0, u0, y0, Delays] = NAME_data(t, p), as lpvss wants it."""
+    """[A, B, C, D, E, dx0, x0, u0, y0, Delays] = NAME_data(t, p), as lpvss takes it."""
     program = _basis_program(model)
     given = [f"u.{q.name} = q({i + 1});" for i, q in enumerate(program.inputs)]
     size = model.basis.size

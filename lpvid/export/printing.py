@@ -231,7 +231,7 @@ class Printer(ABC):
         return self.assign.format(name, value)
 
     def broken(self, line: str) -> list[str]:
-        """A line as the language wants long ones.
+        """A line, broken as the language has long ones.
 
         Parameters
         ----------

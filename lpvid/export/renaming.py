@@ -19,7 +19,8 @@ def renamed(model: Any, names: Mapping[str, str]) -> Any:
 
     Returns
     -------
-    The same kind of model, with the metadata as they were.
+    model
+        Of the same kind, with the metadata as they were.
 
     Examples
     --------

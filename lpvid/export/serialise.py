@@ -221,7 +221,8 @@ def load(path: str | os.PathLike) -> Any:
 
     Returns
     -------
-    The object: for a model file an LPVTransferFunction or an LPVStateSpace.
+    object
+        For a model file an LPVTransferFunction or an LPVStateSpace.
 
     Raises
     ------

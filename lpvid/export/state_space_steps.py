@@ -38,13 +38,13 @@ def state_space_program(model: LPVStateSpace, name: str, clamp: bool = False,
     at = drive(b, model, clamp)
     phi, u = vector(b, "basis", at.phi), vector(b, "driving", at.u)
     x = b.states("x", np.zeros(model.order), "", "states") if model.order else None
-    y = mixed(b, model, phi, x, u, ("C", model.C), ("D", model.D), ("g", model.output_offset), model.n_outputs)
+    y = mixed(b, phi, x, u, ("C", model.C), ("D", model.D), ("g", model.output_offset), model.n_outputs)
     given: list[Expr] = [y[o] for o in range(model.n_outputs)]
     short: list[Expr] = []
     if law is not None:
         given, short = _limited(b, law, given)
     if x is not None:
-        ahead = mixed(b, model, phi, x, u, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
+        ahead = mixed(b, phi, x, u, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
         if law is not None and np.any(law.gain):
             table = b.table("E", law.gain, "", "anti-windup gain: basis function, state, control")
             with b.loop("function", phi.shape[0]) as f, b.loop("row", model.order) as i:
@@ -57,7 +57,7 @@ def state_space_program(model: LPVStateSpace, name: str, clamp: bool = False,
     return b.program()
 
 
-def mixed(b: StepBuilder, model: LPVStateSpace, phi: Array, x: Array | None, u: Array, by_state: tuple[str, np.ndarray],
+def mixed(b: StepBuilder, phi: Array, x: Array | None, u: Array, by_state: tuple[str, np.ndarray],
           by_input: tuple[str, np.ndarray], offset: tuple[str, np.ndarray], size: int) -> Array:
     """Σ_m φ_m (M_m x + N_m u + f_m); what is zero throughout is left out.
 
@@ -65,8 +65,6 @@ def mixed(b: StepBuilder, model: LPVStateSpace, phi: Array, x: Array | None, u: 
     ----------
     b : StepBuilder
         Program that the statements and tables are added to.
-    model : LPVStateSpace
-        That of these matrices; it has no effect.
     phi : (M,) Array
         Values of the basis at this sample.
     x : (n,) Array or None

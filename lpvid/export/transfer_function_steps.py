@@ -177,7 +177,7 @@ def equation(b: StepBuilder, model: LPVTransferFunction, at: LinearPartInput, pa
     ----------
     b : StepBuilder
     model : LPVTransferFunction
-    at : Drive
+    at : LinearPartInput
         Filter inputs and basis at this sample.
     past_outputs : (na, n_outputs) array
         Outputs before the first sample, the newest first.

@@ -60,7 +60,7 @@ def read_table(path: Path) -> ColumnTable:
 
     Returns
     -------
-    Table
+    ColumnTable
 
     Raises
     ------

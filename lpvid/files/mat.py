@@ -39,7 +39,7 @@ def read_table(path: Path) -> ColumnTable:
 
     Returns
     -------
-    Table
+    ColumnTable
 
     Raises
     ------

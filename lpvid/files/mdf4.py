@@ -25,7 +25,7 @@ def read_table(path: Path) -> ColumnTable:
 
     Returns
     -------
-    Table
+    ColumnTable
         The master channel as ``time`` [s], every numeric channel with its unit; the rest left out, with a note.
 
     Raises

@@ -27,7 +27,7 @@ def read_table(path: Path) -> ColumnTable:
 
     Returns
     -------
-    Table
+    ColumnTable
 
     Raises
     ------

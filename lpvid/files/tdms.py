@@ -23,7 +23,7 @@ def read_table(path: Path) -> ColumnTable:
 
     Returns
     -------
-    Table
+    ColumnTable
         Numeric channels with their ``unit_string``, named ``group/channel`` where two groups share a name; the period
         from the waveform's ``wf_increment`` when every channel states the same.
 

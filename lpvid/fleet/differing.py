@@ -20,7 +20,7 @@ PER_PARAMETER = 5
 SIMULATED = 20_000
 """Files of simulated healthy fleets: their 99 % point has a standard error of 1 to 2 %."""
 FEWEST = 8
-"""Files without which a spread between them is no more than a guess: the median absolute deviation of 8 normal values
+"""Files without which a spread between them is not known: the median absolute deviation of 8 normal values
 has a relative standard error of 40 %."""
 
 
@@ -204,7 +204,7 @@ def differing_residuals(levels: Mapping[str, float], fdr: float = 0.05) -> Diffe
 
     A fault outside the model's structure (dry friction, for example) need not move its parameters, but the model cannot
     describe it. The logarithm of the level is taken as normal about the fleet's median, as in `differing`, and both
-    tails count: a fault can also swallow what the structure fails to describe.
+    tails count: a fault can also hide what the structure fails to describe.
 
     Parameters
     ----------

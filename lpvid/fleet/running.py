@@ -49,7 +49,7 @@ class FleetResult:
     Attributes
     ----------
     plan : FleetPlan
-    outcomes : mapping of str to mapping of str to Outcome
+    outcomes : mapping of str to mapping of str to StepOutcome
         By file, then by step.
     found : Identification or None
         The one model of all files that do not differ.

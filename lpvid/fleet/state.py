@@ -66,7 +66,7 @@ def short_hash(about: object) -> str:
     Parameters
     ----------
     about : object
-        Bytes, or what its representation tells apart.
+        Bytes, or anything with a representation of its own.
 
     Returns
     -------

@@ -7,10 +7,11 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from lpvid.identification.streaming import stream_factor
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
 
+if TYPE_CHECKING:
+    from lpvid.files.streaming import Chunks
+
 LARGE = 256e6
 """Bytes of a CSV or Parquet file above which it is read in parts."""
 ROWS = 500_000
@@ -29,7 +33,7 @@ ROWS = 500_000
 
 
 def audit(job: Job, plan: FleetPlan) -> StepOutcome:
-    """`lpvid inspect` in a process of its own, and the range of the channels in use.
+    """`lpvid inspect` in a process of its own.
 
     Parameters
     ----------
@@ -61,24 +65,26 @@ def scan(job: Job, plan: FleetPlan) -> StepOutcome:
     -------
     StepOutcome
         Its message holds as JSON: low, high and units of each variable, samples, duration [s] and sample_time [s].
-        Refused for a record without a uniform clock or without a channel.
+        Refused for a file without a record, a record without a uniform clock or without a channel.
     """
 
     def work() -> str:
         names = plan.structure.basis.names
         low, high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
         units: tuple[str, ...] = ("",) * len(names)
-        samples, duration = 0, 0.0
+        samples, duration, period = 0, 0.0, None
         for record in records(job, plan, None):
             if record.sample_time is None:
                 raise InputError(f"record '{record.name}' has no uniform clock", mend="resample it before")
             for name in plan.structure.channels:
                 record.channel(name)
             p = record.matrix(names)
-            low, high = np.fmin(low, np.nanmin(p, axis=0)), np.fmax(high, np.nanmax(p, axis=0))
+            low, high = np.fmin(low, np.fmin.reduce(p)), np.fmax(high, np.fmax.reduce(p))
             units = tuple(record.unit(n) for n in names)
             samples, duration = samples + record.n_samples, duration + record.duration
             period = record.sample_time
+        if period is None:
+            raise InputError(f"'{job.path}' holds no record", mend="leave it out")
         data = {"low": low.tolist(), "high": high.tolist(), "units": units, "samples": samples, "duration": duration,
                 "sample_time": period}
         return json.dumps(data)
@@ -143,10 +149,14 @@ def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Step
 
     def work() -> str:
         from lpvid.export.serialise import load
+        from lpvid.files.streaming import Chunks
         from lpvid.validation import validate
 
         fitted = load(model)
-        found = validate(fitted, list(records(job, plan, rate)), label="training")
+        data = records(job, plan, rate)
+        if isinstance(data, Chunks) and plan.structure.basis.lags[0] < 0:
+            data = list(data)  # no stream reads the scheduling ahead of time
+        found = validate(fitted, data, label="training")
         free = found.overall.free_run
         return json.dumps({"esr": free.esr, "rmse": free.rmse, "unit": free.rmse_unit, "mean_error": free.mean_error,
                            "diverged": free.diverged_at is not None})
@@ -258,8 +268,8 @@ def _diagnosis(step: str, job: Job, plan: FleetPlan, paths: Sequence[Path], base
     return _command(step, job, plan, words, f"{stamp(job.path, plan.key('diagnose'))}-{tag}")
 
 
-def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:
-    """The file's records at one rate; a large file in parts where its rate is right already.
+def records(job: Job, plan: FleetPlan, rate: float | None) -> Sequence[Record] | Chunks:
+    """The file's records at one rate; a large file in parts, where nothing has to be made of it as a whole.
 
     Parameters
     ----------
@@ -272,18 +282,32 @@ def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:
 
     Returns
     -------
-    iterable of Record
-        Of a file above `LARGE` its parts as they are: neither resampled nor with derived channels.
+    sequence of Record or Chunks
+        Of a CSV or Parquet file above `LARGE` its parts, at most `ROWS` samples each, where its first part has this
+        rate already and no channel has to be derived: both need whole records.
     """
     from lpvid.condition import segments, with_derived
     from lpvid.files import read
     from lpvid.files.streaming import read_chunks
 
-    if job.path.stat().st_size > LARGE and job.path.suffix.lower() in (".csv", ".parquet"):
-        return read_chunks(job.path, ROWS, roles=plan.roles)
     channels = plan.structure.channels
+    if job.path.stat().st_size > LARGE and job.path.suffix.lower() in (".csv", ".parquet"):
+        parts = read_chunks(job.path, ROWS, roles=plan.roles)
+        first = next(iter(parts), None)
+        if first is None or _usable(first, channels, rate):
+            return parts
     found = with_derived(read(job.path, roles=plan.roles), channels)
     return found if rate is None else segments(found, channels, sample_rate=rate, minimum=1)
+
+
+def _usable(part: Record, channels: Sequence[str], rate: float | None) -> bool:
+    """Whether a part of a record is at the rate requested, with all that a model reads measured."""
+    from lpvid.condition import with_derived
+    from lpvid.condition.segmentation import RATE_TOLERANCE
+
+    base = part.time_base
+    timely = rate is None or (base.steady and abs(rate * base.period - 1) <= RATE_TOLERANCE)
+    return timely and list(with_derived([part], channels)[0].channels) == list(part.channels)
 
 
 def read_factor(job: Job) -> Factor:

@@ -256,7 +256,7 @@ class ARX(Structure):
         return self.solved(records, box, self.factor(records, box))
 
     def places(self) -> np.ndarray:
-        """(columns, 4) part, lag index, signal and basis function of every regressor column, as in a `Layout`.
+        """(columns, 4) part, lag index, signal and basis function of every regressor column, as in a `ParameterLayout`.
 
         Returns
         -------

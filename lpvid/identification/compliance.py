@@ -28,7 +28,7 @@ LAGS = (0.3, 3.0)
 """starting time constants of the series spring at the law's steep part, in samples."""
 KNEES = (0.05, 0.25)
 """starting knees of the law, as shares of the largest speed."""
-TASTE = 15
+SHORT_SEARCH = 15
 """iterations from every start before the best one is followed to its end on all data."""
 SAMPLES = 12_000
 """samples on which the starts are compared."""
@@ -144,14 +144,14 @@ class Compliance(Structure):
             for model in self._starts(records, box, basis.bound(box) if box.names else basis):
                 problem = ComplianceProblem.of(sample, model, free, self.asymmetric)
                 start = problem.with_linear_terms(problem.start())
-                found = self._search(problem, start, min(TASTE, self.max_iterations))
+                found = self._search(problem, start, min(SHORT_SEARCH, self.max_iterations))
                 if found is not None:
                     tried.append((problem, found))
             if not tried:
                 raise NumericalError("no start of the compliance search gives a finite run; look at the data's scale")
-            tasted_problem, tasted = min(tried, key=lambda t: t[1].cost)
-            problem = ComplianceProblem.of(records, tasted_problem.model, free, self.asymmetric)
-            found = self._search(problem, tasted.trial.x, self.max_iterations)
+            best_problem, best = min(tried, key=lambda t: t[1].cost)
+            problem = ComplianceProblem.of(records, best_problem.model, free, self.asymmetric)
+            found = self._search(problem, best.trial.x, self.max_iterations)
             assert found is not None
             return package(self, problem.model_at(found.trial.x), problem, found, records,
                            (f"best of {len(tried)} starts",), problem.matrix)

@@ -52,7 +52,7 @@ class RightCoprime(Structure):
     basis : Basis
         Dependence on p(k).
     direct : bool
-        Whether the output sees u(k) at once.
+        Whether u(k) acts on y(k) directly.
     affine : int
         Affine terms: the first is c_0(p) on the output, further ones filter the constant 1 as an input of its own.
     stage, schedule_filter

@@ -147,7 +147,7 @@ def refit_form(realization: Realization | LPVTransferFunction, records: Record |
     realization : Realization or LPVTransferFunction
         What `realize` returned, or the transfer function with `form`.
     records, held_out : Record or sequence of Record
-        Training data, and data that no fit sees.
+        Training data, and data that no fit uses.
     form : {"controllable", "observable"}, optional
         Needed with a transfer function only.
     stages : bool

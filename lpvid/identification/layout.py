@@ -15,7 +15,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 
 
 class ModelLayout(Protocol):
-    """What a result asks of a layout, whatever kind of model it belongs to."""
+    """What a result needs of a layout, whatever kind of model it belongs to."""
 
     @property
     def size(self) -> int:

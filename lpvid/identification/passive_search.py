@@ -62,9 +62,9 @@ class PassiveSearch:
 
     Parameters
     ----------
-    problem : Problem
+    problem : PredictionErrorProblem
         Of output error, from measured starts.
-    layout : Layout
+    layout : ParameterLayout
     speed, force : float
         rms of input and output.
     offset : bool

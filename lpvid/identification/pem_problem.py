@@ -73,7 +73,7 @@ class PredictionErrorProblem:
         With bound basis, and stages as objects.
     model : LPVTransferFunction
         Model of that structure (its values serve as a start).
-    layout : Layout
+    layout : ParameterLayout
     noise : NoiseModel
         Kind and orders.
     free_stages : (bool, bool)

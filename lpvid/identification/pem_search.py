@@ -53,7 +53,7 @@ class Campaign:
 
     Attributes
     ----------
-    coarse, problem : Problem
+    coarse, problem : PredictionErrorProblem
         On a sample of the data, and on all.
     bounds : pair of arrays
     starts : int

@@ -71,7 +71,7 @@ class IVProblem:
         One output, bound basis, stages as objects.
     model : LPVTransferFunction
         A model of that structure.
-    layout : Layout
+    layout : ParameterLayout
     """
 
     def __init__(

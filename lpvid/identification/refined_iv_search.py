@@ -34,7 +34,7 @@ class RefinedIvEnd:
     Attributes
     ----------
     theta : (k,) array
-    run : Run
+    run : AuxiliaryRun
     noise : ARMA
     innovations : tuple of (n,) arrays
     factor : (2k + 1, 2k + 1) array
@@ -293,7 +293,7 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     Parameters
     ----------
     problem : IVProblem
-    found : Found
+    found : RefinedIvEnd
     white : bool
         Whether the innovations of the noise model are white by construction.
 

@@ -27,7 +27,7 @@ class Identification(Shown):
     model : LPVTransferFunction or LPVStateSpace
     structure : Structure
         The settings that led to it.
-    layout : Layout or StateSpaceLayout
+    layout : ParameterLayout or StateSpaceLayout
         Where each parameter stands in the model.
     covariance : (k, k) array
         Covariance of the parameters, conditional on a fitted input stage; for equation noise that is white.

@@ -99,7 +99,7 @@ class Ridge(Encoded):
 
         Returns
         -------
-        solution : Solution
+        solution : RegressionEstimate
             Its covariance is that of the posterior.
         strength : float
             λ as given or chosen.

@@ -21,7 +21,7 @@ class RowStream:
     """Turns samples into rows [x y] of a regression; what was pushed before serves as the past.
 
     The rows are those that the whole record at once would give: the last `start` samples are kept, as many more as a
-    scheduling filter remembers, and a row whose basis reads p ahead waits for it.
+    scheduling filter reaches back, and a row whose basis reads p ahead waits for it.
 
     Parameters
     ----------

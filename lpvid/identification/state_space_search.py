@@ -417,7 +417,7 @@ def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, 
 
     Returns
     -------
-    Search
+    StateSpaceSearchEnd
     """
     with single_thread():
         found = _levenberg(model, layout, data, iterations, free_coordinates, stable)

@@ -238,7 +238,7 @@ def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:
 class _Batch:
     """One QR over all rows: written into its workspace from each piece and the samples before it that lags reach.
 
-    A scheduling filter and a basis that reads ahead go through a `RowStream`, which remembers what they need.
+    A scheduling filter and a basis that reads ahead go through a `RowStream`, which keeps what they need.
     """
 
     def __init__(self, arx: ARX, box: Scheduling | None, period: float) -> None:

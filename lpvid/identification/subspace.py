@@ -72,7 +72,7 @@ class Subspace(Structure):
     basis : Basis
         Dependence on p(k), the same for all matrices.
     direct : bool
-        Whether y sees u at once (D).
+        Whether u(k) acts on y(k) directly (D).
     affine : bool
         Offsets f(p) and g(p).
     kernel : bool or None

@@ -23,7 +23,7 @@ SPAN = 1024
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One record, scaled: letters φ (n, M), past signals z (n, nz), what the output sees at once (n, nd), y (n, ny).
+    """One record, scaled: letters φ (n, M), past signals z (n, nz), what acts on y directly (n, nd), y (n, ny).
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def number_of_words(letters: int, signals: int, direct: int, past: int) -> int:
     signals : int
         Past signals nz.
     direct : int
-        Signals that the output sees at once, nd.
+        Signals that act on the output directly, nd.
     past : int
         Longest word.
 

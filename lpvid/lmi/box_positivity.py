@@ -106,7 +106,7 @@ def everywhere(evaluate: Evaluate, points: Sequence[Axis], moves: Sequence[Axis]
 
     Returns
     -------
-    Positivity
+    bernstein.Positivity
         Its bound is already less the errors of rounding and interpolation.
 
     Examples

@@ -183,7 +183,7 @@ def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None
 
     Parameters
     ----------
-    problem : Inequality
+    problem : LyapunovInequality
     budget : int, optional
         Matrices that subdivision may examine; left out, about a second's worth.
 

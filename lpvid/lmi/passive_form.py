@@ -1,4 +1,4 @@
-"""What passivity asks of an input-output model: a storage function of its past, and what its input stage can give.
+"""What passivity requires of an input-output model: a storage function of its past, and what its input stage can give.
 
 With x(k) = [y(k−1) … y(k−na), u(k−1) …], the past itself, every model whose coefficients are taken at p(k) is
 

@@ -157,7 +157,7 @@ class LyapunovSearch:
         return self._storage(0.5 * (matrices + matrices.swapaxes(1, 2)), degree)
 
     def solved(self, degree: int, exponent: float = 0.0) -> Iterator[tuple[Storage, str]]:
-        """Candidates of a degree by semidefinite programming, with the solver's name; none where it sees no margin.
+        """Candidates of a degree by semidefinite programming, with the solver's name; none where it finds no margin.
 
         Parameters
         ----------

@@ -270,7 +270,7 @@ def hull_of(model: Model) -> Hull | None:
 
 
 def inside(model: Model, p: np.ndarray) -> np.ndarray:
-    """(n,) bool: samples of `p` (n, n_scheduling) in the training box and, where the model knows it, the hull.
+    """(n,) bool: samples of `p` (n, n_scheduling) in the training box and, where the model has one, the hull.
 
     Parameters
     ----------

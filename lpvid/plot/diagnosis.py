@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.condition.resampling import finite_runs
 from lpvid.plot.style import (
     BLUE,
     GREEN,
@@ -98,9 +99,32 @@ class BeforeAfter:
         return self.measured - self.before, self.measured - self.after
 
     @property
+    def baseline_error(self) -> tuple[bool, float]:
+        """Whether the baseline diverges, then its mean square error before: what records are compared by."""
+        error = self.errors[0]
+        known = error[np.isfinite(error)]
+        return known.size < error.size, float(np.mean(known**2)) if known.size else 0.0
+
+    @property
     def times(self) -> np.ndarray:
         """(n,) [s]."""
         return self.sample_time * np.arange(self.measured.size)
+
+
+def most_wrong(shown: Sequence[BeforeAfter]) -> BeforeAfter:
+    """The record on which the baseline is most wrong.
+
+    Parameters
+    ----------
+    shown : sequence of BeforeAfter
+        At least one.
+
+    Returns
+    -------
+    BeforeAfter
+        One on which the baseline diverges before any other, else that of the largest mean square error.
+    """
+    return max(shown, key=lambda s: s.baseline_error)
 
 
 def error_maps(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn | None:
@@ -128,7 +152,7 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> D
         figure, axes = panels(len(pairs), len(stages), height=2.9, width=WIDTH if extended else 5.6, ax=ax)
         for row, pair in enumerate(pairs):
             tables = [_table(shown, pair, k) for k in range(len(stages))]
-            top = max(float(np.nanmax(t[2])) for t in tables)
+            top = max((float(t[2][np.isfinite(t[2])].max()) for t in tables if np.isfinite(t[2]).any()), default=1.0)
             for ax, (x, y, cells), stage in zip(axes[row], tables, stages, strict=True):
                 mesh = ax.pcolormesh(x, y, cells.T, cmap="magma_r", vmin=0.0, vmax=top, rasterized=True)
                 ax.set_title(f"error {stage}")
@@ -144,12 +168,12 @@ def _joined(shown: Sequence[BeforeAfter], name: str) -> np.ndarray:
 
 
 def _table(shown: Sequence[BeforeAfter], pair: tuple[str, str], stage: int) -> tuple[np.ndarray, ...]:
-    """Cell edges and the root mean square error in each cell; NaN where there are few samples."""
+    """Cell edges and the root mean square error in each cell; NaN where there are few samples that the run reaches."""
     x, y = (_joined(shown, n) for n in pair)
     e = np.concatenate([s.errors[stage] for s in shown])
-    edges = [_edges(v) for v in (x, y)]
-    count = np.histogram2d(x, y, edges)[0]
-    power = np.histogram2d(x, y, edges, weights=np.where(np.isfinite(e), e, 0.0) ** 2)[0]
+    edges, known = [_edges(v) for v in (x, y)], np.isfinite(e)
+    count = np.histogram2d(x[known], y[known], edges)[0]
+    power = np.histogram2d(x[known], y[known], edges, weights=e[known] ** 2)[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         cells = np.where(count >= FEWEST, np.sqrt(power / count), np.nan)
     return (*edges, cells)
@@ -187,7 +211,9 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) ->
             place = np.digitize(x, edges) - 1
             for k, (colour, stated) in enumerate(STAGES[: 2 if extended else 1]):
                 e = np.concatenate([s.errors[k] for s in shown])
-                cells = [(x[place == j], e[place == j]) for j in range(edges.size - 1) if np.sum(place == j) >= FEWEST]
+                at_cell = np.where(np.isfinite(e), place, -1)  # none where a run has diverged
+                cells = [(x[at_cell == j], e[at_cell == j]) for j in range(edges.size - 1)
+                         if np.sum(at_cell == j) >= FEWEST]
                 at = [float(c.mean()) for c, _ in cells]
                 low, high = np.array([np.quantile(v, [0.25, 0.75]) for _, v in cells]).reshape(-1, 2).T
                 ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
@@ -206,7 +232,8 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
     Parameters
     ----------
     shown : sequence of BeforeAfter
-        The course over time is that of the first, the spectrum that of the longest.
+        The course over time is that of the first, the spectrum that of the longest; of a run that diverges up to
+        there.
     floor : float or None
         Noise [unit of the output]; None where it is not known.
     extended : bool
@@ -242,16 +269,25 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
 
 
 def _stretches(s: BeforeAfter, error: np.ndarray, count: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    """Middle [s] and root mean square of stretches; NaN from where a run has diverged."""
     size = max(error.size // count, 1)
     pieces = error[: error.size // size * size].reshape(-1, size)
-    return (np.arange(len(pieces)) + 0.5) * size * s.sample_time, np.sqrt(np.mean(pieces**2, axis=1))
+    known = np.isfinite(pieces).all(axis=1)
+    rms = np.full(len(pieces), np.nan)
+    rms[known] = np.sqrt(np.mean(pieces[known] ** 2, axis=1))
+    return (np.arange(len(pieces)) + 0.5) * size * s.sample_time, rms
 
 
 def _density(shown: Sequence[BeforeAfter], stage: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency [Hz] and error density of the longest run; of one that diverges, of its longest finite stretch."""
     from scipy.signal import welch
 
     longest = max(shown, key=lambda s: s.measured.size)
-    f, p = welch(longest.errors[stage], 1 / longest.sample_time, nperseg=min(1024, longest.measured.size))
+    error = longest.errors[stage]
+    first, last = max(finite_runs(error), key=lambda run: run[1] - run[0], default=(0, 0))
+    if last - first < 2:
+        return np.empty(0), np.empty(0)
+    f, p = welch(error[first:last], 1 / longest.sample_time, nperseg=min(1024, last - first))
     return f[1:], np.sqrt(p[1:])
 
 
@@ -346,7 +382,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Dra
     Parameters
     ----------
     shown : sequence of BeforeAfter
-        The record with the largest mean square error of the baseline is drawn.
+        The one that is drawn is `most_wrong`.
     extended : bool
         Whether anything was added, so that an after differs from the before.
     ax : matplotlib.axes.Axes or sequence of them, optional
@@ -357,7 +393,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Dra
     array of matplotlib.axes.Axes
         Output, error, then what moves.
     """
-    s = max(shown, key=lambda one: float(np.mean(one.errors[0] ** 2)))
+    s = most_wrong(shown)
     window = _worst(s.errors[0])
     t = s.times[window]
     extra = [n for n in ("current", "velocity") if n in s.channels and np.ptp(s.channels[n][window]) > 0]

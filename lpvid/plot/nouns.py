@@ -155,11 +155,13 @@ def _(noun: Diagnosis) -> Drawing | None:
         [("baseline", noun.before)]
 
     def draw(axes: Sequence[Axes]) -> None:
-        place = np.arange(2)
+        parts = ["training", "held-out"] if noun.before.part == "held-out" else ["training"]
+        place = np.arange(len(parts))
         for k, (name, figures) in enumerate(stages):
             shift = 0.4 * (k - 0.5 * (len(stages) - 1))
-            axes[0].bar(place + shift, [figures.esr_training, figures.esr_held_out], 0.36, color=CYCLE[k], label=name)
-        axes[0].set_xticks(place, ["training", "held-out"])
+            shares = [figures.esr_training, figures.esr_held_out][:len(parts)]
+            axes[0].bar(place + shift, shares, 0.36, color=CYCLE[k], label=name)
+        axes[0].set_xticks(place, parts)
         axes[0].set_ylabel(label("free-run ESR", "1"))
         axes[0].set_title(noun.verdict)
         axes[0].legend()

@@ -46,7 +46,7 @@ def bode(hertz: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[st
     Parameters
     ----------
     hertz : (n,) array
-    shown : sequence of Response
+    shown : sequence of FrozenResponse
     inputs : sequence of str
     units : sequence of str
         Of the magnitude, for each input.

@@ -25,14 +25,14 @@ def augmented(model: LPVTransferFunction) -> RealizationLayout:
 
     Returns
     -------
-    Layout
+    RealizationLayout
     """
     ny, nu, na, past = model.n_outputs, model.n_filter_inputs, model.na, max(model.n_lags - 1, 0)
     base, split, n = model.basis, na * ny, na * ny + past * nu
     arrays = {"A": Varying(n, n), "B": Varying(n, nu), "C": Varying(ny, n), "D": Varying(ny, nu),
               "state_offset": Varying(n), "output_offset": Varying(ny), "observer_gain": Varying(n, ny)}
     assert model.c is not None
-    # the output equation, written into y and into the slot that remembers y
+    # the output equation, written into y and into the slot that holds y
     targets = [("C", "D", "output_offset", slice(0, ny))]
     if na:
         targets.append(("A", "B", "state_offset", slice(0, ny)))

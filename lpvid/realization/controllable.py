@@ -29,7 +29,7 @@ def controllable(model: LPVTransferFunction) -> RealizationLayout:
 
     Returns
     -------
-    Layout
+    RealizationLayout
 
     Raises
     ------

@@ -28,7 +28,7 @@ def observable(model: LPVTransferFunction) -> RealizationLayout:
 
     Returns
     -------
-    Layout
+    RealizationLayout
     """
     return _observer(model, ahead=False)
 
@@ -50,7 +50,7 @@ def shifted_observable(model: LPVTransferFunction) -> RealizationLayout:
 
     Returns
     -------
-    Layout
+    RealizationLayout
     """
     return _observer(model, ahead=True)
 

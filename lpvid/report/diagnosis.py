@@ -123,12 +123,13 @@ def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]
 
 # -- sections --------------------------------------------------------------------------------------------------------
 def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
-    facts = [("free-run ESR, baseline, held-out", number(found.before.esr_held_out)),
+    part = found.before.part
+    facts = [(f"free-run ESR, baseline, {part}", number(found.before.esr_held_out)),
              ("rmse, baseline", number(found.before.rmse, 4, found.unit))]
     if extended:
-        facts += [("free-run ESR, extended, held-out", number(found.after.esr_held_out)),
+        facts += [(f"free-run ESR, extended, {part}", number(found.after.esr_held_out)),
                   ("rmse, extended", number(found.after.rmse, 4, found.unit)),
-                  ("gain, held-out", f"{found.gain_percent:.1f} %")]
+                  (f"gain, {part}", f"{found.gain_percent:.1f} %")]
     facts.append(("noise, from repeats", number(found.noise_floor, 4, found.unit) if found.noise_floor is not None
                   else "not known"))
     return tuple(facts)
@@ -256,11 +257,11 @@ def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) 
 
 
 def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension | None) -> list[Item]:
-    rows = [("baseline", number(found.before.esr_training), number(found.before.esr_held_out),
-             number(found.before.rmse, 4, found.unit), "–"),
-            ("extended model", number(found.after.esr_training), number(found.after.esr_held_out),
-             number(found.after.rmse, 4, found.unit), f"{found.gain_percent:.1f} %")]
-    items: list[Item] = [PageTable(("model", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
+    rows = [(name, number(e.esr_training), number(e.esr_held_out) if e.part == "held-out" else "–",
+             number(e.rmse, 4, found.unit), gain) for name, e, gain in (
+                 ("baseline", found.before, "–"), ("extended model", found.after, f"{found.gain_percent:.1f} %"))]
+    head = ("model", "ESR, training", "ESR, held-out", f"rmse, {found.after.part}", "gain")
+    items: list[Item] = [PageTable(head, tuple(rows),
                                f"Free run. Held out: {found.held_out}.", (1, 2, 3, 4), ("plain", "good"))]
     if lpv is not None:
         items.append(_lpv_table(lpv))
@@ -273,7 +274,7 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
 
 def _before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
     """Measured output, baseline and extended model over the record on which the baseline is most wrong."""
-    worst = max(shown, key=lambda s: float(np.nanmean((s.measured - s.before) ** 2)))
+    worst = draw.most_wrong(shown)
     unit = worst.unit or "1"
     runs = {"measured": worst.measured, "baseline": worst.before, "extended model": worst.after}
     errors = {n: worst.measured - runs[n] for n in ("baseline", "extended model")}

@@ -73,10 +73,10 @@ def verdict_grade(found: Validation) -> Mark:
     Returns
     -------
     {"good", "warn", "bad"}
-        Records whose output does not move are passed over.
+        Records whose output does not move are passed over (`Validation.judged`).
     """
     pooled = grade(found.overall.free_run.esr)
-    worst = [grade(r.free_run.esr) for r in found.records if r.free_run.esr is not None or r.free_run.diverged_at]
+    worst = [grade(r.free_run.esr) for r in found.judged]
     return "warn" if pooled == "good" and "bad" in worst else pooled
 
 

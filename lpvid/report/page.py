@@ -175,7 +175,7 @@ class Page:
     caveats : tuple of str
         What the verdict does not cover.
     sections : tuple of Section
-    steps : tuple of Step
+    steps : tuple of NextStep
         What to do next.
     origin : Origin or None
         How the page came about; the command line fills it in.

@@ -103,7 +103,7 @@ def plant_to_continuous(plant: PlantMatrices, sign: float) -> PlantMatrices:
 
 
 def around_feedthrough(controller: Matrices, d22: np.ndarray) -> Matrices:
-    """The controller that sees y where the design saw y − D22 u: K (I + D22 K)⁻¹.
+    """The controller that reads y where the design's read y − D22 u: K (I + D22 K)⁻¹.
 
     Parameters
     ----------

@@ -159,7 +159,7 @@ class ControllerFormula:
     ----------
     plant : BalancedPlant
     variations : Variations
-    pair : Pair
+    pair : MatrixPair
         In coordinates x = `inner`·x' of the balanced plant, in which the means of X and Y are one diagonal matrix.
     inner : (n, n) array
     gamma : float

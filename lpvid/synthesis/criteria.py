@@ -1,4 +1,4 @@
-"""What a design asks of its closed loop: bounds on gains between named signals, and regions for its poles."""
+"""What a design requires of its closed loop: bounds on gains between named signals, and regions for its poles."""
 
 from __future__ import annotations
 

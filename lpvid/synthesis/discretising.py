@@ -29,7 +29,7 @@ class Discretisation:
     Parameters
     ----------
     model : LPVStateSpace
-    rule : Rule
+    rule : SamplingRule
     sample_time : float
         [s]
     misfit : float
@@ -81,7 +81,7 @@ def discretise(
         Continuous.
     sample_time : float
         T [s].
-    rule : Rule, optional
+    rule : SamplingRule, optional
         `ZeroOrderHold()` if left out.
     basis : Basis, optional
         For the fit, instead of powers of the system's own.

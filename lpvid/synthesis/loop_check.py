@@ -71,7 +71,7 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
     Parameters
     ----------
     loop : (A, B, C, D), each (N, …)
-    v : Storage
+    v : LoopStorage
     corner : int
         Which corner of the rates.
 

@@ -213,7 +213,7 @@ class _MovingObjectives(ShapedProblem):
         return x, y, n, np.linalg.inv(n) @ whole
 
     def _controller_at(self, shaped: Shaped, points: np.ndarray) -> Matrices:
-        """(N, …) the controller of the scaled plant, which sees y − D22u."""
+        """(N, …) the controller of the scaled plant, which reads y − D22u."""
         m = self.coordinates.scaled(self.plant.at(points))
         x, y, n, mt = self._factors(shaped, points)
         q, f, command = (self._at(shaped, name, points) for name in "QFL")

@@ -344,7 +344,7 @@ def _scaled(plant: GeneralizedPlant, c: SignalCoordinates, turn: np.ndarray) -> 
 
 def _without_through(a: MatrixFunction, b: MatrixFunction, c: MatrixFunction, d: MatrixFunction, d22: MatrixFunction
                      ) -> tuple[MatrixFunction, MatrixFunction, MatrixFunction, MatrixFunction]:
-    """The controller that sees y where the design saw y − D22 u."""
+    """The controller that reads y where the design's read y − D22 u."""
     if not d22.coefficients.any():
         return a, b, c, d
     around = d @ d22 + np.eye(d.shape[0])

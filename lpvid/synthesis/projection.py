@@ -452,9 +452,9 @@ def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
 
     Parameters
     ----------
-    problem : Projected
+    problem : ProjectedInequalities
         The two inequalities.
-    pair : Pair
+    pair : MatrixPair
         X, Y and γ.
 
     Returns

@@ -247,7 +247,7 @@ def _fitting(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: floa
 
 def controller_at(plant: PlantMatrices, v: LyapunovPair, gamma: float, efforts: tuple[np.ndarray, np.ndarray],
                   d: np.ndarray) -> Matrices:
-    """The controller (N, …) at ṗ = 0, in the coordinates of `Lyapunov.blocks`.
+    """The controller (N, …) at ṗ = 0, in the coordinates of `LyapunovPair.blocks`.
 
     With P = X⁻¹, N = Y − P, F the state feedback and W ≻ 0 the slack of its inequality,
 

@@ -206,7 +206,7 @@ def _excited(system: LPVStateSpace) -> LPVStateSpace:
 
 
 def _seen(system: LPVStateSpace) -> LPVStateSpace:
-    """Without the states that no output ever sees."""
+    """Without the states that reach no output."""
     v = _invariant(system.A.swapaxes(1, 2), np.concatenate(list(system.C)).T)
     return _transformed(system, v.T, v)
 

@@ -44,7 +44,7 @@ class RobustDesign:
     gain : RobustGain or None
         Of that loop, certified: what to quote.
     nominal : RobustGain or None
-        The same for the controller that knows nothing of the uncertainty.
+        The same for the controller designed without the uncertainty.
     turns : tuple of float
         Certified bound after each turn; infinite where there was none.
     why, mend : str
@@ -92,7 +92,7 @@ class RobustFeedback:
     filters of its `poles`; a stable d with stable inverse is their spectral factor; `design` then lowers the gain of
     the plant above, of which the last controller keeps γ. Every bound below γ is one of the uncertain loop, with the
     same multipliers. A loop that is certified for part of the uncertainty only is first made robust to more of it.
-    Neither turn sees the other's unknowns, so that the result is a local optimum. What is reported is the bound of
+    Neither turn moves the other's unknowns, so that the result is a local optimum. What is reported is the bound of
     `lpv.robust_gain` for the loop with the controller as returned.
 
     Parameters

@@ -274,7 +274,7 @@ def remainder(rule: SamplingRule, size: float) -> float | None:
 
     Parameters
     ----------
-    rule : Rule
+    rule : SamplingRule
         The discretisation.
     size : float
         ‖A T‖, without unit.

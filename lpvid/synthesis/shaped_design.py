@@ -159,7 +159,7 @@ class ShapedProblem(ABC):
 
 
 Answers = Callable[[float], Iterator[tuple[ShapedProblem, Shaped]]]
-"""From a back-off to answers of inequalities, each with the problem that knows its coordinates."""
+"""From a back-off to answers of inequalities, each with the problem that has its coordinates."""
 
 
 def listed(value: T | Sequence[T], kind: type | tuple[type, ...] | UnionType, what: str) -> tuple[T, ...]:

@@ -68,7 +68,7 @@ def regimes(stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Se
 
     Parameters
     ----------
-    stretches : sequence of Stretch
+    stretches : sequence of FreeRunStretch
     input_name : str
     scheduling : sequence of (name, unit)
     sample_time : float

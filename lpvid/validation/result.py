@@ -20,14 +20,14 @@ class Validation(Shown):
     ----------
     label : str
         "training", "held-out" or "partly training".
-    overall : Pair
+    overall : FigurePair
         Pooled free-run and one-step figures.
     records : tuple of RecordFigures
     residual_tests : tuple of ResidualTest
         On one-step residuals.
     extrapolation_share : float
         Share of samples whose scheduling lies outside the training box, or outside the convex hull of the training
-        scheduling where the model knows it.
+        scheduling where the model has one.
     regimes : tuple of Regime
         Where the free run is wrong.
     k_steps : tuple of Figures
@@ -45,12 +45,16 @@ class Validation(Shown):
     k_steps: tuple[Figures, ...] = ()
 
     @property
+    def judged(self) -> tuple[RecordFigures, ...]:
+        """The records whose free run has a figure or diverges; the others' output does not move."""
+        return tuple(r for r in self.records if r.free_run.esr is not None or r.free_run.diverged_at is not None)
+
+    @property
     def worst(self) -> RecordFigures | None:
         """The record whose free run is worst: one that diverges, else the largest ESR; None for a single record."""
-        judged = [r for r in self.records if r.free_run.esr is not None or r.free_run.diverged_at is not None]
-        if len(judged) < 2:
+        if len(self.judged) < 2:
             return None
-        return max(judged, key=lambda r: np.inf if r.free_run.esr is None else r.free_run.esr)
+        return max(self.judged, key=lambda r: np.inf if r.free_run.esr is None else r.free_run.esr)
 
     def summary(self) -> str:
         """One line of figures.

@@ -21,7 +21,7 @@ from quartercar.dampers.parameter import Parameter
 STARTS = 6
 """points from which a search over a law's parameters may begin"""
 ROLES = ("displacement", "velocity", "current", "temperature")
-ROUGH = FitSettings(starts=4, polished=1, evaluations=15, tasting_evaluations=6, tolerance=1e-4)
+ROUGH = FitSettings(starts=4, polished=1, evaluations=15, short_evaluations=6, tolerance=1e-4)
 """search for a damper whose stiff run takes long: the diagnosis moves its parameters on from there"""
 AFFORDABLE = {"valve_frequency": (5.0, 1000.0), "valve_damping": (0.1, 100.0)}
 """a poppet that rings faster, or without damping, takes a stiff run minutes and no record shows it"""

@@ -25,7 +25,7 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     records : sequence of Record
         Uniform, with velocity and force.
     parameters : path, Damper or mapping, optional
-        A parameter set as `quartercar.dampers.read_parameters` reads it, a damper, or what `to_dict` gave.
+        A parameter set as `quartercar.dampers.published.read_parameters` reads it, a damper, or what `to_dict` gave.
 
     Returns
     -------

@@ -34,17 +34,17 @@ class Characterisation:
     Attributes
     ----------
     settings : CharacteriseSettings
-    data : Runs
+    data : RecordPieces
     blocks : tuple of Block
         Periodic stretches, in the order of the files.
     peaks : tuple of PeakPoint
     forces : tuple of StandardForce
     static : tuple of StaticForce
         Gas, rate and friction of the slowest tests.
-    loops : tuple of Loop
-    ratios : tuple of Ratio
-    spreads : tuple of Spread
-    switching : tuple of Switching
+    loops : tuple of ForceLoop
+    ratios : tuple of ReboundRatio
+    spreads : tuple of CurrentSpread
+    switching : tuple of SwitchingSteps
     drifts : tuple of Drift
     histograms : tuple of VelocityHistogram
     checks : tuple of Check

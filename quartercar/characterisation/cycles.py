@@ -65,9 +65,9 @@ class Block:
 
     Attributes
     ----------
-    run : Run
+    run : RecordPiece
     kind : {"sine", "triangle", "periodic"}
-    cycles : tuple of Cycle
+    cycles : tuple of RecordedCycle
     distortion : float
         Harmonics of the displacement beyond the first, over the first.
     """

@@ -85,7 +85,7 @@ def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds
 
     Parameters
     ----------
-    runs : sequence of Run
+    runs : sequence of RecordPiece
     blocks : sequence of Block
     speeds : sequence of float
         [m/s].

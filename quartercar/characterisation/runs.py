@@ -94,7 +94,7 @@ class RecordPieces:
 
     Attributes
     ----------
-    runs : tuple of Run
+    runs : tuple of RecordPiece
     levels : tuple of float
         Distinct held currents, rising.
     current_unit : str

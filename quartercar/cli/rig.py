@@ -55,7 +55,7 @@ def rig(plan: PlanFile = None,
 
 
 def writer(write: Callable[[Record, Path], Path], record: Record) -> Callable[[Path], Path]:
-    """`write` bound to its record, as `Results.add` wants it.
+    """`write` bound to its record, as `Results.add` takes it.
 
     Parameters
     ----------

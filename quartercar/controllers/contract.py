@@ -57,13 +57,13 @@ class Setting:
     cars : int
         How many cars it drives side by side.
     parameters : CarParameters
-        The car as its designer knows it.
+        The design model of the car.
     damper : Damper or None
         The damper model behind the inverse; None for a viscous car.
     currents : (float, float)
         Limits of the command [A].
     coil : Coil
-        Its time constants as the designer knows them.
+        Its time constants in the design model.
     preview : int
         Coming samples whose road is known or estimated.
     road_error : float
@@ -165,7 +165,7 @@ class Controller(Parametrised):
     @property
     @abstractmethod
     def demands(self) -> str:
-        """What it asks for: a name of `DEMANDS`."""
+        """Its demand: a name of `DEMANDS`."""
 
     @abstractmethod
     def begin(self, values: Values, setting: Setting) -> Law:

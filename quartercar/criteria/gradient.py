@@ -12,7 +12,7 @@ from quartercar.criteria.figures import SETTLED
 from quartercar.vehicle.adjoint import AdjointCar, GradientRun
 
 SIGNALS = ("acceleration", "tyre_force", "deflection", "speed", "force")
-"""Of a `Trajectory`, in the order of `AdjointCar.gradient`."""
+"""Of a `GradientRun`, in the order of `AdjointCar.gradient`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class RideFigure:
 
 
 class RideGradient:
-    """Figures of a trajectory as `criteria.judge` and `storage.ride_passivity` compute them, with gradients.
+    """Figures of a trajectory as `criteria.judge` and `passivity_balance.ride_passivity` compute them, with gradients.
 
     Comfort is ‖h ∗ z̈_s‖ over the samples that count, h the impulse response of W_k; the gradient of a convolution is
     the correlation with the same h, both by the discrete Fourier transform. Energy given is −Σ min(F ż_d, 0) T, F the

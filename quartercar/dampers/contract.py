@@ -261,7 +261,7 @@ class Damper(Parametrised, Adaptable, Shown):
         Parameters
         ----------
         step : float
-            [s]; a model with a clock of its own wants that.
+            [s]; a model with a clock of its own takes only that.
 
         Returns
         -------
@@ -421,7 +421,7 @@ class Damper(Parametrised, Adaptable, Shown):
         """Fitted range without the ripple of filters and the rarest hundredth at either end, where that is known.
 
         What a filter overshoots at steps of the current is in `current_range`, since the fit has seen it and a run may
-        meet it, but no damper is driven there; see `quartercar.dampers.fitting.front.usual_currents`.
+        meet it, but no damper is driven there; see `usual_range`.
         """
         training = self.metadata.get("training", {})
         given = training.get("usual_currents") if isinstance(training, Mapping) else None

@@ -1,6 +1,6 @@
 """DamperStepper: a damper inside a simulation, step by step; `Damper.stepper` gives the one of each model.
 
-A step is tried as often as the car's implicit solution asks, then committed. Nothing looks ahead of the step.
+A step is tried as often as the car's implicit solution needs, then committed. Nothing looks ahead of the step.
 """
 
 from __future__ import annotations

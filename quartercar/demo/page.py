@@ -49,7 +49,7 @@ def demo_page(demo: Demo) -> Page:
                              Notes((f"Audit of the training records: {demo.audit.verdict}.",
                                     *(str(f) for f in demo.audit.findings[:12]))))))
     return Page("From rig records to an LPV damper model", demo.verdict,
-                "good" if (demo.mean_esr or 1.0) < TARGET else "warn", _facts(demo),
+                "good" if demo.mean_esr is not None and demo.mean_esr < TARGET else "warn", _facts(demo),
                 (*model.caveats[:1], *stability.caveats), sections, _STEPS)
 
 

@@ -153,7 +153,7 @@ def structure() -> ARX:
 
 
 def _passive_structure(found: Identification) -> Passive:
-    """The same, constrained never to give energy: a car asks for currents and frequencies that no record holds.
+    """The same, constrained never to give energy: a car reaches currents and frequencies that no record holds.
 
     Records count over their own variance, so that the weak force at low current, where a controlled damper is most of
     the time, is simulated too. The input's knee stays where the unconstrained model has it: free, it shrinks to a

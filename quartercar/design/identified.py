@@ -185,7 +185,7 @@ def design_identified(car: QuarterCar, law: LpvHinfIdentified, setting: Setting)
     law : LpvHinfIdentified
         With the weights.
     setting : Setting
-        The car as its designer knows it, with a damper model; period and limits of the current.
+        The design model of the car, with a damper model; period and limits of the current.
 
     Returns
     -------

@@ -1,4 +1,8 @@
-"""Compiled filters of a current: first-order lag with unequal edges; arrays only."""
+"""Compiled filters of a current: first-order lag with unequal edges; arrays only.
+
+The field builds up while its magnitude grows and decays while it shrinks, whatever its sign: a current that is turned
+over decays to zero first and builds up from there.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +12,36 @@ import numpy as np
 
 from lpvid.toolkit import njit
 
+INSTANT = 1e-9
+"""share of a sample below which a time constant is none in `lag_linear`, whose formula divides rounding by it"""
+HALVINGS = 40
+"""of the step in which the field passes zero: to 1e-12 of it"""
+
 
 @njit()
 def lag_held(current: np.ndarray, rise: float, fall: float, step: float, after: float, out: np.ndarray) -> None:
     """Lag of a current that is held between samples, seen `after` of a step behind each change."""
     y = current[0]
     for k in range(current.size):
-        gap = y - current[k]
-        tau = rise if gap < 0.0 else fall
-        if tau > 0.0:
-            out[k] = current[k] + gap * math.exp(-after * step / tau)
-            y = current[k] + gap * math.exp(-step / tau)
-        else:
-            out[k] = current[k]
-            y = current[k]
+        out[k] = _settled(y, current[k], rise, fall, after * step)
+        y = _settled(y, current[k], rise, fall, step)
+
+
+@njit()
+def _grows(y: float, current: float) -> bool:
+    """Whether |y| grows towards a current."""
+    return current > y if y > 0.0 or (y == 0.0 and current > 0.0) else current < y
+
+
+@njit()
+def _settled(y: float, current: float, rise: float, fall: float, time: float) -> float:
+    """A lagged current `y` after a time in which the current is held."""
+    tau = rise if _grows(y, current) else fall
+    if y * current < 0.0:
+        passed = tau * math.log1p(-y / current) if tau > 0.0 else 0.0
+        if passed < time:
+            y, time, tau = 0.0, time - passed, rise
+    return current + (y - current) * math.exp(-time / tau) if tau > 0.0 else current
 
 
 @njit()
@@ -30,11 +50,25 @@ def lag_linear(current: np.ndarray, rise: float, fall: float, step: float, out: 
     y = current[0]
     out[0] = y
     for k in range(1, current.size):
-        slope = (current[k] - current[k - 1]) / step
-        tau = rise if current[k] > y else fall
-        if tau > 1e-9 * step:
-            decay = math.exp(-step / tau)
-            y = current[k] - slope * tau + (y - current[k - 1] + slope * tau) * decay
-        else:
-            y = current[k]
+        before, slope = current[k - 1], (current[k] - current[k - 1]) / step
+        tau = rise if _grows(y, current[k]) else fall
+        end = _followed(y, before, current[k], slope, tau, step, step)
+        if y * end < 0.0:
+            low, high = 0.0, step
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                if y * _followed(y, before, before + slope * middle, slope, tau, middle, step) > 0.0:
+                    low = middle
+                else:
+                    high = middle
+            end = _followed(0.0, before + slope * high, current[k], slope, rise, step - high, step)
+        y = end
         out[k] = y
+
+
+@njit()
+def _followed(y: float, first: float, last: float, slope: float, tau: float, time: float, step: float) -> float:
+    """A lagged current `y` after a time in which the current runs from `first` to `last`."""
+    if tau > INSTANT * step:
+        return last - slope * tau + (y - first + slope * tau) * math.exp(-time / tau)
+    return last

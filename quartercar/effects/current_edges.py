@@ -14,7 +14,7 @@ EDGE, NOISY = 0.1, 0.002
 STEP = 0.01
 """share of its range by which a current that jumps must move between two samples to count as a jump"""
 BUSY, SLOWEST = 0.012, 0.03
-"""time after the start of a jump during which a filter may still be busy with it, where that must be guessed, and for
+"""time after the start of a jump during which a filter may still be busy with it, where that is not known, and for
 which the current is put at its level [s]"""
 TURNS, EARLIER, ASTRAY = 3, 2, 1.6
 """samples that one jump may rest at the turn of its overshoot; the most by which it may begin before it is seen; and

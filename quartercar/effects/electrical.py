@@ -234,7 +234,8 @@ def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.nd
     s : Signals
         With current.
     rise, fall : float
-        Time constants of the edges up and of the edges down [s].
+        Time constants while the magnitude of the lagged current grows and while it shrinks [s], so that a current and
+        its negative are lagged alike.
     between : bool
 
     Returns
@@ -267,7 +268,7 @@ def _jump_error(signals: Sequence[Signals]) -> float:
 
 
 class CurrentEffect(GridEffect):
-    """A cause that acts on the current before the law sees it."""
+    """A cause that acts on the current before the law reads it."""
 
     family: ClassVar[str] = "electrical"
     stage: ClassVar[str] = "current"
@@ -336,7 +337,7 @@ class RiseFallLag(CurrentEffect):
     form_of: ClassVar[str] = "coil-lag"
     path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field rises and falls with different time constants"
-    equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i| rises, T/r where it falls"
+    equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i_e| rises, T/r where it falls"
     reference: ClassVar[str] = "equation sheet 3.14; source 002, block firstOrder_varT"
     experiment: ClassVar[str] = "current steps up and down of several heights at constant piston speed"
     between_two: ClassVar[str] = "edges that differ look like one lag behind which the law bends with the current"

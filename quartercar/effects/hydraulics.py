@@ -27,7 +27,7 @@ ALL_OF_IT = 0.05
 
 
 class HydraulicEffect(Effect):
-    """A cause in the hydraulic path, which sees the speed and knows the viscous share of the law."""
+    """A cause in the hydraulic path, which reads the speed and the viscous share of the law."""
 
     family: ClassVar[str] = "hydraulics"
     memoryless: ClassVar[bool] = True

@@ -123,7 +123,7 @@ class ForceDelay(ChainEffect):
 
 
 class OneSidedFilter(ChainEffect):
-    """The motion alone has passed a low-pass of order two or three, undone before the law sees it (sheet 1.4.10)."""
+    """The motion alone has passed a low-pass of order two or three, undone before the law reads it (sheet 1.4.10)."""
 
     name: ClassVar[str] = "one-sided-filter"
     added_later: ClassVar[tuple[str, ...]] = ("further_lag",)

@@ -164,7 +164,7 @@ class ModelOrder(GridEffect):
 
 
 class ColouredNoise(Effect):
-    """Noise with memory: a verdict on what is left, told by the whitening filter, never composed."""
+    """Noise with memory: a verdict on what is left, from the whitening filter, never composed."""
 
     name: ClassVar[str] = "coloured-noise"
     title: ClassVar[str] = "noise with memory on the force"

@@ -73,7 +73,7 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
     rigid : (n,) array
         The core along them.
     deflection : (n,) array
-        By which the position that the law sees lags behind the displacement, roughly [m].
+        By which the position that the law reads lags behind the displacement, roughly [m].
     static : bool
         Whether the core may be without memory.
 
@@ -241,7 +241,7 @@ def _spread(few_samples: Signals, speeds: np.ndarray) -> Signals:
 
 
 def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool each: samples at which a held current jumps, and those whose interval wants short steps."""
+    """(n,) bool each: samples at which a held current jumps, and those whose interval needs short steps."""
     jumps, steep = np.zeros((2, s.n_samples), dtype=bool)
     if s.has("current"):
         change = np.abs(np.diff(s["current"]))

@@ -1,4 +1,4 @@
-"""Dampers, controllers and the loop law of a quarter car as step programs: what `lpvid export` knows of them."""
+"""Dampers, controllers and the loop law of a quarter car as step programs: what `lpvid export` makes of them."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class InverseSteps:
         return command
 
     def _nearest(self, demand: Expr) -> Expr:
-        """Of the currents that have the force the one nearest to that felt, else the one of the nearest force."""
+        """Of the currents that have the force the one nearest to the lagged one, else the one of the nearest force."""
         b, rows, grid = self._b, self._rows, self._grid
         assert rows is not None
         found, far = b.let("found", grid[0]), b.let("far", FAR)

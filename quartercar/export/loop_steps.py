@@ -70,7 +70,7 @@ class LoopLaw:
 
 
 def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
-    """Readings at a sample to the command for the coming one, as `quartercar.controllers.loop.chain.Chain` has it.
+    """Readings at a sample to the command for the coming one, as `controllers.loop.chain.ControllerChain` has it.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
 
 def _observer_steps(b: StepBuilder, observer: KalmanObserver, read: dict[str, Expr], inverse: InverseSteps
                     ) -> dict[str, Expr]:
-    """x ← S x + d F, then x ← x + G (y − C x − D F_now): the steady Kalman filter of `Observer`."""
+    """x ← S x + d F, then x ← x + G (y − C x − D F_now): the steady Kalman filter of `KalmanObserver`."""
     m = observer.matrices
     n, r = m.gain.shape
     tables = {name: b.table(f"observer_{name}", value, "", description) for name, value, description in

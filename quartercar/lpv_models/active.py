@@ -15,7 +15,7 @@ SPEEDS = 61
 FREQUENCIES = 200
 CURRENTS = 11
 ROUNDING = 1e-6
-"""share of the largest power below which a loss is rounding, as in `dampers.passivity`"""
+"""share of the largest power below which a loss is rounding, as in `dampers.evaluation.passivity`"""
 
 
 @dataclass(frozen=True)

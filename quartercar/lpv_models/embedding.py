@@ -17,7 +17,7 @@ from quartercar.vehicle.result import CarRun
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A run as an embedding sees it, at the run's samples.
+    """A run in the coordinates of an embedding, at the run's samples.
 
     Attributes
     ----------

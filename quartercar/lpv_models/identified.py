@@ -42,7 +42,7 @@ class IdentifiedDamper(Embedding):
         r_1 = A_1 d + c_1 + [B(i) u(v, i) − B(i_0) u(v, i_0)]/δ,     r_2 = C_1 d + g_1 + [D(i) u(v, i) − …]/δ
 
     for i = i_0 + δ; at δ = 0 the quotients are derivatives. r_1 and r_2 schedule what the current does, ρ_v what the
-    velocity does; in the augmented form r_1 is r_2 in the row that remembers the force and, where the knee v_0 does not
+    velocity does; in the augmented form r_1 is r_2 in the row that holds past force and, where the knee v_0 does not
     move with the current, zero elsewhere, so that one variable r remains. States are deviations from rest at i_0, whose
     force the car's spring carries. Control is lost at r = 0. Equation sheet 4.3 (E9), 5.6 for the forms.
 

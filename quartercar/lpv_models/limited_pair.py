@@ -99,12 +99,12 @@ class LimitedPair(Embedding):
         Raises
         ------
         InputError
-            A coil with a lag: that is E3's.
+            A coil with a lag: the limited current is what lags, so that no ratio of one instant holds both.
         """
         coil = run.car.coil
         if coil.rise_time or coil.fall_time:
             raise InputError("E2 holds the limits of the coil, not its lag", got=f"{coil.rise_time:g} s",
-                             mend="Prefiltered (E3) for the lag")
+                             mend="Prefiltered(SaturationPair(...), lag) (E3 on E1), for demands within the limits")
         x = car_states(run)
         xi = x @ self.law.argument
         given = yield_force(run) - self.law.middle

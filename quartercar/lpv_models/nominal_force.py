@@ -11,7 +11,6 @@ import numpy as np
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.toolkit import checks
-from quartercar.lpv_models.admissible import AdmissibleForce
 from quartercar.lpv_models.car_part import SPEED, with_force
 from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, road_velocity
 from quartercar.lpv_models.region import Region
@@ -169,21 +168,3 @@ class LimitedForce(Embedding):
         path = self.along(run)
         share = self.share(run["damper_force"] - run.car.preload, path.states @ SPEED, demand)
         return Trajectory(path.states, np.column_stack([path.inputs[:, 0], demand]), share[:, None])
-
-
-def nominal_damping(band: AdmissibleForce, share: float = 0.15) -> float:
-    """c_nom a little above the weakest characteristic, so that c_nom v_d is admissible at most velocities [N·s/m].
-
-    Parameters
-    ----------
-    band : AdmissibleForce
-        Of the damper.
-    share : float
-        Place between the weakest line, 0, and the strongest, 1.
-
-    Returns
-    -------
-    float
-        c_nom [N·s/m].
-    """
-    return band.nominal(share)

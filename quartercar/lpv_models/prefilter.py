@@ -13,6 +13,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.toolkit import checks
 from quartercar.lpv_models.embedding import Embedding, Trajectory
 from quartercar.lpv_models.region import Region
+from quartercar.lpv_models.saturation_pair import SaturationPair
 from quartercar.lpv_models.yielding import yield_force
 from quartercar.vehicle.result import CarRun
 
@@ -91,16 +92,19 @@ class Prefiltered(Embedding):
     Attributes
     ----------
     inner : Embedding
-        With a control.
+        With a control. A run is replayed (`along`) where this is the yield force itself, as in E1.
     lag : float
         τ [s].
     """
 
     number: ClassVar[str] = "E3"
-    held: ClassVar[tuple[str, ...]] = ("road_velocity", "yield_control")
-
     inner: Embedding
     lag: float
+
+    @property
+    def held(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the inner plant holds, and its control: the command of a coil keeps its value between samples."""
+        return (*self.inner.held, self.control)
 
     @property
     def region(self) -> Region:  # type: ignore[override]
@@ -117,7 +121,17 @@ class Prefiltered(Embedding):
         return prefiltered(self.inner.system, self.control, self.lag)
 
     def along(self, run: CarRun) -> Trajectory:
-        """As the base class; the filter's state is the inner control, its input that at the commanded current."""
+        """As the base class; the filter's state is the inner control, its input that at the commanded current.
+
+        Raises
+        ------
+        InputError
+            An inner plant whose control is not the yield force: what lags in a coil is its current, and with it the
+            yield force.
+        """
+        if self.control != SaturationPair.control:
+            raise InputError("the lag of a coil is that of the yield force", got=f"control '{self.control}'",
+                             mend="Prefiltered(SaturationPair(...), lag) (E3 on E1)")
         path = self.inner.along(run)
         place = [s.name for s in self.inner.system.inputs].index(self.control)
         inputs = path.inputs.copy()

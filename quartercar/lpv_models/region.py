@@ -19,7 +19,7 @@ SLACK = 1e-9
 class Region:
     """A convex region by its corners, and points that the plant itself can stand at.
 
-    A polytopic design asks its inequalities at the `corners`; a gridded one at the `visited` points, which may lie on a
+    A polytopic design has its inequalities at the `corners`; a gridded one at the `visited` points, which may lie on a
     curve inside.
 
     Attributes

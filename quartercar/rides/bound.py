@@ -74,9 +74,9 @@ class Bound:
         Law whose given energy, and whose other figure at the ends, is the limit.
     best : mapping of str to tuple of BestCurrents
         By aim of `AIMS`, one per seed; without signals but for the first.
-    passive : tuple of criteria.Ride
+    passive : tuple of RideFigures
         The passive car of the same kind under the lowest current, one per seed.
-    laws : mapping of str to tuple of criteria.Ride
+    laws : mapping of str to tuple of RideFigures
         Laws of the comparison; empty for the linear car, in which they did not ride.
     floor : tuple of RelaxedBound
         Certified lower bounds of the objective, one per seed; of the linear car alone.

@@ -64,7 +64,7 @@ class BestCurrents:
         In the damper's current unit.
     run : CarRun
         The ride under that command, as `replay` gives it to nine digits.
-    figures : criteria.Ride
+    figures : RideFigures
         Of that run, computed as of any law.
     passivity : RidePassivity
     objective : float
@@ -98,7 +98,7 @@ class CurrentSequenceProblem:
     seed : int
     sample_time : float
         Of the loop [s].
-    reference : criteria.Ride
+    reference : RideFigures
         Unit of the figures: the passive car.
     objective : Objective
         As of a tuning.
@@ -218,12 +218,12 @@ def best_currents(problem: CurrentSequenceProblem, starts: Mapping[str, np.ndarr
 
     L-BFGS-B (Byrd, Lu, Nocedal, Zhu 1995) with the exact gradient of the discrete run, limits by an augmented
     Lagrangian, from several starts; the best is carried on. The problem is not convex: what is found is a current that
-    this damper could have had, so that the true optimum is at least as good. No law, which knows less, can be better
+    this damper could have had, so that the true optimum is at least as good. No law, which reads less, can be better
     than that optimum.
 
     Parameters
     ----------
-    problem : Problem
+    problem : CurrentSequenceProblem
     starts : mapping of str to (n,) array
         Commands to start from, by name.
     effort : Effort, optional
@@ -293,7 +293,7 @@ def lowest_current(car: QuarterCar, road: RideRoad, seed: int, sample_time: floa
 def replay(car: QuarterCar, elevation: np.ndarray, sample_time: float, command: np.ndarray) -> CarRun:
     """The ordinary ride under a given command: as `simulation.drive`, without sensors, observer and law.
 
-    Step by step with the cars of `fleet`: the check of `best_currents`, a hundred times slower.
+    Step by step with the cars of `vehicle.batch`: the check of `best_currents`, a hundred times slower.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ class RideComparison(Shown):
 
     Attributes
     ----------
-    rows : tuple of Row
+    rows : tuple of LawRow
         Road by road, the laws in the order given.
     seeds : tuple of int
     reference : str

@@ -30,7 +30,7 @@ from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
 STATIC_COIL = (0.005, 0.010)
 """rise and fall time of a coil whose damper model has no lag of its own [s]"""
 HIGHEST = 2.5
-"""of the command where the damper knows no range of its own [A]"""
+"""of the command where the damper has no range of its own [A]"""
 LAW_NAMES = tuple(name for name, _, _ in LAWS if name not in ("scheduled", "identified-plant"))
 """the package's own laws that need no file"""
 PREVIEW_LAWS = ("preview-lqr", "mpc")

@@ -19,7 +19,7 @@ from quartercar.vehicle.nonlinear import QuarterCar
 
 KNOWN_ERROR = 1e-6
 """share of the road's spectrum that an observer is given where the road is known: none, but for a Riccati equation that
-wants noise"""
+needs noise"""
 
 
 class Ahead(ABC):

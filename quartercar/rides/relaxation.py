@@ -58,7 +58,7 @@ def relaxed_bound(problem: CurrentSequenceProblem, best: BestCurrents, iteration
 
     Parameters
     ----------
-    problem : Problem
+    problem : CurrentSequenceProblem
         Over a linear car: no stops, no lift-off.
     best : BestCurrents
         What was found for that problem: c is the slope of its force over speed, E is `REACH` times the largest

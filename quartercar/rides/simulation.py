@@ -113,7 +113,7 @@ class Ride:
     seed : int
     run : CarRun
         Every signal, the start included.
-    figures : criteria.Ride
+    figures : RideFigures
         Comfort, tyre load, stroke, the start left out.
     passivity : RidePassivity
     at_limits, out_of_reach : float
@@ -300,7 +300,7 @@ def extrapolation(run: CarRun) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        ``current``, ``speed``, ``stroke``: those that the damper's model reads and whose range it knows.
+        ``current``, ``speed``, ``stroke``: those that the damper's model reads and whose range it has.
     """
     damper = run.car.damper
     if damper is None:

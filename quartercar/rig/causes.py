@@ -53,7 +53,7 @@ class Cause:
         One line.
     source : str
         Section of the equation sheet.
-    numbers : tuple of Number
+    numbers : tuple of CauseParameter
         Parameters with default, unit and meaning.
     apply : callable
         (setup, parameters, strength) to setup.
@@ -334,7 +334,7 @@ CAUSES: tuple[Cause, ...] = (
           lambda s, p, k: s.changed(colour_std=k * p["std"], colour_pole=p["pole"],
                                     colour_share=k * p["proportional"])),
 )
-"""Every cause that this rig knows."""
+"""Every cause that this rig can simulate."""
 
 
 def _scaled(setup: Setup, channel: str, factor: float) -> Setup:

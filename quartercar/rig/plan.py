@@ -45,7 +45,7 @@ class Plan:
     seed : int
         Seed of everything random.
     truth : bool
-        Add the channels that no sensor sees (names ending in ``_true``).
+        Add the channels that no sensor measures (names ending in ``_true``).
     """
 
     rig: Rig

@@ -65,7 +65,7 @@ def measure(motion: Motion, response: Response, chain: MeasurementChain, sensors
         What was imposed, on the fine clock.
     response : Response
         What the damper did, on the fine clock.
-    chain : Chain
+    chain : MeasurementChain
         Delays, filters, gains, noise colour, steps.
     sensors : Sensors
         White noise of each sensor.

@@ -104,7 +104,7 @@ class Rig:
         Raises
         ------
         InputError
-            A record shorter than three samples.
+            A record shorter than three samples, or too long for one; a replicate that is no number from 0 on.
         """
         samples = round(experiment.duration * self.sample_rate)
         if samples < 3:

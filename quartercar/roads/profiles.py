@@ -67,7 +67,7 @@ ISO_CLASSES: dict[str, float] = {letter: 16e-6 * 4.0**k for k, letter in enumera
 """Geometric mean G_d(n_0) [m³] of each class of ISO 8608."""
 
 SURFACES: tuple[str, ...] = (*WONG, *(f"iso-{letter.lower()}" for letter in ISO_CLASSES))
-"""Names that `surface` knows."""
+"""Names that `surface` takes."""
 
 
 def surface(name: str) -> Roughness:
@@ -286,7 +286,7 @@ class Track:
 
 
 def measured(path: str | Path, track: int | str | None = None) -> Track:
-    """A measured profile from a file that `lpvid.read` knows, with a distance and one or more height columns.
+    """A measured profile from a file that `lpvid.read` reads, with a distance and one or more height columns.
 
     Parameters
     ----------

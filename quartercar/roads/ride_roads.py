@@ -186,7 +186,7 @@ class MeasuredRoad(RideRoad):
 
     Attributes
     ----------
-    track : Track
+    track : roads.Track
     speed : float
         [m/s].
     laps : int
@@ -210,7 +210,7 @@ class MeasuredRoad(RideRoad):
         Parameters
         ----------
         path : str or Path
-            Any format that `lpvid.read` knows.
+            Any format that `lpvid.read` reads.
         speed : float
             [m/s].
         track : int or str, optional

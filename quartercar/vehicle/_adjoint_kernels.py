@@ -73,7 +73,7 @@ def forward(ends, state, road_in, force_in, profile, step, q, a, b, rest, first,
     Parameters
     ----------
     ends, state, road_in, force_in : arrays
-        As in `integrator.Stages`.
+        As in `IntegratorStages`.
     profile : (N + 1,) array
         Elevation at the ends of the steps.
     step : float

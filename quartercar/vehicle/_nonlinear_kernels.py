@@ -86,7 +86,7 @@ def advance(ends, state, road_in, force_in, profile, step, coefficients, stop, t
     Parameters
     ----------
     ends, state, road_in, force_in : arrays
-        As in `car_steps.Stages`.
+        As in `IntegratorStages`.
     profile : (n + 1,) array
         Elevation at the samples, the present one first.
     step : float

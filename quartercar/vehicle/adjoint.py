@@ -146,7 +146,7 @@ class _Filter:
 
 
 def coefficients_at(damper: Damper, currents: np.ndarray, rest: float) -> Coefficients:
-    """Coefficients of one stage at each of (N,) currents felt, past forces counted from zero.
+    """Coefficients of one stage at each of (N,) lagged currents, past forces counted from zero.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class GradientRun:
     acceleration, tyre_force, deflection, speed, force : (n,) arrays
         Body acceleration [m/s²], F_t [N], z_d [m], ż_d [m/s], damper force less what displacement alone gives [N].
     motion : (n, 4) array
-        As in `car_stepper.States`.
+        As in `stepper.States`.
     state : tuple of arrays
         Inner.
     """
@@ -197,7 +197,7 @@ class GradientRun:
 
 
 class AdjointCar:
-    """A car on a known road from rest under its lowest current, as `riding.drive` starts it.
+    """A car on a known road from rest under its lowest current, as `rides.simulation.drive` starts it.
 
     The same stages as `fleet` takes, solved to rounding, and their discrete adjoint: the gradient is that of the
     computed run, not of the differential equation. Where a kink is met exactly (a stop or the road just touched, a coil

@@ -253,7 +253,7 @@ def _limits(car: QuarterCar) -> tuple[np.ndarray, np.ndarray]:
 
 
 def true_signals(fleet: Fleet) -> dict[str, np.ndarray]:
-    """(cars,) of every signal that a sensor may measure (`controllers.sensing.TRUE`).
+    """(cars,) of every signal that a sensor may measure (`controllers.loop.sensing.TRUE`).
 
     Parameters
     ----------

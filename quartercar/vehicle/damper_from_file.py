@@ -152,7 +152,7 @@ def current_limits(damper: Damper, otherwise: float) -> tuple[float, float]:
     ----------
     damper : Damper
     otherwise : float
-        Highest current where the damper knows no range.
+        Highest current where the damper has no range.
 
     Returns
     -------

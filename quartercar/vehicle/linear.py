@@ -20,7 +20,7 @@ OUTPUTS = {"body_acceleration": "m/s^2", "suspension_deflection": "m", "tyre_def
            "body_displacement": "m", "wheel_displacement": "m"}
 """Every output of a quarter car with its unit; tyre and suspension about the static equilibrium."""
 RELATIVE = tuple(OUTPUTS)[:7]
-"""Outputs that the relative state order knows."""
+"""Outputs of the relative state order."""
 GRAVITY = 9.81
 """g [m/s²]"""
 

@@ -219,7 +219,7 @@ class QuarterCar:
         return LinearCar(self.parameters)
 
     def start(self, sample_time: float, road: float = 0.0, current: float = 0.0):
-        """At rest on a road of this elevation, ready to be driven on piece by piece; see `car_stepper.CarStepper`.
+        """At rest on a road of this elevation, ready to be driven on piece by piece; see `stepper.CarStepper`.
 
         Parameters
         ----------

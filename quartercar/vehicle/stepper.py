@@ -216,7 +216,7 @@ class CarStepper:
 
 
 def _found(wanted, f: float, held: np.ndarray) -> float:
-    """The f at which wanted(f) = f, from a guess; held[2] keeps the slope from call to call.
+    """The f at which wanted(f) = f, from a starting value; held[2] keeps the slope from call to call.
 
     Parameters
     ----------

@@ -200,7 +200,7 @@ def test_half_the_sample_time_gives_the_same_force(name: str) -> None:
 def _recovered(name: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(estimates (R, P), covariances (R, P, P), truth) of fits to the model's own noisy force."""
     true = truth(name)
-    settings = FitSettings(**{"starts": 6, "polished": 2, "tasting_samples": 1500, **case_of(name).fit})
+    settings = FitSettings(**{"starts": 6, "polished": 2, "short_samples": 1500, **case_of(name).fit})
     vectors, covariances = [], []
     for seed in range(count):
         found = blank(name).fit([noisy_record(name, np.random.default_rng(100 + seed))], settings=settings)

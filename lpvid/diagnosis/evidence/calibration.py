@@ -1,4 +1,4 @@
-"""Calibration: from what a search knows of a cause to the probability that it is there."""
+"""Calibration: from what a search found of a cause to the probability that it is there."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
 
     Parameters
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
     worth : float

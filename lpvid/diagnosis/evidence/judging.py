@@ -105,7 +105,7 @@ class JudgedSet:
 
     Attributes
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     root, fit : Refit
         The baseline alone and the set.
     won : float
@@ -137,7 +137,7 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
 
     Parameters
     ----------
-    search : Search
+    search : SetSearch
     report_progress : callable
     refused : collection of frozenset of str
         Sets that further records did not bear out.

@@ -46,8 +46,8 @@ class EvidenceOutcome:
     Attributes
     ----------
     baseline : Baseline
-    search : Search
-    judged : Judged
+    search : SetSearch
+    judged : JudgedSet
     screened : tuple of Evidence
         Of all candidates beside the baseline alone.
     unusable : tuple of CannotTell

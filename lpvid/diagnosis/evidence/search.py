@@ -387,7 +387,7 @@ class SetSearch:
         for one in self.each(without_one, [r for r, m in zip(rests, members, strict=True) if m not in self.visited]):
             self._add(one)
         self.enlarge([*(self.visited[m] for m in members if m in self.visited), w])
-        swaps = [(e, y) for e in w.effects for y in self.candidates if interchangeable(e, y) and y.name not in w.members
+        swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
                  and self._together([*(x for x in w.effects if x is not e), y])]
         for found in self.each(lambda pair: self._swapped(w, *pair), swaps):
             if found is not None:
@@ -447,21 +447,6 @@ def akin(one: Effect, other: Effect) -> bool:
     """
     return one.component != other.component and (one.family == other.family
                                                  or (one.path in LAGGING and other.path in LAGGING))
-
-
-def interchangeable(one: Effect, other: Effect) -> bool:
-    """Whether an effect is tried in the place of another: next of kin, and any two with a memory, which imitate each
-    other whatever they are: a spring in series, a late force, a resonance of the fixture.
-
-    Parameters
-    ----------
-    one, other : Effect
-
-    Returns
-    -------
-    bool
-    """
-    return akin(one, other) or (one.component != other.component and not (one.memoryless or other.memoryless))
 
 
 def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:

@@ -32,7 +32,7 @@ class Data:
 
     Attributes
     ----------
-    problem : Problem
+    problem : DiagnosisProblem
     discrepancy : Discrepancy
     looked_at : mapping of str to (points, k) array
         Where each effect is looked at.

@@ -20,7 +20,7 @@ fit lacks to 100 %, so that simplicity never costs the half point within which a
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A structure as the choice sees it.
+    """A structure with what the choice compares.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ def compete(search: StructureSearch, rounds: Iterable[Round], records: Sequence[
 
     Parameters
     ----------
-    search : Search
+    search : StructureSearch
     rounds : iterable of Round
         Requested one at a time, so that each may build on the trials before it.
     records : sequence of Record

@@ -223,7 +223,7 @@ def of_its_range(structure: AnyStructure, all_records: Sequence[Record], trainin
     """The structure with a spline on knots over the range of these records, where its knots span that of all.
 
     Knots from all records would hold out nothing beyond the range of a fold's training part: what the estimate does on
-    later data that go further is what the fold of the furthest stretches asks. Knots of a user's own stay.
+    later data that go further is what the fold of the furthest stretches measures. Knots of a user's own stay.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class Selection(Shown):
     ----------
     best : Structure
         As it was among the candidates: stages by name where they were requested by name.
-    table : tuple of Row
+    table : tuple of CandidateRow
         Cross-validated candidates by free-run error, then the others by BIC, then those refused.
     identification : Identification or None
         Refit on all training records; None when the search was interrupted before it.

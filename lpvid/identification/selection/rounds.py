@@ -64,7 +64,7 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
 
     Parameters
     ----------
-    search : Search
+    search : StructureSearch
         Its trials are read anew before every round.
     damper : bool
         Whether the one input is a velocity and the one output a force.

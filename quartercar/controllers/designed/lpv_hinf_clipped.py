@@ -20,7 +20,7 @@ class LpvHinfClipped(Controller):
     """F = c_nom v_d + u, u = K y; K by H-infinity synthesis for a damper that could give any force.
 
     The same plant and weights as `LpvHinf` at ρ = 1 throughout; the inverse damper model then takes the nearest force
-    that there is. Nothing in the design knows of that.
+    that there is. The design does not take that into account.
 
     Attributes
     ----------

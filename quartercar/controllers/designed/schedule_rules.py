@@ -21,7 +21,7 @@ SMALL = 1.0
 
 
 class Rule(Coded, ABC):
-    """A scheduling variable from what a law sees. A rule with a memory keeps it in what `start` returns."""
+    """A scheduling variable from what a law reads. A rule with a memory keeps it in what `start` returns."""
 
     NOUN = "rule of a schedule"
     JSON = ("kind", ...)

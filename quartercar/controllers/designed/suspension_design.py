@@ -206,9 +206,11 @@ class Nodes:
 
     Attributes
     ----------
-    model : LPVStateSpace
-        For its signals and its box.
+    inputs, outputs : tuple of Signal
+    box : Scheduling
+        Of its scheduling variable, if any.
     points : (N, 0 or 1) array
+        Values of it.
     matrices : tuple of four (N, …) arrays
         A, B, C, D.
     """

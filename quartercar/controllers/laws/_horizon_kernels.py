@@ -14,7 +14,7 @@ CLOSE = 1e-6
 
 @njit(error_model="numpy", fastmath=True)
 def read_table(table, grid, felt, c):
-    """Coefficients at a current felt, into c; the cell of the table that it lies in."""
+    """Coefficients at a lagged current, into c; the cell of the table that it lies in."""
     place = (felt - grid[0]) / grid[1]
     cell = min(max(math.floor(place), 0), table.shape[0] - 2)
     for m in range(c.size):
@@ -49,7 +49,7 @@ def bent(c, z, v):
 
 @njit(error_model="numpy", fastmath=True)
 def solve_force(c, memory, zb, vb, gz, gv, f):
-    """f = memory + law(zb + gz f, vb + gv f) by Newton's steps from a guess: f, z, v, `bent` there, 1 − df/df."""
+    """f = memory + law(zb + gz f, vb + gv f) by Newton's steps from a start: f, z, v, `bent` there, 1 − df/df."""
     for _ in range(NEWTON):
         z, v = zb + gz * f, vb + gv * f
         t, by_z, by_v, bend = bent(c, z, v)
@@ -83,7 +83,7 @@ def begin(start, outs, hist):
 
 @njit(error_model="numpy", fastmath=True)
 def lagged(u, k, lag, felt, rates):
-    """Current in the coil and the one felt at sample k + 1 under a command u; the one felt."""
+    """Currents in the coil and behind the field's lag at sample k + 1 under a command u; the second."""
     rates[k, 0] = lag[0, 1] if u > felt[k, 0] else lag[0, 0]
     i = u + (felt[k, 0] - u) * rates[k, 0]
     rates[k, 1] = lag[1, 1] if i > felt[k, 1] else lag[1, 0]
@@ -118,14 +118,14 @@ def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights,
     step : float
         Between samples [s].
     car : (4, 10) array
-        P, R and both W of `integrator.Stages.ramp` side by side (4, 2, 1, 1 columns), then (k, c, m_s) and (k_t, c_t).
+        P, R and both W of `IntegratorStages.ramp` side by side (4, 2, 1, 1 columns), then (k, c, m_s) and (k_t, c_t).
     table, grid : (G, 8 + na + 3 nb) array, (2,) array
-        Coefficients of law, past forces, past inputs by the current felt: piecewise linear from grid[0] in steps
+        Coefficients of law, past forces, past inputs by the lagged current: piecewise linear from grid[0] in steps
         grid[1]. Forces are about that at rest.
     sizes : (2,) int array
         na, nb.
     lag : (2, 2) array
-        What a step leaves of the gap between command and current, then between current and the one felt: falling,
+        What a step leaves of the gap between command and current, then between current and the lagged one: falling,
         rising.
     shape : (nf + 1, nf + 1) array
         Weighting filter (A, B; C, D).
@@ -136,7 +136,7 @@ def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights,
     limits : (2,) array
         Of the command.
     start : tuple of arrays
-        Motion (4,), forces and inputs so far, the newest first, filter's states, (current, felt).
+        Motion (4,), forces and inputs so far, the newest first, filter's states, (current, lagged current).
     work, outs : arrays
         Work space, as `improve_all` makes it.
 
@@ -212,7 +212,7 @@ def filter_back(shape, wb, kept, shown):
 
 @njit(error_model="numpy", fastmath=True)
 def current_slope(c, d, past, h, na, nb, bend):
-    """Slopes of the force and of the law's shape by the current felt, at the motion in row h + 1; d those of c."""
+    """Slopes of the force and of the law's shape by the lagged current, at the motion in row h + 1; d those of c."""
     v, z = past[h + 1, 1], past[h + 1, 2]
     arg = d[4] * v + d[5] * z
     if c[6] != 0.0 or d[6] != 0.0:

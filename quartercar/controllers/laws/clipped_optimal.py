@@ -55,7 +55,7 @@ def optimal_gain(parameters: CarParameters, tyre_weight: float, stroke_weight: f
     Parameters
     ----------
     parameters : CarParameters
-        Masses and springs of the car as its designer knows it; its dampings are left out.
+        Masses and springs of the design model; its dampings are left out.
     tyre_weight, stroke_weight : float
         q_t, q_d of `ClippedOptimal`, dimensionless.
 

@@ -6,7 +6,7 @@
         Σ_{k=1}^{N} [ a_w(k)² + ρ_t (F_t(k)/m_s)² + ρ_z (k_s z_d(k)/m_s)² + ρ_e (−F v_d)_+ ] + e(N)ᵀ P e(N)
     with    coil and damper's lag: i⁺ = u + (i − u) e^{−T/τ}, τ by rising or falling
             damper: F(k) = law(z, v, i) + past forces and inputs, as identified
-            car:    exact between samples for a force that is linear there (`integrator.Stages.ramp`), the road known
+            car:    exact between samples for a force that is linear there (`IntegratorStages.ramp`), the road known
             a_w:    body acceleration behind W_k without its band limits
             e, P:   what is left after the horizon, the damper then a dashpot: the sum of all later terms
 
@@ -93,7 +93,7 @@ class Horizon:
     @classmethod
     def of(cls, parameters: CarParameters, damper: Damper | None, coil: Coil, sample_time: float,
            samples: int) -> Horizon:
-        """The model for a car as its designer knows it.
+        """The predictive model of a car.
 
         Parameters
         ----------

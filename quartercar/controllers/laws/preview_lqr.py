@@ -39,7 +39,7 @@ class PreviewQuadratic(Controller):
         K   = (r' + Bᵀ P B)⁻¹ (Bᵀ P A + Sᵀ)               P of the discrete Riccati equation
         K_j = (r' + Bᵀ P B)⁻¹ Bᵀ ((A − B K)ᵀ)^j P E,  j = 0 … P − 1   w(k+j) the road's rate over sample k+j
 
-    The gains do not depend on the speed: it gives how many samples ahead the front axle sees, and so how many terms the
+    The gains do not depend on the speed: it gives how many samples ahead the front axle is, and so how many terms the
     sum has. The register is a chain of delays before a stable loop: the loop is stable for every course of the speed.
     """
 
@@ -159,7 +159,7 @@ class PreviewLoop:
 @lru_cache(maxsize=1024)
 def preview_loop(parameters: CarParameters, tyre_weight: float, stroke_weight: float, effort_weight: float,
                  force_lag: float, sample_time: float) -> PreviewLoop:
-    """The optimal loop of a car as its designer knows it.
+    """The optimal loop of a car's design model.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class Inverse:
     ----------
     setting : Setting
     coil : Coil
-        The car's, as its designer knows it; its limits are those of the command.
+        That of the design model; its limits are those of the command.
     settings : InverseSettings
 
     Attributes
@@ -163,7 +163,7 @@ class Inverse:
         return along(self._rows, self._grid, self._felt)
 
     def _ahead(self, wanted: np.ndarray) -> np.ndarray:
-        """The command that, held for a sample, brings the current felt to what is wanted, or as near as it goes."""
+        """The command that, held for a sample, brings the lagged current to what is required, or as near as it goes."""
         tau = np.where(wanted > self._felt, self._both.rise_time, self._both.fall_time)
         share = np.where(tau > 0, -np.expm1(-self._period / np.where(tau > 0, tau, 1.0)), 1.0)
         return np.clip(self._felt + (wanted - self._felt) / share, self._grid[0], self._grid[-1])

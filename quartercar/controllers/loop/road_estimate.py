@@ -19,7 +19,7 @@ from quartercar.controllers.loop.sensing import MeasurementSet
 
 CUTOFF = 0.01
 """of the road's spectrum, n_00, below which it is flat [cycles/m], as in `quartercar.roads.iso8608`: no sensor of the
-axle sees the elevation itself"""
+axle measures the elevation itself"""
 BAND = np.geomspace(0.5, 20.0, 40)
 """of body and wheel modes, in which the error of the road counts [Hz]"""
 
@@ -29,7 +29,7 @@ class RoadEstimator:
 
     ::
 
-        ẋ = A x + B_F (F + e) + B_r ż_r,    ż_r = −2π n_00 V z_r + w       e, sensors as in `Observer`
+        ẋ = A x + B_F (F + e) + B_r ż_r,    ż_r = −2π n_00 V z_r + w       e, sensors as in `KalmanObserver`
         ẑ_r(k−j | k) = ẑ_r(k−j | k−1) + g_j ν(k),    g_j = E[z_r(k−j) x̃(k)ᵀ] Cᵀ S⁻¹,  ν the innovation, S its covariance
 
     Parameters
@@ -48,7 +48,7 @@ class RoadEstimator:
         g_j.
     error : (samples + 1,) array
         Standard deviation of the error of ẑ_r(k−j | k) on the road of the settings [m]; most of it is elevation that
-        no sensor sees and that cancels in differences.
+        no sensor measures and that cancels in differences.
     road_error : float
         Share of the road's spectrum that no amount of later readings determines, mean over `BAND`.
     """
@@ -82,7 +82,7 @@ class RoadEstimator:
         self._register = np.zeros((setting.cars, samples + 1))
 
     def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(cars, samples + 1) elevations now and 1, 2 … samples ago [m]; arguments as of `Observer`."""
+        """(cars, samples + 1) elevations now and 1, 2 … samples ago [m]; arguments as of `KalmanObserver`."""
         ahead = times(self._x, self._step) + force_before[:, None] * self._drive
         y = np.column_stack([read[n] for n in self._names])
         new = y - times(ahead, self._c) - force[:, None] * self._d

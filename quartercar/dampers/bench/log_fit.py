@@ -161,7 +161,7 @@ class LogFit:
 
 
 class _LogForceProblem:
-    """ln F̂ − ln F over σ, as `search_law` wants it; a fixed friction is not searched."""
+    """ln F̂ − ln F over σ, as `search_law` takes it; a fixed friction is not searched."""
 
     def __init__(self, network: str, points: Points, friction: float | None) -> None:
         names = [n for n in NETWORKS[network] if friction is None or n != "friction"]

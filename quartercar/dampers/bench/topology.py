@@ -58,7 +58,7 @@ class NetworkChoice:
         In a sentence; where it cannot decide, with the speeds that are missing.
     fits : dict of str to LogFit
         Every network of `NETWORKS`, all in the norm of log-force.
-    ratios : tuple of Ratio
+    ratios : tuple of LikelihoodRatio
     slopes : SlopeDiagnosis
     points : Points
     notes : tuple of str

@@ -28,7 +28,7 @@ FOLDS = 2
 """blocks of the training data on which settings are compared."""
 SAMPLES = 3_000
 """training samples on which settings are compared at most."""
-TASTE = 12
+SHORT = 12
 """iterations of a fit that is only to be compared."""
 WORTH = 0.97
 """a larger setting must bring the cross-validated ESR below this share of the smaller one's."""
@@ -120,8 +120,8 @@ class Compliance(SampledDamper):
         moving = self.current and current_moves(records)
         levels = (self.levels,) if self.levels else _levels(records) if self.current else (1,)
         lags = (self.lags,) if self.lags else LAGS
-        widest, more = _chosen(records, lags, lambda n: self.structure(n, levels[0], moving, TASTE))
-        finest, stated = _chosen(records, levels, lambda n: self.structure(widest, n, moving, TASTE))
+        widest, more = _chosen(records, lags, lambda n: self.structure(n, levels[0], moving, SHORT))
+        finest, stated = _chosen(records, levels, lambda n: self.structure(widest, n, moving, SHORT))
         found = identify(records, self.structure(widest, finest, moving))
         chosen = self.replace(lags=widest, levels=finest)
         return (
@@ -223,8 +223,8 @@ class QuasiLpv(SampledDamper):
         open_ = [(n, t) for n, t in WIDTHS if self.lags in (None, n) and self.trial in (None, t)]
         widths = open_ or [(self.lags or 4, self.trial or 1)]
         prices = ODDNESS if self.oddness is None else (self.oddness,)
-        (lags, trial), stated = _chosen(records, widths, lambda w: self.structure(w[0], w[1], prices[0], moving, TASTE))
-        oddness, more = _chosen(records, prices, lambda o: self.structure(lags, trial, o, moving, TASTE))
+        (lags, trial), stated = _chosen(records, widths, lambda w: self.structure(w[0], w[1], prices[0], moving, SHORT))
+        oddness, more = _chosen(records, prices, lambda o: self.structure(lags, trial, o, moving, SHORT))
         found = identify(records, self.structure(lags, trial, oddness, moving))
         notes = (*(f"lags of velocity and of trial force, {m}" for m in stated),
                  *(f"price of an asymmetry in samples, {m}" for m in more))

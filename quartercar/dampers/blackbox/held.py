@@ -34,7 +34,7 @@ class Held:
     Parameters
     ----------
     model : LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
-    layout : Layout, StateSpaceLayout or VectorLayout
+    layout : ParameterLayout, StateSpaceLayout or VectorLayout
         Which of its coefficients are parameters.
     """
 

@@ -155,7 +155,7 @@ def _with_roles(model: Any, label: str) -> dict[str, str]:
 
 
 def _role(name: str, stated: Mapping[str, str]) -> str | None:
-    """The role under which a damper knows a signal: its own name, or the role that was given to its channel."""
+    """The role under which a damper reads a signal: its own name, or the role that was given to its channel."""
     known = ("velocity", "displacement", "current", "force")
     if name in known:
         return name

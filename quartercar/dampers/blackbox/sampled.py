@@ -191,7 +191,8 @@ class SampledDamper(Damper):
         Parameters
         ----------
         sample_time : float
-            Not read: the model has a period of its own.
+            Any: the model keeps its own period (`Adaptable.to_model`), so that what resamples to it can ask with the
+            period of the data. Along a record at another rate `lpvid.simulate` refuses it; `at_clock` refuses at once.
 
         Returns
         -------

@@ -20,7 +20,7 @@ from lpvid.validation import figures
 LARGEST_POLE = 0.999
 """modulus that no frozen pole may exceed along the training data (equation sheet 7.1)."""
 MOST_SAMPLES = 60_000
-"""samples that a search by simulation error sees at most."""
+"""samples that a search by simulation error uses at most."""
 CURRENTS = 101
 """points of the current's range at which poles are looked at."""
 

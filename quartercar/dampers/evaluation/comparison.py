@@ -29,9 +29,9 @@ STRETCH = 512
 """samples of a stretch, where training data are thinned"""
 QUICK = FitSettings()
 """for models without states, whose free run is a formula"""
-SLOW = FitSettings(starts=10, polished=2, evaluations=50, tasting_evaluations=10, tasting_samples=1500)
+SLOW = FitSettings(starts=10, polished=2, evaluations=50, short_evaluations=10, short_samples=1500)
 """for models with states, whose free run is an integration"""
-STIFF = FitSettings(starts=4, polished=1, evaluations=30, tasting_evaluations=8, tasting_samples=800)
+STIFF = FitSettings(starts=4, polished=1, evaluations=30, short_evaluations=8, short_samples=800)
 """for models of more states than `SMALL`, whose integration is many times slower still"""
 
 
@@ -92,7 +92,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     models : "all", or names and dampers
         Names of `model_names` are fitted; a `Damper` is compared as it is (a published parameter set, a saved fit).
     held_out : sequence of Record, optional
-        Data that no fit sees; left out, the last third of every record.
+        Data that no fit uses; left out, the last third of every record.
     settings : CompareSettings, optional
     progress : callable
         Receives what is being done.
@@ -262,7 +262,7 @@ def _cost(damper: Damper, records: Sequence[Record], effort: FitSettings) -> flo
     equations.
     """
     count, samples = max(len(damper.parameters), 1), sum(r.n_samples for r in records)
-    simulated = (effort.starts * effort.tasting_evaluations * min(effort.tasting_samples, samples)
+    simulated = (effort.starts * effort.short_evaluations * min(effort.short_samples, samples)
                  + effort.polished * effort.evaluations * samples) * (count + 1)
     if damper.integrated_states is None:
         return float(samples * count**2)

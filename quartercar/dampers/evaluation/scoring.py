@@ -121,8 +121,8 @@ class Score:
 
     Attributes
     ----------
-    total : FreeRun
-    records : tuple of (str, FreeRun)
+    total : FreeRunScore
+    records : tuple of (str, FreeRunScore)
     energy_error : float or None
         |∮F̂ dx / ∮F dx − 1| over all records.
     quadrants : tuple of Quadrant

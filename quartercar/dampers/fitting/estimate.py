@@ -17,7 +17,7 @@ class Starts:
 
     Attributes
     ----------
-    tasted : int
+    searched : int
         Starts tried on shortened data.
     polished : int
         Different minima among them that were followed to their end on all data.
@@ -25,12 +25,12 @@ class Starts:
         Starts that led to the least cost.
     """
 
-    tasted: int
+    searched: int
     polished: int
     agreed: int
 
     def __str__(self) -> str:
-        return f"{self.agreed} of {self.tasted} starts agree on the best cost ({self.polished} followed on all data)"
+        return f"{self.agreed} of {self.searched} starts agree on the best cost ({self.polished} followed on all data)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,8 +99,8 @@ class Full:
 
     Attributes
     ----------
-    problem : Problem
-    coordinates : Coordinates
+    problem : DamperFitProblem
+    coordinates : SearchCoordinates
         Of all parameters.
     """
 

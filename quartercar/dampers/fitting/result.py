@@ -103,7 +103,7 @@ class DamperFit(Shown):
                 "held_out": None if self.held_out_score is None else self.held_out_score.to_dict(),
                 "standard_errors": self.std, "covariance": encode(self.covariance), "at_bounds": list(self.at_bounds),
                 "undetermined": list(self.undetermined), "condition": encode(self.estimate.condition),
-                "starts": None if starts is None else {"tasted": starts.tasted, "polished": starts.polished,
+                "starts": None if starts is None else {"searched": starts.searched, "polished": starts.polished,
                                                        "agreed": starts.agreed},
                 "passivity": self.passivity.to_dict(), "flags": list(self.flags), "notes": list(self.notes),
                 "seconds": self.seconds}

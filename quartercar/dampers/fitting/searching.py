@@ -89,7 +89,7 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
 
     Returns
     -------
-    best : SearchEnd
+    best : DamperSearchEnd
         Of least cost on all data.
     starts : Starts
         How many were tried, followed, and ended at that cost.
@@ -101,11 +101,11 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
     """
     damper = problem.damper
     rng = np.random.default_rng(settings.seed)
-    short = DamperFitProblem(damper, shortened(problem.drives, settings.tasting_samples))
+    short = DamperFitProblem(damper, shortened(problem.drives, settings.short_samples))
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
     starts += _scattered(damper, starts, settings.starts // 2 - len(starts), rng)
-    groups = [[Tasted(0.0, starts[0])]] if len(starts) == 1 else _alike(tasted(short, starts, settings))
+    groups = [[ShortSearch(0.0, starts[0])]] if len(starts) == 1 else _alike(searched_short(short, starts, settings))
     followed = [g for g in groups[: settings.polished] if not surely_worse(g[0], groups[0][0])]
     polished = [(polish(problem, group[0].theta, settings), len(group)) for group in followed]
     ends = [(end, size) for end, size in polished if end is not None]
@@ -134,7 +134,7 @@ def _scattered(damper: FittedLaw, starts: Sequence[np.ndarray], count: int,
 
 
 @dataclass(frozen=True, eq=False)
-class Tasted:
+class ShortSearch:
     """A start after a few steps on shortened data.
 
     Attributes
@@ -150,7 +150,7 @@ class Tasted:
     residual: np.ndarray | None = None
 
 
-def surely_worse(one: Tasted, best: Tasted) -> bool:
+def surely_worse(one: ShortSearch, best: ShortSearch) -> bool:
     """Whether the residual of one start is larger than the best one's by more than its own scatter can explain.
 
     A race: the mean of the paired differences of squared residuals lies `SURE` standard errors above zero. The standard
@@ -159,7 +159,7 @@ def surely_worse(one: Tasted, best: Tasted) -> bool:
 
     Parameters
     ----------
-    one, best : Tasted
+    one, best : ShortSearch
         On the same shortened data.
 
     Returns
@@ -174,11 +174,11 @@ def surely_worse(one: Tasted, best: Tasted) -> bool:
     return float(means.mean()) > SURE * float(means.std(ddof=1)) / np.sqrt(means.size)
 
 
-def tasted(problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[Tasted]:
+def searched_short(problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[ShortSearch]:
     """Each start by rising cost, after a few steps on shortened data.
 
-    Those near the best are followed three times as far, so that starts which share a minimum are seen to. Starts that
-    diverge are left out, unless all do.
+    Those near the best are followed three times as far, so that starts that share a minimum have nearly one cost. Those
+    that diverge are left out, unless all do.
 
     Parameters
     ----------
@@ -187,29 +187,29 @@ def tasted(problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: Fi
     starts : sequence of (P,) array
         Parameters, SI.
     settings : FitSettings
-        ``tasting_evaluations`` is the length of a short search.
+        ``short_evaluations`` is the length of a short search.
 
     Returns
     -------
-    list of Tasted
+    list of ShortSearch
         Never empty; where all diverge, every start at infinite cost.
     """
     view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
-    ends = [search_law(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
-    out = sorted((Tasted(e.trial.cost, e.trial.theta, e.trial.residual) for e in ends if e is not None),
+    ends = [search_law(view, view.start(s), settings.short_evaluations, COARSE) for s in starts]
+    out = sorted((ShortSearch(e.trial.cost, e.trial.theta, e.trial.residual) for e in ends if e is not None),
                  key=lambda t: t.cost)
     for k, one in enumerate(out):
         if one.cost > PROMISING * out[0].cost:
             break
-        end = search_law(view, view.start(one.theta), 3 * settings.tasting_evaluations, FINE)
+        end = search_law(view, view.start(one.theta), 3 * settings.short_evaluations, FINE)
         if end is not None:
-            out[k] = Tasted(end.trial.cost, end.trial.theta, end.trial.residual)
-    return sorted(out, key=lambda t: t.cost) or [Tasted(np.inf, s) for s in starts]
+            out[k] = ShortSearch(end.trial.cost, end.trial.theta, end.trial.residual)
+    return sorted(out, key=lambda t: t.cost) or [ShortSearch(np.inf, s) for s in starts]
 
 
-def _alike(ends: Sequence[Tasted]) -> list[list[Tasted]]:
+def _alike(ends: Sequence[ShortSearch]) -> list[list[ShortSearch]]:
     """Starts by rising cost of their short searches, those of nearly one cost together."""
-    groups: list[list[Tasted]] = []
+    groups: list[list[ShortSearch]] = []
     for one in ends:
         if groups and one.cost <= groups[-1][0].cost * (1 + ALIKE):
             groups[-1].append(one)
@@ -232,7 +232,7 @@ def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) 
 
     Returns
     -------
-    SearchEnd or None
+    DamperSearchEnd or None
         None where the run diverges at the start.
     """
     if problem.damper.linear:

@@ -22,8 +22,8 @@ class FitSettings:
         Of the starting points; the same seed gives the same fit.
     evaluations : int
         Simulations of one polish, at most.
-    tasting_evaluations, tasting_samples : int
-        Simulations of one such search, and samples of it, at most.
+    short_evaluations, short_samples : int
+        Simulations of one search on shortened data, and its samples, at most.
     tolerance : float
         Relative decrease of the cost that a step must promise.
     sample_rate : float or None
@@ -44,14 +44,14 @@ class FitSettings:
     polished: int = 3
     seed: int = 0
     evaluations: int = 200
-    tasting_evaluations: int = 15
-    tasting_samples: int = 3000
+    short_evaluations: int = 15
+    short_samples: int = 3000
     tolerance: float = 1e-9
     sample_rate: float | None = None
     polarity: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("starts", "polished", "evaluations", "tasting_evaluations", "tasting_samples"):
+        for name in ("starts", "polished", "evaluations", "short_evaluations", "short_samples"):
             checks.count(getattr(self, name), name, at_least=1)
         checks.count(self.seed, "seed")
         checks.positive(self.tolerance, "tolerance")

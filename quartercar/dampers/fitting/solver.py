@@ -12,7 +12,7 @@ from quartercar.dampers.parameter import Parameter
 
 
 class SearchCoordinates:
-    """Parameters as a search sees them.
+    """Parameters in the coordinates of a search.
 
     Attributes
     ----------

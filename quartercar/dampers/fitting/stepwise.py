@@ -60,7 +60,7 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     begun.sort(key=lambda pair: pair[1].cost)
     tried = []
     for part, trial in begun[:FOLLOWED] if len(begun) > 1 else []:
-        found = search_law(part, trial.point, settings.tasting_evaluations, 1e-4)
+        found = search_law(part, trial.point, settings.short_evaluations, 1e-4)
         tried.append((part, trial if found is None else found.trial))
     part, trial = min(tried or begun[:1], key=lambda pair: pair[1].cost)
     found = search_law(part, trial.point, settings.evaluations, settings.tolerance)
@@ -100,7 +100,7 @@ class PartialResiduals(Generic[D]):
 
     Attributes
     ----------
-    coordinates : Coordinates
+    coordinates : SearchCoordinates
         Of those that move.
     """
 
@@ -193,7 +193,7 @@ class Stepwise:
     Attributes
     ----------
     damper : SemiActiveDamper
-    steps : tuple of Step
+    steps : tuple of SubProblem
     notes : tuple of str
         Kinds of records that were missing, and what was done instead.
     """
@@ -294,7 +294,7 @@ def stepwise_start(damper: SemiActiveDamper, drives: Sequence[Drive]) -> SemiAct
     SemiActiveDamper
         Found by short searches.
     """
-    quick = FitSettings(evaluations=15, tasting_evaluations=6, tolerance=1e-4)
+    quick = FitSettings(evaluations=15, short_evaluations=6, tolerance=1e-4)
     return _identify(damper, drives, [""] * len(drives), quick).damper
 
 
@@ -380,7 +380,9 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
 def gas_from_slow(damper: SemiActiveDamper, drives: Sequence[Drive]) -> tuple[dict[str, float], float] | None:
     """Gas parameters halfway between slow extension and slow compression, and the ESR; None where that fails.
 
-    Friction that differs between the directions cannot be separated from preload here: half the difference goes there.
+    F = k_1 x + F_0 + a sign v + b v by least squares: without b v, what grows with the speed of a motion counts in part
+    as spring. At one speed only a + b|v| can be determined, which leaves k_1 and F_0 unchanged. Friction that
+    differs between the directions cannot be separated from preload here: half the difference goes there.
 
     Parameters
     ----------
@@ -392,18 +394,18 @@ def gas_from_slow(damper: SemiActiveDamper, drives: Sequence[Drive]) -> tuple[di
     Returns
     -------
     (dict of str to float, float) or None
-        Values by name, SI, and the ESR of the straight line with friction. None without drives, where one direction is
+        Values by name, SI, and the ESR of the line with friction. None without drives, where one direction is
         less than a tenth of the moving samples, or where a spring is wanted and nothing moves.
     """
     if not drives:
         return None
     x, v, f = (np.concatenate([getattr(d, name) for d in drives]) for name in ("displacement", "velocity", "force"))
     moving = np.abs(v) > 0.3 * np.quantile(np.abs(v), 0.9)
-    x, side, f = x[moving], np.sign(v[moving]), f[moving]
+    x, v, f, side = x[moving], v[moving], f[moving], np.sign(v[moving])
     spring = "gas_stiffness" in damper.gas_values
     if min(np.mean(side > 0), np.mean(side < 0)) < 0.1 or (spring and np.ptp(x) == 0):
         return None
-    columns = np.column_stack([*([x] if spring else []), np.ones(x.size), side])
+    columns = np.column_stack([*([x] if spring else []), np.ones(x.size), side, v])
     found = np.linalg.lstsq(columns, f, rcond=None)[0]
     if spring and found[0] < 0:
         found = np.concatenate([[0.0], np.linalg.lstsq(columns[:, 1:], f, rcond=None)[0]])

@@ -26,7 +26,7 @@ SPREAD = (0.03, 0.1, 0.25, 0.5, 0.9)
 """knots on either side of zero that are proposed for data, as shares of the largest speed"""
 
 _FOLLOWED: WeakKeyDictionary[Drive, tuple[tuple[CurrentLag, bytes], np.ndarray]] = WeakKeyDictionary()
-"""What a lag last made of each drive's current: variable projection asks for one lag with many tables."""
+"""What a lag last made of each drive's current: variable projection uses one lag with many tables."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

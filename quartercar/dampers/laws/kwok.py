@@ -196,7 +196,8 @@ class Kwok(StaticDamper):
         Returns
         -------
         LPVTransferFunction
-            Without memory; along records as measured: their polarity and zero of the displacement. It runs along ``damper.with_secants(record)``: the secants are channels that no record has.
+            Without memory; along records as measured: their polarity and zero of the displacement.
+            It runs along ``damper.with_secants(record)``: the secants are channels that no record has.
         """
         degree = self.degree
         blocks = dict(zip(self.functions, np.split(self.vector[:-1], len(self.functions)), strict=True))

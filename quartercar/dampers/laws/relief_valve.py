@@ -43,7 +43,7 @@ COMMON = (
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LagDamper(DynamicDamper):
-    """Five states [x_V1, ẋ_V1, x_V2, ẋ_V2, Δp] and what a piston rod feels of them.
+    """Five states [x_V1, ẋ_V1, x_V2, ẋ_V2, Δp] and the force on the piston rod that follows.
 
         dΔp/dt = (1 + ζ)/(β V_1 ζ) {A_P ẏ − sign(Δp)[|Q_O| + 𝒟|Q_V|]}                               (7), (10)
         m_V ẍ_V = Δp_V G(x_V) − b_V ẋ_V − k_V (x_V + X_CRIT),   x_V ≥ 0                              (8), each valve
@@ -52,7 +52,7 @@ class LagDamper(DynamicDamper):
     Force and motion determine no pressures, lifts or masses, only these in the force domain: A_P²/(β𝒱), the losses
     A_P³/K² of each restriction (F = a v²), A_P P_CRIT, and the poppet's frequency and damping ratio. Those are the
     parameters; what turns them into pascals, metres and kilograms are settings, known from the drawing. Of the settings
-    the force feels only two numbers, γ X_CRIT and 4 C_D (X_CRIT/d_V) sin 2α, which shape discharge and jet force.
+    only two numbers enter the force, γ X_CRIT and 4 C_D (X_CRIT/d_V) sin 2α, which shape discharge and jet force.
 
     A closed poppet lets nothing pass, as 𝒟 expresses; the routes are parallel, so that a poppet that still closes
     while the other opens is no exception. The friction enters with the sign that resists. The inertia of the piston,
@@ -194,7 +194,7 @@ class LagDamper(DynamicDamper):
         return np.array([lifts[0], 0.0 * hydraulic, lifts[1], 0.0 * hydraulic, hydraulic / self.piston_area])
 
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
-        """(7), (8), (10) as printed, in metres and pascals; the stops swallow a poppet within `SEATING`.
+        """(7), (8), (10) as printed, in metres and pascals; a poppet settles on a stop within `SEATING`.
 
         Parameters
         ----------

@@ -67,7 +67,7 @@ class SemiActiveDamper(LawDamper):
 
     @abstractmethod
     def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[Self]:
-        """Dampers of one row whose values, and gas where it is unknown, are guessed from forces at one current.
+        """Dampers of one row, with values, and gas where it is unknown, read off forces at one current.
 
         Parameters
         ----------

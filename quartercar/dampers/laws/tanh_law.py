@@ -280,7 +280,8 @@ class TanhLaw(StaticDamper):
         Returns
         -------
         LPVTransferFunction
-            Without memory; along records as measured: their polarity and zero of the displacement. With displacement it runs along ``damper.with_saturation(record)``.
+            Without memory; along records as measured: their polarity and zero of the displacement.
+            With displacement it runs along ``damper.with_saturation(record)``.
 
         Raises
         ------

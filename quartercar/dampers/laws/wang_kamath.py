@@ -48,7 +48,7 @@ class WangKamath(DynamicDamper):
 
     What it can do: yield, post-yield softening or stiffening by one odd polynomial, lag that grows with the rate of the
     force, and, with w_3 < 0 or w_4 < 0, jumps between branches. What it cannot: it reads the velocity alone, so that it
-    knows no spring, no gas preload and no asymmetry; it has no lag from the current to the force.
+    has no spring, no gas preload and no asymmetry; it has no lag from the current to the force.
 
     Attributes
     ----------

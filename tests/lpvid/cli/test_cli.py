@@ -403,6 +403,10 @@ def test_rates_and_ranges():
     assert words.interval("-1:2", "--range") == ("", (-1.0, 2.0))
     with pytest.raises(InputError, match="NAME=R"):
         words.rates(["p=1", "2"], ["p", "q"])
+    with pytest.raises(InputError, match="no scheduling variable 'r'; there are p, q"):
+        words.rates(["r=1"], ["p", "q"])
+    with pytest.raises(InputError, match="names 'p' twice"):
+        words.rates(["p=1,p=2"], ["p", "q"])
 
 
 def test_sample_rate_of_a_file_without_clock(tmp_path):

@@ -24,6 +24,7 @@ from lpvid.diagnosis.facade import answer, pose
 from lpvid.diagnosis.lpv_extension import enlarged, measured_extension
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
+from lpvid.report.diagnosis import _facts
 
 RATE, SLOPE, FRICTION, NOISE = 200.0, 40.0, 3.0, 0.5
 
@@ -325,6 +326,11 @@ def test_an_interruption_leaves_what_is_known(at, reached):
     esr = by_hand(found.baseline["parameters"][0]["value"], 0.0, measured())
     assert found.before.esr_training == pytest.approx(esr, rel=0.05)
     assert found.to_dict()["complete"] is False and found.extended.effects == ()
+    errors = found.to_dict()["baseline"]
+    assert errors["esr"] == {"training": found.before.esr_training, "held_out": None}
+    assert f"free-run ESR {found.before.esr_training:.4g} training (training samples, nothing" in str(found)
+    page = dict(_facts(found, False))
+    assert "free-run ESR, baseline, training" in page and not any("held-out" in name for name in page)
 
 
 def test_entry_points_may_give_a_factory_or_a_mapping_of_them(installed):

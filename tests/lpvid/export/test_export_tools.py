@@ -218,6 +218,14 @@ def test_tables_come_back_bit_for_bit(rng):
     assert head == "time [s],u1 [1],u2 [1],current [A],y1 [1],y2 [1]"
 
 
+@pytest.mark.parametrize("form", sorted(set(FORMS) - {"c"}))
+def test_single_precision_is_refused_by_every_form_that_computes_in_double(tmp_path, rng, form):
+    model = lpv.save(state_space(rng), tmp_path / "model.json")
+    done = run(model, "--to", form, "--precision", "float", "--out", tmp_path / "out")
+    assert done.exit_code == 2 and "double precision" in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 # -- command line ----------------------------------------------------------------------------------------------------
 def run(*arguments):
     return CliRunner().invoke(app, ["export", *map(str, arguments)])

@@ -22,7 +22,8 @@ import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.cli.fleet import _table
 from lpvid.errors import InputError
-from lpvid.fleet import differing, plan_fleet, run_fleet, running
+from lpvid.files.streaming import Chunks
+from lpvid.fleet import differing, plan_fleet, run_fleet, running, steps
 from lpvid.fleet.causes import read_causes
 from lpvid.fleet.differing import (
     departure,
@@ -363,3 +364,59 @@ def test_what_a_fleet_cannot_identify_is_one_line(folder: Path, tmp_path: Path) 
     ):
         result = CliRunner().invoke(app, [w for w in words if "--auto" not in more or w not in ("--nk", "0")] + more)
         assert result.exit_code == 2 and stated in result.stderr and result.stderr.count("\n") == 1, result.output
+
+
+# -- large files -------------------------------------------------------------------------------------------------------
+def judged(plan: Any, model: Path, rate: float) -> dict[str, Any]:
+    done = steps.judge(plan.jobs[0], plan, model, rate, "tag")
+    assert done.state == "done", done.message
+    return json.loads(done.message)
+
+
+def test_a_large_file_at_another_rate_or_without_its_velocity_is_read_whole(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its parts, neither resampled nor with a derived velocity, are handed on where neither is needed."""
+    record = specimen(3)
+    (tmp_path / "a").mkdir()
+    written(record, tmp_path / "a")
+    x = np.cumsum(record["velocity"]) * 0.002
+    rows = np.column_stack([record.times, x, record["current"], record["force"]])
+    np.savetxt(tmp_path / "b.csv", rows, fmt="%.10g", delimiter=",", comments="",
+               header="time [s],displacement [m],current [A],force [N]")
+    plain = plan_fleet([str(tmp_path / "a")], tmp_path / "out", structure=STRUCTURE)
+    bare = plan_fleet([str(tmp_path / "b.csv")], tmp_path / "out_b", structure=STRUCTURE)
+    small = {k: list(steps.records(p.jobs[0], p, r)) for k, (p, r) in
+             {"own": (plain, 500.0), "half": (plain, 250.0), "bare": (bare, 500.0)}.items()}
+    monkeypatch.setattr(steps, "LARGE", 100.0)
+    monkeypatch.setattr(steps, "ROWS", 400)
+    own = steps.records(plain.jobs[0], plain, 500.0)
+    assert isinstance(own, Chunks) and [r.n_samples for r in own] == [400, 400, 400, 300]
+    np.testing.assert_array_equal(np.concatenate([r["force"] for r in own]), small["own"][0]["force"])
+    for name, plan, rate in (("half", plain, 250.0), ("bare", bare, 500.0)):
+        found = list(steps.records(plan.jobs[0], plan, rate))
+        assert [r.n_samples for r in found] == [r.n_samples for r in small[name]]
+        np.testing.assert_array_equal(found[0].matrix(STRUCTURE.channels), small[name][0].matrix(STRUCTURE.channels))
+    assert steps.scan(bare.jobs[0], bare).state == steps.scan(plain.jobs[0], plain).state == "done"
+    assert steps.factor(plain.jobs[0], plain, lpv.Scheduling(("current",), (0.0,), (2.0,)), 250.0, "t").state == "done"
+
+
+def test_a_large_file_is_judged_by_the_free_run_of_the_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "data").mkdir()
+    written(specimen(4), tmp_path / "data")
+    path = lpv.save(lpv.identify([specimen(5)], STRUCTURE).model, tmp_path / "model.json")
+    plans = [plan_fleet([str(tmp_path / "data")], tmp_path / k, structure=STRUCTURE) for k in ("small", "large")]
+    small = judged(plans[0], path, 500.0)
+    monkeypatch.setattr(steps, "LARGE", 100.0)
+    monkeypatch.setattr(steps, "ROWS", 400)
+    large = judged(plans[1], path, 500.0)
+    assert large.keys() == small.keys() and large["unit"] == small["unit"] and small["esr"] > 0
+    for name in ("esr", "rmse", "mean_error"):
+        assert large[name] == pytest.approx(small[name], rel=1e-9), name
+
+
+def test_a_file_without_a_record_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written(specimen(1), tmp_path)
+    plan = plan_fleet([str(tmp_path)], tmp_path / "out", structure=STRUCTURE)
+    monkeypatch.setattr(steps, "records", lambda *_: [])
+    done = steps.scan(plan.jobs[0], plan)
+    assert done.state == "refused" and "holds no record" in done.message

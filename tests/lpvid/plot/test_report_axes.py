@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -82,3 +83,49 @@ def test_no_run_leaves_the_frame(drawings: dict[str, Callable[[Any], Any]], figu
     low, high = ax.get_ylim()
     for line in ax.lines:
         assert low <= np.min(line.get_ydata()) and np.max(line.get_ydata()) <= high
+
+
+def diverging(at: int) -> diagnosis.BeforeAfter:
+    """As `runs`, but that its baseline diverges at a sample and is NaN from there on."""
+    (whole,) = runs()
+    before = whole.before.copy()
+    before[at:] = np.nan
+    return replace(whole, name="diverged", before=before)
+
+
+@pytest.mark.parametrize("at", [0, 1, 1000])
+def test_a_baseline_that_diverges_is_the_most_wrong(at: int) -> None:
+    (worse,) = runs(3.0)
+    assert diagnosis.most_wrong([worse, diverging(at), *runs()]).name == "diverged"
+    assert diagnosis.most_wrong([*runs(), worse]) is worse
+    assert diagnosis.close_up([worse, diverging(at)], True)[0].get_title(loc="left") == "diverged (held-out)"
+
+
+def test_figures_of_a_run_that_diverges_show_what_came_before() -> None:
+    """Up to there they are those of the record cut short."""
+    cut, (whole,) = diverging(1000), runs()
+    short = replace(whole, channels={n: v[:1000] for n, v in whole.channels.items()}, measured=whole.measured[:1000],
+                    before=whole.before[:1000], after=whole.after[:1000])
+    time, frequency = diagnosis.error_courses([cut], None, False)
+    over_time = np.asarray(time.lines[0].get_ydata())
+    full = np.asarray(diagnosis.error_courses([whole], None, False)[0].lines[0].get_ydata())
+    reached = np.isfinite(over_time)
+    np.testing.assert_array_equal(over_time[reached], full[reached])
+    assert over_time.size == full.size and reached.sum() == over_time.size * 1000 // 2000
+    expected = diagnosis.error_courses([short], None, False)[1].lines[0]
+    np.testing.assert_array_equal(frequency.lines[0].get_ydata(), expected.get_ydata())
+    for ax in np.ravel(diagnosis.error_shapes([cut], False)):
+        assert np.isfinite(ax.lines[0].get_ydata()).all() and len(ax.lines[0].get_ydata()) > diagnosis.BINS // 2
+    even = replace(whole, before=np.where(np.arange(2000) < 1000, whole.measured - 10.0, np.nan))
+    cells = np.ma.filled(np.ravel(diagnosis.error_maps([even], False))[0].collections[0].get_array(), np.nan)
+    assert np.isfinite(cells).any()
+    np.testing.assert_allclose(cells[np.isfinite(cells)], 10.0, rtol=1e-12)
+
+
+def test_figures_of_a_baseline_that_diverges_at_once_are_drawn() -> None:
+    shown = [diverging(0)]
+    for draw in (diagnosis.error_maps, diagnosis.error_shapes, diagnosis.loops, diagnosis.close_up):
+        assert draw(shown, True) is not None
+    time, frequency = diagnosis.error_courses(shown, 1.0, True)
+    assert not np.isfinite(time.lines[0].get_ydata()).any() and np.isfinite(time.lines[1].get_ydata()).all()
+    assert len(frequency.lines[0].get_ydata()) == 0 and len(frequency.lines[1].get_ydata()) > 0

@@ -11,7 +11,7 @@ from lpvid.plot.comparison import Comparison
 from lpvid.plot.residuals import NORMAL_99
 from lpvid.plot.stability import locus
 from lpvid.plot.synthesis import weighted_channels
-from lpvid.report.figures import comparisons, overall_table, records_table
+from lpvid.report.figures import comparisons, overall_table, records_table, verdict_grade
 from lpvid.report.inspection import MOST_DRAWN, inspection_page
 from lpvid.report.stability import locus_items, study_stability
 from lpvid.report.synthesis import modes, verdict
@@ -22,6 +22,8 @@ from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback import OutputFeedback
 from lpvid.synthesis.synthesizing import synthesize
+from lpvid.validation.figures import FigurePair, Figures, RecordFigures
+from lpvid.validation.report import Validation
 
 RATE = 100.0
 
@@ -185,3 +187,16 @@ def test_a_turned_sensor_is_above_the_figures_and_its_error_in_the_frame():
     low, high = traces.panels[0].limits
     error = np.concatenate([c.values for c in traces.panels[0].curves])
     assert low <= np.nanmin(error) and high >= np.nanmax(error)
+
+
+@pytest.mark.parametrize("at", [0, 7])
+def test_a_record_that_diverges_at_its_first_sample_counts_as_bad(at):
+    def row(name: str, esr: float | None, diverged: int | None = None) -> RecordFigures:
+        free = Figures("free-run", esr, None, None, "N", 100, diverged)
+        return RecordFigures(name, 100, free, Figures("one-step", 0.0, 100.0, 0.0, "N", 100), 0.0)
+
+    def graded(*rows: RecordFigures) -> str:
+        return verdict_grade(Validation("held-out", FigurePair(rows[0].free_run, rows[0].one_step), rows, (), 0.0))
+
+    well, still, gone = row("well", 1e-4), row("still", None), row("gone", None, at)
+    assert graded(well, still) == "good" and graded(well, still, gone) == "warn"

@@ -75,6 +75,39 @@ class TestLag:
         exact = solve_ivp(rate, (0, t[-1]), [current[0]], t_eval=t, rtol=1e-8, atol=1e-10, max_step=PERIOD).y[0]
         assert np.abs(got - exact).max() < 2e-4
 
+    @pytest.mark.parametrize(("rise", "fall"), [(0.004, 0.02), (0.02, 0.004), (0.01, 0.0), (0.0, 0.01)])
+    def test_a_current_and_its_negative_are_lagged_alike(self, rise: float, fall: float) -> None:
+        for s in (steps(0.0, 2.0, 0.5, 1.0, 0.0, hold=20), of(1 + np.sin(0.1 * np.arange(300)))):
+            np.testing.assert_array_equal(lagged(s.replace(current=-s["current"]), rise, fall), -lagged(s, rise, fall))
+
+    @pytest.mark.parametrize(("rise", "fall"), [(0.004, 0.02), (0.02, 0.004), (0.01, 0.0), (0.0, 0.01)])
+    def test_a_held_current_that_turns_over_decays_first(self, rise: float, fall: float) -> None:
+        """From a to −b the field is zero after τ_fall ln(1 + a/b), and builds up from there."""
+        a, b, hold = 1.0, 0.6, 400
+        got = lagged(steps(0.0, a, -b, hold=hold), rise, fall)[2 * hold:]
+        top = a * (1 - np.exp(-hold * PERIOD / rise)) if rise else a
+        t = PERIOD * (np.arange(hold) + SEEN_AFTER)
+        zero = fall * np.log1p(top / b)
+        down = (-b + (top + b) * np.exp(-t / fall)) if fall else np.full(hold, -b)
+        up = -b * (1 - np.exp(-(t - zero) / rise)) if rise else np.full(hold, -b)
+        np.testing.assert_allclose(got, np.where(t < zero, down, up), atol=1e-12)
+
+    @pytest.mark.parametrize(("rise", "fall"), [(0.01, 0.03), (0.03, 0.01), (0.02, 0.0), (0.0, 0.02)])
+    def test_smooth_current_that_turns_over(self, rise: float, fall: float) -> None:
+        """Against exponential steps of a hundredth of a sample."""
+        t = PERIOD * np.arange(700)
+        current = np.sin(2 * np.pi * 3.0 * t) + 0.4 * np.sin(2 * np.pi * 7.3 * t)
+        got = lagged(of(current), rise, fall)
+        fine, y, exact = PERIOD / 100, current[0], np.empty(t.size)
+        for k in range(t.size):
+            exact[k] = y
+            if k + 1 < t.size:
+                for part in (np.arange(100) + 0.5) / 100:
+                    i = current[k] + part * (current[k + 1] - current[k])
+                    tau = rise if (i - y) * y > 0 or y == 0 else fall
+                    y = i + (y - i) * np.exp(-fine / tau) if tau else i
+        assert np.abs(got - exact).max() < 2e-3 and np.ptp(exact) > 1.0
+
     def test_equal_edges_are_one_lag(self) -> None:
         for s in (road_like(), road_like(hold=1)):
             np.testing.assert_allclose(composed(RiseFallLag(), [0.01, 1.0], s, current_itself),

@@ -108,7 +108,7 @@ def test_demands_beyond_the_limits() -> None:
     assert np.abs(path.inputs[:, 1]).max() > 2 * LAW.half_range
     assert output_gap(embedding, run) < 1e-9
     assert error(embedding, driven(DAMPER, 2.5e-4, over=2.0)) < 3e-3
-    with pytest.raises(InputError, match="not its lag"):
+    with pytest.raises(InputError, match=r"not its lag.*SaturationPair"):
         embedding.along(driven(DAMPER, coil=SMOOTH, seconds=0.2))
     asked = path.inputs[:, 1]
     np.testing.assert_allclose(embedding.ratio(asked) * asked, np.clip(asked, -LAW.half_range, LAW.half_range))
@@ -124,6 +124,15 @@ def test_the_prefilter_is_the_coil() -> None:
     assert output_gap(embedding, run) < 1e-9
     errors = [error(embedding, driven(DAMPER, step, coil=coil)) for step in (1e-3, 5e-4)]
     assert errors[0] < 5e-3 and errors[0] / errors[1] > 3
+
+
+@pytest.mark.parametrize("inner", [LimitedPair(MEGANE, LAW), NominalForce(MEGANE, 1000.0)])
+def test_only_a_yield_force_lags_as_the_coil_does(inner) -> None:
+    # the plant holds for a design; a run with a lagging coil is none of it
+    behind = Prefiltered(inner, 0.01)
+    assert behind.held == ("road_velocity", inner.control) and not behind.system.B[1:].any()
+    with pytest.raises(InputError, match=r"lag of a coil.*SaturationPair"):
+        behind.along(driven(DAMPER, coil=SMOOTH, seconds=0.2))
 
 
 def test_what_a_damper_gives_of_a_demand() -> None:

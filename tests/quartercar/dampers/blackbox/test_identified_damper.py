@@ -234,3 +234,11 @@ def test_a_model_that_is_active_at_high_frequency_only_is_found():
     found = active_frequency(quick, (0.0, 2.0))
     assert found.frequency == pytest.approx(250.0) and found.damping == pytest.approx(-1000.0)
     assert active_frequency(Identified.of(linear()), (0.0, 2.0)) is None
+
+
+def test_a_model_keeps_its_own_period_and_is_refused_along_another():
+    damper = Identified.of(model("arx"))
+    back = damper.to_model(2 / RATE)
+    assert back.sample_time == damper.clock == pytest.approx(1 / RATE)
+    with pytest.raises(InputError, match="another rate than the model"):
+        lpv.simulate(damper, replace(run(1), time=None, sample_time=2 / RATE))

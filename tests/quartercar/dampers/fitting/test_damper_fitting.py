@@ -130,8 +130,8 @@ def test_many_starts_find_the_minimum_that_one_misses() -> None:
     assert alone.training.esr is not None and alone.training.esr > 0.3
     assert many.damper.vector == pytest.approx([80, 11], rel=0.01)
     starts = many.estimate.starts
-    assert starts is not None and 1 <= starts.agreed < starts.tasted <= 20
-    assert f"{starts.agreed} of {starts.tasted} starts agree" in repr(many)
+    assert starts is not None and 1 <= starts.agreed < starts.searched <= 20
+    assert f"{starts.agreed} of {starts.searched} starts agree" in repr(many)
 
 
 def test_the_same_seed_gives_the_same_fit() -> None:

@@ -8,7 +8,7 @@ import pytest
 from lpvid.least_squares import Trial
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import DynamicDamper
-from quartercar.dampers.fitting.searching import Tasted, surely_worse
+from quartercar.dampers.fitting.searching import ShortSearch, surely_worse
 from quartercar.dampers.fitting.solver import SearchCoordinates, search_law
 from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.dampers.parameter import Parameter
@@ -39,10 +39,10 @@ def test_a_start_is_left_only_where_its_residual_is_surely_larger() -> None:
     rng = np.random.default_rng(3)
     best = rng.normal(size=3000)
     near, far = best + 0.05 * rng.normal(size=3000), 1.5 * rng.normal(size=3000)
-    first, second, third = (Tasted(float(r @ r), np.zeros(1), r) for r in (best, near, far))
+    first, second, third = (ShortSearch(float(r @ r), np.zeros(1), r) for r in (best, near, far))
     assert not surely_worse(first, first) and not surely_worse(second, first)
     assert surely_worse(third, first)
-    assert not surely_worse(Tasted(0.0, np.zeros(1)), first)
+    assert not surely_worse(ShortSearch(0.0, np.zeros(1)), first)
 
 
 def test_the_race_leaves_an_equal_start_about_once_in_a_thousand() -> None:
@@ -50,7 +50,7 @@ def test_the_race_leaves_an_equal_start_about_once_in_a_thousand() -> None:
     left = 0
     for _ in range(400):
         a, b = rng.normal(size=(2, 900))
-        left += surely_worse(Tasted(0.0, np.zeros(1), a), Tasted(0.0, np.zeros(1), b))
+        left += surely_worse(ShortSearch(0.0, np.zeros(1), a), ShortSearch(0.0, np.zeros(1), b))
     assert left <= 4  # 0.13 % of 400 is half a case; five would be beyond the 99.9 % quantile
 
 

@@ -134,7 +134,7 @@ def test_parameters_are_recovered_from_the_series_of_amplitudes(rng: np.random.G
         force = true.response(drive, true.vector)
         records.append(Record({"velocity": drive.velocity, "force": force + 0.01 * force.std() * rng.normal(
             size=force.size)}, sample_time=drive.sample_time, units={"velocity": "m/s", "force": "N"}))
-    settings = FitSettings(starts=3, polished=1, tasting_evaluations=6, evaluations=40, tolerance=1e-6)
+    settings = FitSettings(starts=3, polished=1, short_evaluations=6, evaluations=40, tolerance=1e-6)
     found = ReliefValveOrifice().fit(records, settings=settings)
     assert found.covariance is not None and not found.undetermined
     assert np.abs((found.damper.vector - true.vector) / np.sqrt(np.diag(found.covariance))).max() < 4.5
