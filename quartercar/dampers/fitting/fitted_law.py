@@ -59,7 +59,7 @@ class FittedLaw(Protocol):
 
         Returns
         -------
-        Damper
+        FittedLaw
         """
         ...
 
