@@ -184,9 +184,9 @@ def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:
     phi = vector(b, "basis", basis_values(b, model.basis, {n: (lambda i, at=at: at) for n, at in held.items()}))
     u = vector(b, "measured", [seen[s.name] for s in model.inputs])
     x = b.states("x", np.zeros(model.order), "", "states of the controller") if model.order else None
-    y = mixed(b, model, phi, x, u, ("C", model.C), ("D", model.D), ("g", model.output_offset), 1)
+    y = mixed(b, phi, x, u, ("C", model.C), ("D", model.D), ("g", model.output_offset), 1)
     if x is not None:
-        ahead = mixed(b, model, phi, x, u, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
+        ahead = mixed(b, phi, x, u, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
         if c.anti_windup is not None:
             back = b.table("anti_windup", c.anti_windup, "", "from what was not attained to the states")
             with b.loop("row", model.order) as i:
