@@ -10,6 +10,7 @@ NAMES = ("orifice", "groundhook-rate", "noisy-output")
 ENTRY_POINTS = """\
 [quartercar.dampers]
 orifice = my_extensions:Orifice
+maxwell = my_extensions:Maxwell
 [quartercar.controllers]
 groundhook-rate = my_extensions:RateLimitedGroundhook
 [lpvid.structures]
