@@ -91,7 +91,7 @@ NAMED: tuple[tuple[str, str, str], ...] = ()
 """Structures of this package whose options on the command line are their fields: name, module, class. A new structure
 adds its line here; the older ones have options of their own in `lpvid.cli.structures.TAKES`."""
 STRUCTURES = NamedClasses("structure", "lpvid.structures", NAMED, "lpvid.identification.structure:Structure")
-"""`NAMED`, those of other packages (entry-point group ``lpvid.structures``), and those that `register_structure` adds."""
+"""`NAMED`, those of other packages (entry points ``lpvid.structures``), and those that `register_structure` adds."""
 
 
 def register_structure(cls: type[S]) -> type[S]:
