@@ -111,6 +111,7 @@ def test_state_space(file, tmp_path, structure, options):
     assert judged["certified"] and judged["probability"]["draws"] == 300
 
 
+@pytest.mark.seconds
 def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_path):
     run("identify", file, "--schedule", "current", "--structure", "bj", "--na", 1, "--nb", 1, "--nk", 0, "--out",
         tmp_path)

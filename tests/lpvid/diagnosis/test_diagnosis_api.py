@@ -229,6 +229,7 @@ def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
     assert figures.overall.free_run.esr == pytest.approx(by_hand(values["slope"], values["dry.size"], other), rel=1e-9)
 
 
+@pytest.mark.seconds
 def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(installed, tmp_path):
     found = plain_diagnosis()
     path = lpv.save(found.extended, tmp_path / "m.json")

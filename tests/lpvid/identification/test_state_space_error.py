@@ -158,6 +158,7 @@ def test_initial_state_of_every_record(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(np.sort(found.model.frozen_poles(p)), np.sort(exact), atol=1e-4)
 
 
+@pytest.mark.seconds
 def test_innovation_form_predicts_as_well_as_the_system(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     system.k = 0.4 * np.linalg.pinv(system.c[0])  # a stable predictor with a good deal of noise in the state

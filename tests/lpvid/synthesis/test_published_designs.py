@@ -231,7 +231,8 @@ def test_the_autopilot_can_be_run_at_one_kilohertz():
         assert max(norms) <= found.gamma_verified
 
 
-@pytest.mark.parametrize("make", [pytest.param(missile, marks=pytest.mark.slow), two_disks])
+@pytest.mark.parametrize("make", [
+    pytest.param(missile, marks=pytest.mark.slow), pytest.param(two_disks, marks=pytest.mark.seconds)])
 def test_one_gain_criterion_is_solved_as_output_feedback_solves_it(make):
     """Where rounding costs the storage function its proof as one matrix, its two blocks still hold."""
     one, other = (lpv.synthesize(make(), d) for d in (lpv.OutputFeedback(), lpv.MultiObjective(back_off=1.01)))
