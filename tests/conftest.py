@@ -59,8 +59,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
-LONG_PAGES = ("docs/synthesis.md", "docs/fixed_structure.md")
-"""pages whose examples design for seconds what the tests of the same rooms design too: marked ``seconds``"""
+LONG_PAGES = ("docs/dampers.md", "docs/fixed_structure.md", "docs/synthesis.md")
+"""pages whose examples fit and design for seconds what the tests of the same rooms do too: marked ``seconds``"""
 
 
 @pytest.hookimpl(tryfirst=True)

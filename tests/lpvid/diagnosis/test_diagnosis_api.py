@@ -263,6 +263,7 @@ def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp
     assert stated in str(error.value) and "\n" not in str(error.value) and "m.json" in str(error.value)
 
 
+@pytest.mark.seconds
 def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
     record = measured(sign_of=-1)
     found = lpv.diagnose([record], Viscous(polarity=-1), CATALOGUE)

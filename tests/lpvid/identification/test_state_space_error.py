@@ -117,7 +117,7 @@ def test_search_is_the_same_in_any_coordinates(rng: np.random.Generator) -> None
 
 # -- known systems ---------------------------------------------------------------------------------------------------
 @pytest.mark.thinned(2)
-@pytest.mark.parametrize("snr", [20.0, 30.0])
+@pytest.mark.parametrize("snr", [pytest.param(20.0, marks=pytest.mark.seconds), 30.0])
 def test_two_by_two_of_order_three(snr: float) -> None:
     rng = np.random.default_rng(3)
     system = StateSpaceSystem(rng, 3, 2, 2, 3)
