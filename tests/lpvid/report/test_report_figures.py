@@ -154,6 +154,7 @@ def test_notes_of_several_loci_name_their_variable():
     assert [n.split(":")[0] for n in both] == ["along p", "along q"] and one[0].startswith("a negative real pole")
 
 
+@pytest.mark.seconds
 def test_a_validation_shows_mean_error_phase_and_steps():
     """Offset of 2 N that the model lacks: it is in the tables; a linear model has Bode and step figures."""
     rng = np.random.default_rng(1)
