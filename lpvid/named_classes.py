@@ -80,7 +80,8 @@ class NamedClasses:
         """Add a class of the running program under its own ``name``; serves as a decorator.
 
         A class of the same name that was registered before is replaced, so that a notebook's cell can be run again.
-        Another process does not know it: an installed package names it as an entry point instead.
+        Another process does not know it: an installed package names it as an entry point instead. A class that its
+        package both registers and names so is one class, known by the entry point.
 
         Parameters
         ----------
@@ -98,7 +99,10 @@ class NamedClasses:
             No such class, abstract methods that it lacks, or a name that is taken.
         """
         name = self._checked(cls)
-        if name in self._own or name in self._installed():
+        installed = self._installed().get(name)
+        if installed is not None and installed.value.replace(" ", "") == f"{cls.__module__}:{cls.__qualname__}":
+            return cls
+        if name in self._own or installed is not None:
             raise InputError(f"there is a {self._what} '{name}' already", got=cls.__qualname__,
                              mend="give the class another name")
         self._registered[name] = cls

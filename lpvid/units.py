@@ -421,6 +421,11 @@ def base_exponents(si_unit: str) -> dict[str, float]:
     dict of str to float
         Those that are 0 left out; empty for a pure number.
 
+    Raises
+    ------
+    InputError
+        An exponent that is no number.
+
     Examples
     --------
     >>> base_exponents("N*s/m"), base_exponents("")
@@ -443,7 +448,11 @@ def _dimension(si_unit: str) -> tuple[tuple[str, float], ...]:
             depth_sign = 1
         elif token != "1":
             symbol, _, power = token.partition("^")
-            times = depth_sign * sign * float(power or 1)
+            try:
+                times = depth_sign * sign * float(power or 1)
+            except ValueError:
+                raise InputError("a unit has exponents that are numbers", got=repr(si_unit),
+                                 mend="divide by a reference before the power, as in K (v / 1 m/s)^n") from None
             parts = _dimension(_ATOMS[symbol]) if symbol in _ATOMS else ((symbol, 1.0),)
             for name, exponent in parts:
                 exponents[name] = exponents.get(name, 0.0) + times * exponent

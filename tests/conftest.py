@@ -39,6 +39,19 @@ of the processor time of light tests (13.9 s for 11.7 s, `tests/contracts/test_e
 def pytest_configure(config: pytest.Config) -> None:
     """Collect garbage less often: the thousands of tests themselves are most of what it would look through."""
     gc.set_threshold(*GENERATIONS)
+    _share_processors()
+
+
+def _share_processors() -> None:
+    """The processors are for all of pytest's workers: what one tests shares its work among its part of them.
+
+    Otherwise every worker forks for as many as there are, which brings nothing where all are at work. Tests of forks,
+    threads and processes state how many there are.
+    """
+    from lpvid import _threads
+
+    part = max(_threads.processors() // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")), 1)
+    _threads.processors = lambda: part
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
@@ -46,11 +59,17 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
+LONG_PAGES = ("docs/dampers.md", "docs/fixed_structure.md", "docs/synthesis.md")
+"""pages whose examples fit and design for seconds what the tests of the same rooms do too: marked ``seconds``"""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none."""
     seen: dict[str, int] = {}
     for item in items:
+        if item.nodeid.split("::")[0] in LONG_PAGES:
+            item.add_marker(pytest.mark.seconds)
         if item.get_closest_marker("seconds") is not None:
             item.add_marker(pytest.mark.slow)
         mark = item.get_closest_marker("thinned")

@@ -79,6 +79,7 @@ def test_lag_damper(tmp_path: Path) -> None:
     assert (tmp_path / "lines.png").stat().st_size > 10_000
 
 
+@pytest.mark.seconds
 def test_coprime() -> None:
     fits = load("coprime").main()
     assert fits["direct", 1] > 99 > fits["routed", 1] + 10
@@ -133,6 +134,7 @@ def test_ride_comparison(tmp_path: Path) -> None:
     assert (tmp_path / "front.png").stat().st_size > 10_000
 
 
+@pytest.mark.seconds
 def test_synthesize_lpv() -> None:
     gains = load("synthesize_lpv").main()
     assert gains["slow"] < 0.85 * gains["any speed"] < gains["any speed"] < gains["scaled small gain"] < 1.0
@@ -150,6 +152,7 @@ def test_design_lpv_suspension(tmp_path: Path) -> None:
         assert "verified on the whole scheduling box" in design.verdict
 
 
+@pytest.mark.seconds
 def test_export_controller(tmp_path: Path) -> None:
     errors = load("export_controller").main(tmp_path)
     assert sorted(p.name for p in (tmp_path / "loop").iterdir()) == ["loop.c", "loop.h", "loop_test.c"]
@@ -157,6 +160,7 @@ def test_export_controller(tmp_path: Path) -> None:
         assert error < (1e-12 if "double" in name else 1e-5), name
 
 
+@pytest.mark.seconds
 def test_characterise_damper(tmp_path: Path) -> None:
     found = load("characterise_damper").main(tmp_path)
     creep = next(s for s in found.static if s.creep)

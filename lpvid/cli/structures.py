@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks
@@ -247,10 +247,18 @@ class Request:
         return replace(structure, schedule_filter=None)  # type: ignore[type-var]
 
     def _registered(self, arx: ARX) -> Structure:
-        """A structure of another package: its fields that an ARX has too, then those with an option of the name."""
+        """A structure of another package: its fields that an ARX has too, then those with an option of the name.
+
+        A default of its own, other than that of the ARX, stands where no option of the field was written.
+        """
         cls = STRUCTURES.get(self.structure)
-        own = {f.name for f in fields(cls)}
-        common = {f.name: getattr(arx, f.name) for f in fields(arx) if f.name in own - {"weight"}}
+        own = {f.name: f.default for f in fields(cls) if f.name != "weight"}
+
+        def requested(f: Field) -> bool:
+            written = any(option in self.given for option in FIELDS.get(f.name, ()))
+            return written or f.name == "nk" or own[f.name] in (f.default, MISSING)
+
+        common = {f.name: getattr(arx, f.name) for f in fields(arx) if f.name in own and requested(f)}
         rest = {n: self.given[n] for n in FIELDS if n in own and n in self.given and n not in common}
         return cls(**common, **rest)
 

@@ -57,6 +57,9 @@ class Exportable:
     excite: Callable[[int, np.random.Generator], np.ndarray]
     model: Any
 
+    def __repr__(self) -> str:
+        return f"Exportable {type(self.model).__name__} as {self.program!r}"
+
     def trial(self, samples: int = SAMPLES, seed: int = 0, single: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """A random trajectory and what the simulation makes of it.
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-FUNCTIONS = ("tanh", "exp", "sqrt", "sin", "cos", "fabs", "floor", "pow", "fmin", "fmax")
+from lpvid import _checks
+
+FUNCTIONS = ("tanh", "exp", "log", "sqrt", "sin", "cos", "atan", "fabs", "floor", "pow", "fmin", "fmax")
 """Functions of the C library that a program may call; every printer has them."""
 
 
@@ -319,12 +321,17 @@ def call(function: str, *arguments: Expr | float) -> Expr:
     Call
         The function applied to them.
 
+    Raises
+    ------
+    InputError
+        Another function.
+
     Examples
     --------
     >>> call("tanh", 1.0).function
     'tanh'
     """
-    assert function in FUNCTIONS, function
+    _checks.one_of(function, FUNCTIONS, "a function of an exported step")
     return Call(function, tuple(as_expr(a) for a in arguments))
 
 

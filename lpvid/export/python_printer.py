@@ -78,8 +78,9 @@ def python_step(program: StepProgram) -> Step:
     callable
         As described at `Step`.
     """
-    scope: dict = {"tanh": math.tanh, "exp": math.exp, "sqrt": math.sqrt, "sin": math.sin, "cos": math.cos,
-                   "fabs": abs, "floor": math.floor, "pow": math.pow, "fmin": min, "fmax": max, "zeros": np.zeros}
+    scope: dict = {"tanh": math.tanh, "exp": math.exp, "log": math.log, "sqrt": math.sqrt, "sin": math.sin,
+                   "cos": math.cos, "atan": math.atan, "fabs": abs, "floor": math.floor, "pow": math.pow,
+                   "fmin": min, "fmax": max, "zeros": np.zeros}
     exec(compile(python_source(program), f"<{program.name}>", "exec"), scope)  # text printed above, from no file
     return scope["step"]
 

@@ -409,8 +409,9 @@ def _kind_for(obj: object) -> Kind:
 
     kind = among(KINDS) or among(known_kinds())
     if kind is None:
+        names = dict.fromkeys(name for k in KINDS for _, _, name in k.classes)
         raise InputError("this object cannot be saved", got=type(obj).__name__,
-                         mend="save a " + " or a ".join(name for k in KINDS for _, _, name in k.classes))
+                         mend="save its .model" if hasattr(obj, "model") else f"save one of {', '.join(names)}")
     return kind
 
 

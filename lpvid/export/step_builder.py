@@ -31,7 +31,8 @@ RESERVED = frozenset((
     "and", "as", "assert", "class", "def", "del", "elif", "except", "finally", "from", "global", "import", "in",
     "is", "lambda", "None", "nonlocal", "not", "or", "pass", "raise", "try", "with", "yield", "True", "False",
     "end", "function", "otherwise", "until", "p", "s", "u", "y", "i", "j", "k", "pi", "math", "real", "tanh", "exp",
-    "sqrt", "sin", "cos", "floor", "pow", "fmin", "fmax", "fabs", "power", "abs", "min", "max", "zeros", "choose"))
+    "log", "sqrt", "sin", "cos", "atan", "floor", "pow", "fmin", "fmax", "fabs", "power", "abs", "min", "max", "zeros",
+    "choose"))
 """Words of C, Python and MATLAB, and names that the printers use themselves."""
 
 
@@ -128,13 +129,22 @@ class StepBuilder:
         description : str
             Left out, the name.
         start : float
-            Value before the first sample, in this unit.
+            Value before the first sample, in this unit: a number, not an expression of parameters, since a target
+            sets its states before it computes.
 
         Returns
         -------
         Symbol
             The state, to read and to set.
+
+        Raises
+        ------
+        InputError
+            A start that is an expression.
         """
+        if isinstance(start, Expr):
+            raise InputError(f"the start of state '{name}' is a number", got=type(start).__name__,
+                             mend="give the value itself, as in self.values, or choose by select(b.first(), ...)")
         quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(start)), label=name)
         self._states.append(quantity)
         return Symbol("state", quantity.name)

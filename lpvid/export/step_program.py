@@ -210,6 +210,12 @@ class StepProgram:
     body: tuple[Statement, ...]
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        inputs, outputs = (", ".join(q.label or q.name for q in side) for side in (self.inputs, self.outputs))
+        period = f"every {self.sample_time:g} s" if self.sample_time else "continuous"
+        return (f"StepProgram {self.name}: {inputs} -> {outputs}; {len(self.states)} states, "
+                f"{len(self.parameters)} parameters, {period}")
+
     def assigned(self) -> set[str]:
         """Names of local scalars that are assigned after their declaration.
 

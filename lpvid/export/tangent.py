@@ -209,6 +209,10 @@ class Differentiation:
             return (1.0 - expr * expr) * da
         if expr.function == "exp":
             return expr * da
+        if expr.function == "log":
+            return da / a
+        if expr.function == "atan":
+            return da / (1.0 + a * a)
         if expr.function == "sqrt":
             return da / (2.0 * expr)
         if expr.function == "sin":

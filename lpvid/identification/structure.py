@@ -93,8 +93,11 @@ class Structure(Encoded, ABC):
         return {"kind": getattr(self, "name", self.KIND or type(self).__name__), **super().to_dict()}
 
 
-STRUCTURES = NamedClasses("structure", "lpvid.structures", (), "lpvid.identification.structure:Structure")
-"""What other packages and the running program add to the structures of this one."""
+NAMED: tuple[tuple[str, str, str], ...] = ()
+"""Structures of this package whose options on the command line are their fields: name, module, class. A new structure
+adds its line here; the older ones have options of their own in `lpvid.cli.structures.TAKES`."""
+STRUCTURES = NamedClasses("structure", "lpvid.structures", NAMED, "lpvid.identification.structure:Structure")
+"""`NAMED`, those of other packages (entry points ``lpvid.structures``), and those that `register_structure` adds."""
 
 
 def register_structure(cls: type[S]) -> type[S]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.parameter import Parametrised
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.nonlinear import Coil
@@ -155,6 +156,12 @@ class Controller(Parametrised):
     values : mapping of str to float
         Parameters by name, SI; those left out take their defaults.
     """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for signal in self.reads:
+            checks.one_of(signal, tuple(SIGNALS), f"every name in reads of {self.name}")
+        checks.one_of(self.demands, tuple(DEMANDS), f"demands of {self.name}")
 
     # -- what a law describes -----------------------------------------------------------------------------------
     @property

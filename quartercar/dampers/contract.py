@@ -15,7 +15,7 @@ from lpvid.model.adaptable import Adaptable
 from lpvid.record import Record
 from lpvid.simulation import Simulation
 from lpvid.toolkit import Shown, checks
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import ROLES, Drive
 from quartercar.dampers.parameter import Parametrised
 
 if TYPE_CHECKING:
@@ -94,6 +94,8 @@ class Damper(Parametrised, Adaptable, Shown):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for role in self.reads:
+            checks.one_of(role, ROLES[:3], f"every name in reads of {self.name}")
         if self.polarity not in (1, -1):
             raise InputError("polarity is 1 or -1", got=self.polarity)
         if not isinstance(self.current_unit, str):

@@ -14,7 +14,7 @@ import numpy as np
 from lpvid.codec import encode
 from lpvid.errors import InputError
 from lpvid.toolkit import checks
-from lpvid.units import is_known, quantity_to_si
+from lpvid.units import base_exponents, is_known, quantity_to_si
 
 if TYPE_CHECKING:
     import control
@@ -29,7 +29,7 @@ class Parameter:
     name : str
         As in files and on the command line, e.g. ``"viscous_damping"``.
     unit : str
-        SI, e.g. ``"N*s/m"``; empty for a pure number.
+        SI, e.g. ``"N*s/m"``, its exponents numbers; empty for a pure number.
     description : str
         What it is, in a few words, with the paper's symbol.
     default : float
@@ -59,6 +59,7 @@ class Parameter:
         if not self.lower <= self.default <= self.upper or (self.log and not self.lower > 0):
             raise InputError(f"parameter {self.name} is inconsistent",
                              got=f"default {self.default}, bounds {self.lower} to {self.upper}")
+        base_exponents(self.unit)  # an exported file states the unit by its exponents
 
     def checked(self, value: object) -> float:
         """`value`, a number in SI or text such as "0.6 kN", as a float inside the bounds, or an InputError.

@@ -10,6 +10,7 @@ NAMES = ("orifice", "groundhook-rate", "noisy-output")
 ENTRY_POINTS = """\
 [quartercar.dampers]
 orifice = my_extensions:Orifice
+maxwell = my_extensions:Maxwell
 [quartercar.controllers]
 groundhook-rate = my_extensions:RateLimitedGroundhook
 [lpvid.structures]
@@ -25,9 +26,9 @@ def source(registers: bool) -> str:
     return "\n".join(line for line in lines if registers or "register" not in line or not line.startswith("@")) + "\n"
 
 
-def install(folder: Path) -> Path:
+def install(folder: Path, registers: bool = False) -> Path:
     """The classes as an installed package: a module with its entry points, for a path that Python searches."""
-    (folder / "my_extensions.py").write_text(source(registers=False), encoding="utf8")
+    (folder / "my_extensions.py").write_text(source(registers), encoding="utf8")
     info = folder / "my_extensions-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-extensions\nVersion: 1.0\n", encoding="utf8")

@@ -25,7 +25,8 @@ print(target.tolist())
 """
 
 
-@pytest.mark.parametrize("blind", [False, True], ids=["a folder for the cache", "none"])
+@pytest.mark.parametrize("blind", [
+    pytest.param(False, id="a folder for the cache"), pytest.param(True, id="none", marks=pytest.mark.seconds)])
 def test_no_folder_for_the_cache_is_no_error(blind: bool, tmp_path: Path) -> None:
     """As in an installation for all users, run by somebody without a home."""
     source = Path(lpvid.__file__).parent

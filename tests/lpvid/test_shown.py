@@ -91,6 +91,7 @@ def test_a_damper_draws_its_force_over_velocity(damper: Any) -> None:
     assert "base64" in damper._repr_html_()
 
 
+@pytest.mark.seconds
 def test_runs_and_comparisons_of_laws_are_drawn() -> None:
     car = QuarterCar(parameters=MEGANE, damper=identified_damper(), coil=Coil(highest=2.5))
     found = compare_rides(car, (Bump(duration=0.6),), {"passive": Passive(), "skyhook": Skyhook()}, (0,))

@@ -121,6 +121,7 @@ def test_there_and_back(value, text):
     assert back == pytest.approx(value, rel=1e-12, abs=1e-9)
 
 
+@pytest.mark.seconds
 @settings(max_examples=30)
 @given(st.text(max_size=40))
 def test_any_text_is_a_unit_or_is_not(text):

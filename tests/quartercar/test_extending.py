@@ -18,8 +18,11 @@ from typer.testing import CliRunner
 import lpvid as lpv
 import quartercar as qc
 from lpvid.cli.app import app as lpvid_app
+from lpvid.cli.structures import Request
 from lpvid.errors import InputError
+from lpvid.export.expression import call
 from lpvid.export.python_printer import run as run_program
+from lpvid.export.step_builder import StepBuilder
 from lpvid.identification.structure import STRUCTURES
 from lpvid.named_classes import NamedClasses
 from quartercar.cli.app import app as quartercar_app
@@ -42,9 +45,9 @@ SHORT = IsoRoad("C", 20.0, 1.0)
 
 
 @pytest.fixture
-def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Path]:
     """A package of the user's classes on Python's path."""
-    monkeypatch.syspath_prepend(str(install(tmp_path)))
+    monkeypatch.syspath_prepend(str(install(tmp_path, getattr(request, "param", False))))
     importlib.invalidate_caches()
     yield tmp_path
     sys.modules.pop("my_extensions", None)
@@ -72,9 +75,15 @@ def program_error(noun) -> float:
     return float(np.abs(run_program(noun.program, u) - y).max() / np.abs(y).max())
 
 
+@pytest.mark.parametrize("installed", [False, True], indirect=True, ids=["named", "named and registered"])
 def test_an_installed_package_is_found_by_its_names(installed):
-    assert NAMES[0] in DAMPERS.names and NAMES[1] in CONTROLLERS.names and NAMES[2] in STRUCTURES.names
-    assert model_class(NAMES[0]).__module__ == "my_extensions"
+    """Its module may be the page's blocks as they stand, with their decorators."""
+    for known, name in zip((DAMPERS, CONTROLLERS, STRUCTURES), NAMES, strict=True):
+        assert name in known.names and known.get(name).__module__ == "my_extensions"
+        assert known.register(known.get(name)) is known.get(name)
+        other = type(known.get(name).__name__, (known.get(name),), {"__module__": "another"})
+        with pytest.raises(InputError, match=f"'{name}' already"):
+            known.register(other)
 
 
 def test_a_damper_of_an_installed_package_through_the_chain(installed, tmp_path):
@@ -243,6 +252,42 @@ def test_what_cannot_be_registered_is_refused():
         DAMPERS.register(Taken)
     with pytest.raises(InputError, match="derived from Damper"):
         known.register(Nameless)
+
+
+def test_what_a_class_states_wrongly_is_refused_where_it_is_made(installed):
+    """Not in the first ride, fit or export."""
+    damper, law = DAMPERS.get(NAMES[0]), CONTROLLERS.get(NAMES[1])
+    for kind, stated, found in ((damper, {"reads": ("speed", "current")}, "'speed'"),
+                                (law, {"reads": ("suspension_velocity", "acceleration")}, "mean 'body_acceleration'"),
+                                (law, {"demands": "forces"}, "mean 'force'")):
+        with pytest.raises(InputError, match=found):
+            type("Wrong", (kind,), stated)()
+    with pytest.raises(InputError, match="exponents that are numbers"):
+        Parameter("consistency", "N*(s/m)^n", "K", 1.0)
+    b = StepBuilder("held", "", 0.1)
+    with pytest.raises(InputError, match="start of state 'held' is a number"):
+        b.state("held", start=b.parameter("first", 2.0))
+    with pytest.raises(InputError, match="must be one of tanh"):
+        call("copysign", 1.0, -1.0)
+    with pytest.raises(InputError, match=r"save its \.model"):
+        lpv.save(lpv.identify(record(np.random.default_rng(0)), lpv.ARX(na=1, nb=1)), "never.json")
+
+
+def test_a_default_of_a_structure_of_its_own_stands_on_the_command_line():
+    @dataclass(frozen=True)
+    class Shrunk(lpv.ARX):
+        name: ClassVar[str] = "shrunk"
+        na: int = 2
+        ridge: float = 0.25
+
+    STRUCTURES.register(Shrunk)
+    try:
+        plain, asked = (Request(("u",), ("y",), (), "shrunk", given, None).build(1) for given in (
+            {}, {"na": 3, "ridge": 0.5, "no-constant": True}))
+    finally:
+        STRUCTURES.forget("shrunk")
+    assert isinstance(plain, Shrunk) and (plain.na, plain.ridge, plain.nb, plain.affine) == (2, 0.25, (4,), 1)
+    assert isinstance(asked, Shrunk) and (asked.na, asked.ridge, asked.nb, asked.affine) == (3, 0.5, (4,), 0)
 
 
 def test_noisy_outputs_bias_least_squares_and_not_the_estimator_of_the_page(installed):

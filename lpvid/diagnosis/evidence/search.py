@@ -330,17 +330,22 @@ class SetSearch:
         return self._settled(composition, begun, w.fit, added)
 
     def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit | None,
-                 added: Sequence[Effect] = ()) -> Refit:
-        """The best of a few steps from several starts; strengths that no derivative moves by trial, if just added."""
+                 added: Sequence[Effect] = (), followed: int = 1) -> Refit:
+        """The best of a few steps from several starts; what no derivative moves by trial, if just added.
+
+        Of the starts so many are `followed` to their end.
+        """
         worth = max(self.kept, LEAST_WORTH)
         low, high = composition.bounds
         starts = {np.clip(v, low, high).tobytes(): v for v in begun}.values()
         heats = self.each(lambda v: descend(self.problem, composition, v, iterations=HEAT, near=near, rough=True,
                                             worth=worth), list(starts), (composition,))
-        best = min(heats, key=lambda f: f.cost)
+        ahead = sorted(heats, key=lambda f: f.cost)[:followed]
         if any(e.stepwise or e.rugged for e in added):
-            best = hopped_on(best, HEAT, rough=True)
-        return descend(self.problem, composition, best.vector, iterations=STEPS, rough=True, worth=worth)
+            ahead[0] = hopped_on(ahead[0], HEAT, rough=True)
+        ends = self.each(lambda f: descend(self.problem, composition, f.vector, iterations=STEPS, rough=True,
+                                           worth=worth), ahead, (composition,))
+        return min(ends, key=lambda f: f.cost)
 
     def _pairs(self, root: Weighed) -> None:
         """Visit pairs of effects that physics links, which may act only together."""
@@ -356,7 +361,7 @@ class SetSearch:
             begun = [placed(composition, root.fit, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
             left = [self._left(composition, v, basis) for v in begun]
             return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], root.fit,
-                                               composition.effects))
+                                               composition.effects, RACED))
 
         for pair in self.each(refitted, pairs):
             self._add(pair)

@@ -25,9 +25,17 @@ SEARCH = 30
 """most trial steps towards one event"""
 
 
+def workspace(dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """State, modes of the poppets, stages of a step with the state kept, slopes: zeros.
+
+    Made here, as numba compiles what makes an array into the kernel for every type and number of dimensions.
+    """
+    return np.zeros(5, dtype), np.zeros(2, dtype=np.int64), np.zeros((6, 5), dtype), np.zeros((2, 2, 6), dtype)
+
+
 @njit(error_model="numpy")
-def run(velocity, displacement, period, start, vector, shape, tolerance, out):
-    """Hydraulic force [N] at every sample into `out`, of the type of `vector`; NaN from where it diverges.
+def run(velocity, displacement, period, law, shape, tolerance, z, mode, stages, slopes, out):
+    """Hydraulic force [N] at every sample into `out`, of the type of `law`; NaN from where it diverges.
 
     Rodas3 (Sandu et al. 1997, Atmos. Environ. 31, 3459-3472): linearly implicit, third order, L-stable and stiffly
     accurate. A poppet leaves its seat where F = F_c and lands on it, or on its lift stop, without rebound.
@@ -38,20 +46,16 @@ def run(velocity, displacement, period, start, vector, shape, tolerance, out):
         Linear between samples [m/s], [m].
     period : float
         [s].
-    start : float or complex
-        Hydraulic force at the first sample [N]; the poppets start at rest where it holds them.
-    vector : (7,) float or complex array
-        The law.
-    shape : tuple
+    law, shape : tuple
+        Floats; the law's may be complex.
     tolerance : float
         Relative error of a step.
+    z, mode, stages, slopes : array
+        As `workspace` makes them. z[4] is the hydraulic force at the first sample [N]; the poppets start at rest where
+        it holds them.
     out : (n,) array
     """
-    law = (vector[0], vector[1], vector[2], vector[3], vector[4], vector[5], vector[6])
-    z = np.zeros(5, dtype=out.dtype)
-    z[4] = start
     z[0], z[2] = settled_lift(z[4], law, shape), settled_lift(-z[4], law, shape)
-    mode = np.zeros(2, dtype=np.int64)
     for j in range(2):
         if z[2 * j].real > 0.0:
             mode[j] = STOPPED if z[2 * j].real >= shape[2] else FREE
@@ -59,17 +63,17 @@ def run(velocity, displacement, period, start, vector, shape, tolerance, out):
     for k in range(velocity.size):
         fastest = max(fastest, abs(velocity[k]))
     typical = min(law[2].real, law[1].real * fastest * fastest)
-    stages, slopes = np.zeros((5, 5), dtype=out.dtype), np.zeros((2, 2, 6), dtype=out.dtype)
     out[0] = z[4]
     level = np.int64(0)  # of its final type at once: a literal would have `sample` compiled for itself too
     for k in range(velocity.size - 1):
         motion = (velocity[k], (velocity[k + 1] - velocity[k]) / period,
                   displacement[k], (displacement[k + 1] - displacement[k]) / period)
         level = sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes)
-        if not math.isfinite(z[4].real):
-            out[k + 1:] = np.nan
-            return
         out[k + 1] = z[4]
+        if not math.isfinite(z[4].real):
+            for j in range(k + 1, out.size):
+                out[j] = math.nan
+            return
 
 
 @njit(error_model="numpy")
@@ -77,20 +81,22 @@ def sample(z, mode, motion, period, level, law, shape, tolerance, typical, stage
     """Advance through one sample on the dyadic grid; the level that the next sample starts with."""
     whole = 1 << FINEST
     place = 0
-    kept, kept_mode = z.copy(), mode.copy()
+    kept = stages[5]
+    copy_values(z, kept)
+    one, two = mode[0], mode[1]
     while place < whole:
         stride = 1 << (FINEST - level)
         error = _stretch(z, mode, motion, period * (place / whole), period * (stride / whole), law, shape, tolerance,
                          typical, stages, slopes)
         if not error <= 1.0 and level < FINEST:
             copy_values(kept, z)
-            copy_values(kept_mode, mode)
+            mode[0], mode[1] = one, two
             level = min(level + (1 if error < 16.0 else 2), FINEST)
             continue
         if not math.isfinite(z[4].real):
             return level
         copy_values(z, kept)
-        copy_values(mode, kept_mode)
+        one, two = mode[0], mode[1]
         place += stride
         if error < 0.04 and level > 0 and place % (2 * stride) == 0:
             level -= 1
@@ -318,7 +324,7 @@ class ReliefValveStepper(DamperStepper):
         self._sample, self._tolerance, self._damper, self._step = sample, tolerance, damper, step
         self._law = tuple(float(p) for p in np.real(damper.law(damper.vector)))
         self._shape = damper.shape
-        self._work = np.zeros((5, 5)), np.zeros((2, 2, 6))
+        self._work = workspace(np.dtype(float))[2:]
 
     def begin(self, displacement: float, velocity: float, current: float) -> float:
         rest = np.real(self._damper.rest(displacement, velocity, current, None, self._damper.vector))

@@ -175,13 +175,15 @@ class LagDamper(DynamicDamper):
         return ReliefValveStepper(self, step, TOLERANCE)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        from quartercar.dampers.laws._relief_valve_run import run
+        from quartercar.dampers.laws._relief_valve_run import run, workspace
 
         self._check_stroke(drive.displacement)
         measured = None if drive.force is None else float(drive.force[0])
         out = np.empty(drive.n_samples, dtype=vector.dtype)
-        start = self._start(float(drive.velocity[0]), measured, vector)
-        run(drive.velocity, drive.displacement, drive.sample_time, start, self.law(vector), self.shape, TOLERANCE, out)
+        z, mode, stages, slopes = workspace(vector.dtype)
+        z[4] = self._start(float(drive.velocity[0]), measured, vector)
+        run(drive.velocity, drive.displacement, drive.sample_time, tuple(self.law(vector)), self.shape, TOLERANCE,
+            z, mode, stages, slopes, out)
         return out + self._outside(drive.velocity, vector)
 
     def rest(self, displacement: float, velocity: float, current: float, force: float | None,

@@ -93,6 +93,7 @@ def _simulated(model, rng) -> float:
     return best
 
 
+@pytest.mark.seconds
 def test_a_sweep_over_rates_is_what_single_calls_give():
     rates = [0.2, 1.0, 3.0]
     sweep = l2_gains(vanishing(), rates, Polynomial("d", degree=3))
@@ -182,6 +183,7 @@ def test_the_rate_of_the_box_is_taken_where_none_is_given():
     assert own.certificate.box.rate == (1.0,) and own.upper < 0.7
 
 
+@pytest.mark.seconds
 def test_a_gain_survives_its_dictionary():
     found = l2_gain(vanishing(), rate=1.0)
     again = Gain.from_dict(json.loads(json.dumps(found.to_dict())))

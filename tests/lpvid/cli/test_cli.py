@@ -322,6 +322,7 @@ def test_existing_folder_keeps_its_other_files(run1, tmp_path):
     assert [p.name for p in folder.parent.iterdir()] == ["b"]
 
 
+@pytest.mark.seconds
 def test_a_second_run_leaves_nothing_of_the_first(run1, tmp_path):
     """What the same command wrote before and does not write again goes; files of others stay."""
     folder = tmp_path / "out"

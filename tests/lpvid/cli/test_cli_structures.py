@@ -111,6 +111,7 @@ def test_state_space(file, tmp_path, structure, options):
     assert judged["certified"] and judged["probability"]["draws"] == 300
 
 
+@pytest.mark.seconds
 def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_path):
     run("identify", file, "--schedule", "current", "--structure", "bj", "--na", 1, "--nb", 1, "--nk", 0, "--out",
         tmp_path)
@@ -220,7 +221,7 @@ def plain(n: int, seed: int, noise: float = 0.2) -> tuple[dict[str, np.ndarray],
 @pytest.fixture(scope="module")
 def chosen(tmp_path_factory) -> tuple[dict, dict, Path, float]:
     folder = tmp_path_factory.mktemp("auto")
-    columns, share = plain(1200, 0)
+    columns, share = plain(900, 0)
     write(folder / "a.csv", **columns)
     shown = run("identify", folder / "a.csv", "--input", "u", "--output", "y", "--auto", "--hold-out", "1/3", "--refit",
                 "--out", folder / "out").stdout
@@ -243,8 +244,8 @@ def test_the_choice_reaches_the_ceiling(chosen):
 def test_held_out_data_have_no_say(chosen, tmp_path):
     """Another last third changes the held-out figures and nothing else."""
     described, selection = chosen[:2]
-    columns, _ = plain(1200, 0)
-    columns["y"] = np.where(np.arange(1200) < 800, columns["y"], -5 * columns["y"] ** 2)
+    columns, _ = plain(900, 0)
+    columns["y"] = np.where(np.arange(900) < 600, columns["y"], -5 * columns["y"] ** 2)
     other = write(tmp_path / "a.csv", **columns)
     again = json.loads(run("identify", other, "--input", "u", "--output", "y", "--auto", "--hold-out", "1/3",
                            "--json").stdout)
@@ -297,6 +298,7 @@ def moving_form(n: int, seed: int) -> dict[str, np.ndarray]:
             "force": y + 0.01 * y.std() * rng.standard_normal(n)}
 
 
+@pytest.mark.seconds
 @pytest.mark.thinned(2)
 @pytest.mark.parametrize("form", ["controllable", "observable"])
 def test_refit_form_writes_the_form_with_its_own_figures(tmp_path, form):

@@ -230,6 +230,7 @@ def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
     assert figures.overall.free_run.esr == pytest.approx(by_hand(values["slope"], values["dry.size"], other), rel=1e-9)
 
 
+@pytest.mark.seconds
 def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(installed, tmp_path):
     found = plain_diagnosis()
     path = lpv.save(found.extended, tmp_path / "m.json")
@@ -263,6 +264,7 @@ def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp
     assert stated in str(error.value) and "\n" not in str(error.value) and "m.json" in str(error.value)
 
 
+@pytest.mark.seconds
 def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
     record = measured(sign_of=-1)
     found = lpv.diagnose([record], Viscous(polarity=-1), CATALOGUE)

@@ -137,7 +137,7 @@ def test_a_way_that_was_not_measured_is_that_of_the_velocity():
 
 
 @pytest.mark.thinned(3)
-@pytest.mark.parametrize("noise", list(NOISES))
+@pytest.mark.parametrize("noise", [pytest.param(n, marks=pytest.mark.seconds) if n == "white" else n for n in NOISES])
 def test_nothing_hidden_nothing_named(noise):
     runs = [record(np.random.default_rng(s), noise) for s in range(3)]
     found = [diagnose([r], Bent(), CAUSES) for r in runs]
@@ -160,6 +160,7 @@ def test_a_cause_is_named_with_its_probability():
     assert data["discrepancy"]["share"] < 0.03
 
 
+@pytest.mark.seconds
 def test_twins_share_the_probability():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryTwin()))
@@ -172,6 +173,7 @@ class DryForm(DryTwin):
     name, title, form_of = "dry-form", "another form of the same component", "dry"
 
 
+@pytest.mark.seconds
 def test_forms_of_one_component_add_up_and_the_component_is_named():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
@@ -215,6 +217,7 @@ def test_stretches_of_a_short_record_hold_enough_blocks():
         assert Blocks.of(cut, 0).count >= 8
 
 
+@pytest.mark.seconds
 def test_a_small_misfit_of_the_law_is_no_cause():
     """A smooth 1.5 % error of the law is what every law has: neither named nor held against a cause."""
     def misfit(u):
@@ -388,6 +391,7 @@ class Unanswered(Bent):
         return np.column_stack([super().sensitivities(signals, vector), np.zeros(signals.n_samples)])
 
 
+@pytest.mark.seconds
 def test_a_number_of_the_law_to_which_nothing_answers_decides_nothing():
     data = record(np.random.default_rng(3), hidden=lambda u: 1.5 * np.sign(u))
     settings = DiagnosisSettings(fit_baseline=False)
@@ -413,16 +417,20 @@ def test_a_cause_that_would_have_to_be_more_than_there_can_be_is_not_named(there
         assert any(r.name == "dry" and "at its bound, gain 0.5 V" in r.why for r in found.rejected)
 
 
-@pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
-def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(monkeypatch, weights, kept):
-    """In training a wave stands beside the step, in the other record one of the other sign: with it the error grows.
-
-    Where that story holds most of the weight the baseline stays.
-    """
+@pytest.fixture(scope="module")
+def contradicted() -> tuple[Record, Record]:
+    """In training a wave stands beside the step, and is named; in the other record one of the other sign."""
     rng = np.random.default_rng(3)
     training, other = (record(rng, level=0.1, hidden=lambda u, w=w: 0.8 * np.sign(u) + w * np.sin(9 * u))
                        for w in (0.5, -2.0))
     assert {c.name for c in diagnose([training], Bent(), [Dry(), Wave()]).causes} == {"dry", "wave"}
+    return training, other
+
+
+@pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
+def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contradicted, monkeypatch, weights, kept):
+    """With the wave the error of the other record grows. Where that story holds most weight the baseline stays."""
+    training, other = contradicted
 
     def fixed(search):
         known = [search.visited[frozenset(n)] for n in (("dry", "wave"), ("dry",), ())]

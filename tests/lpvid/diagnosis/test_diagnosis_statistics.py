@@ -58,6 +58,7 @@ class TestScreening:
         assert stats.kstest(smallest, "uniform").pvalue > 0.001
         assert np.mean(np.array(smallest) < 0.05) < 0.10
 
+    @pytest.mark.seconds
     def test_smallest_detectable_strength_is_detected(self) -> None:
         """At it, in white noise, √LR is on average √(10 + ln n)."""
         rng = np.random.default_rng(21)
@@ -224,6 +225,7 @@ class TestLocalise:
 
 
 class TestDiagnosis:
+    @pytest.mark.seconds
     def test_a_candidate_that_runs_away_does_no_harm(self, rng: np.random.Generator) -> None:
         """Where it explodes its derivative has no finite square: it loses by its cost, without a warning."""
         run = record(rng, hidden=lambda u: 1.2 * np.sign(u))
@@ -255,6 +257,7 @@ class TestDiagnosis:
         gain = found.causes[0].parameters[0]
         assert gain.std is not None and abs(gain.value - 1.2) < 4 * gain.std < 0.4
 
+    @pytest.mark.seconds
     def test_causes_come_in_the_order_of_what_they_change(self, rng: np.random.Generator) -> None:
         def hidden(u: np.ndarray) -> np.ndarray:
             return 0.8 * np.sign(u) + 0.7 * np.concatenate([np.zeros(50), u[:-50]])
@@ -329,6 +332,7 @@ class TestDiagnosis:
         assert {"name", "reason", "smallest_detectable", "experiment"} <= set(back["cannot_tell"][0])
         assert all({"where", "share"} <= set(w) for w in back["wrong"])
 
+    @pytest.mark.seconds
     def test_is_deterministic(self) -> None:
         runs = [record(np.random.default_rng(5), "ar1", hidden=lambda u: 0.8 * np.sign(u)) for _ in range(2)]
         first, second = (diagnose([r], Bent(), CAUSES).to_dict() for r in runs)

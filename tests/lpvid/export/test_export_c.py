@@ -119,6 +119,7 @@ def test_compiled_as_asked_it_agrees(case, rng):
     assert single.state_bytes < double.state_bytes
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_sanitizers_and_both_compilers_have_nothing_to_say(compiler, rng):
     if shutil.which(compiler) is None:

@@ -80,6 +80,8 @@ def test_derivatives_with_respect_to_the_scheduling_agree_with_differences(name,
 @pytest.mark.parametrize("value, slope", [
     (lambda x: call("tanh", 2.0 * x), lambda x: 2 / np.cosh(2 * x) ** 2),
     (lambda x: call("exp", x) / (x + 3.0), lambda x: np.exp(x) / (x + 3) - np.exp(x) / (x + 3) ** 2),
+    (lambda x: call("log", 4.0 - x), lambda x: -1 / (4 - x)),
+    (lambda x: call("atan", 2.0 * x), lambda x: 2 / (1 + 4 * x * x)),
     (lambda x: call("sqrt", 4.0 - x), lambda x: -0.5 / np.sqrt(4 - x)),
     (lambda x: call("sin", x) * call("cos", x), lambda x: np.cos(2 * x)),
     (lambda x: call("pow", call("fabs", x), 1.5), lambda x: 1.5 * np.sqrt(abs(x)) * np.sign(x)),

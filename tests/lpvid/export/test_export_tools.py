@@ -193,6 +193,7 @@ def test_python_control_agrees(case, rng):
     assert control_content(exportable(CASES[case](rng))).passed
 
 
+@pytest.mark.seconds
 def test_the_file_for_python_control_stands_alone(tmp_path, rng):
     made = lpv.export_control(transfer_function(rng, "cubic", "tanh", "late"), tmp_path, name="damper")
     code = ("import sys; sys.path.insert(0, '.'); import damper_control as d; s = d.system(); "

@@ -223,6 +223,7 @@ def test_what_a_stream_cannot_do_is_one_line(tmp_path: Path) -> None:
         read_chunks(tmp_path / "empty.parquet")
 
 
+@pytest.mark.seconds
 @pytest.mark.usefixtures("undrawn")
 def test_the_commands_read_in_parts(tmp_path: Path) -> None:
     parquet(tmp_path / "run.parquet", measured(5000), 0, 5000)

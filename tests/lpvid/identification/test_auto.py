@@ -104,6 +104,7 @@ def test_a_leader_that_cannot_be_taken_lets_the_others_go_on() -> None:
 KINDS = {"ARX", "OutputError", "Subspace", "RefinedIV", "QuasiLPV"}
 
 
+@pytest.mark.seconds
 def test_one_of_every_kind_comes_before_the_budget_counts() -> None:
     found = auto(lightly_damped(4), "u", "y", budget=1e-3)
     assert found.identification is not None and found.complete

@@ -182,6 +182,7 @@ def test_stiffness_and_law_are_recovered(rng: np.random.Generator) -> None:
     assert abs(np.log(model.stiffness[0] / STIFFNESS)) < 5 * errors + 0.03  # 0.03: the law's polygon
 
 
+@pytest.mark.seconds
 def test_real_damper_with_voltage(shared_data: Path) -> None:
     record = lpv.read(str(shared_data / "mr_damper_random" / "estimation.csv"))[0]
     training, held_out = split_tail(record)

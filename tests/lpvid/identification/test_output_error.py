@@ -46,6 +46,7 @@ def study(structure, runs: int, system=coloured) -> tuple[np.ndarray, np.ndarray
     return np.array([f.parameters for f in found]), np.array([f.standard_errors for f in found])
 
 
+@pytest.mark.seconds
 def test_consistent_where_least_squares_is_not_sample():
     estimates, errors = study(OutputError(**SETTINGS, starts=1), 12)
     assert joint_bias_test(estimates, TRUTH) > 0.001
@@ -141,6 +142,7 @@ def test_a_scheduling_filter_by_name_joins_the_search_and_an_object_stays(rng):
     assert fixed.training.overall.free_run.esr > found.training.overall.free_run.esr
 
 
+@pytest.mark.seconds
 def test_poles_outside_the_circle_are_followed_where_the_data_ask_for_them(rng):
     """A stable system whose frozen pole is 1.15 at one end of the range: held inside the circle, it cannot be found."""
     n = 3000

@@ -36,6 +36,7 @@ def sample() -> dict[int, RandomSystem]:
     return {seed: random_system(seed) for seed in SAMPLE}
 
 
+@pytest.mark.seconds
 def test_the_systems_are_stable_and_their_noise_is_as_told():
     """Oracles: eigenvalues at the vertices (a Lyapunov function convex in p holds between), and 1 − 1/√(1 + SNR)."""
     systems = [random_system(seed, 1000) for seed in range(COUNT)]

@@ -119,6 +119,7 @@ def test_other_structures_go_straight_to_cross_validation(record):
     assert found.folds == 3 and found.identification.structure.ridge
 
 
+@pytest.mark.seconds
 def test_structures_beyond_the_grid_compete(record):
     """Output error and a sparse ARX of the leader's orders: equal here, so the fewest parameters win."""
     from lpvid.identification.output_error import OutputError

@@ -117,7 +117,7 @@ def test_search_is_the_same_in_any_coordinates(rng: np.random.Generator) -> None
 
 # -- known systems ---------------------------------------------------------------------------------------------------
 @pytest.mark.thinned(2)
-@pytest.mark.parametrize("snr", [20.0, 30.0])
+@pytest.mark.parametrize("snr", [pytest.param(20.0, marks=pytest.mark.seconds), 30.0])
 def test_two_by_two_of_order_three(snr: float) -> None:
     rng = np.random.default_rng(3)
     system = StateSpaceSystem(rng, 3, 2, 2, 3)
@@ -158,6 +158,7 @@ def test_initial_state_of_every_record(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(np.sort(found.model.frozen_poles(p)), np.sort(exact), atol=1e-4)
 
 
+@pytest.mark.seconds
 def test_innovation_form_predicts_as_well_as_the_system(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     system.k = 0.4 * np.linalg.pinv(system.c[0])  # a stable predictor with a good deal of noise in the state

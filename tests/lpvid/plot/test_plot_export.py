@@ -46,6 +46,7 @@ def test_it_is_smaller_and_every_reference_still_has_its_mark():
     assert svg(figure()) == svg(figure())
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
 def test_it_draws_the_same(tmp_path: Path):
     """Pixel by pixel in a browser: but for the palette of the cloud and the rounding of edges, nothing differs."""

@@ -142,6 +142,7 @@ def test_unstable_page_is_marked():
     assert "inside the range" in render(page)
 
 
+@pytest.mark.seconds
 def test_diverging_run_is_reported_not_drawn_away():
     model = lpv.LPVTransferFunction.siso([[-1.5]], [[1.0]], lpv.Polynomial(), 1 / RATE, inputs="velocity",
                                          outputs="force")
@@ -274,6 +275,7 @@ def test_thinning_keeps_both_ends_and_extremes(n):
     assert np.all(np.diff(x) >= 0) and x[-1] >= n - 1 - 2 * n / 1000 and x[0] <= 2 * n / 1000
 
 
+@pytest.mark.seconds
 def test_figures_are_drawn_on_the_callers_axes(found):
     """What a function draws on new axes it draws on the caller's, and returns them; a wrong number is refused."""
     from matplotlib.figure import Figure as Canvas

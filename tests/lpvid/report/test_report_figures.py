@@ -119,6 +119,7 @@ def test_modes_of_a_discrete_pair_are_those_of_the_continuous_one():
 
 
 # -- other pages ------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_every_record_is_drawn_or_said_to_be_left_out():
     rng = np.random.default_rng(0)
     records = [lpv.Record({"u": rng.standard_normal(80)}, sample_time=0.01, units={"u": "m"}, name=f"r{k}")
@@ -132,6 +133,7 @@ def test_every_record_is_drawn_or_said_to_be_left_out():
     assert "The first 6 of 9 records" in spectrum.caption
 
 
+@pytest.mark.seconds
 def test_a_locus_says_where_the_other_variables_are_held():
     model = lpv.LPVTransferFunction(a=-np.array([[[[0.5, 0.1, 0.05]]]]), b=np.ones((1, 1, 1, 3)),
                                     basis=lpv.Polynomial(("p", "q"), degree=1), sample_time=0.1,
@@ -154,6 +156,7 @@ def test_notes_of_several_loci_name_their_variable():
     assert [n.split(":")[0] for n in both] == ["along p", "along q"] and one[0].startswith("a negative real pole")
 
 
+@pytest.mark.seconds
 def test_a_validation_shows_mean_error_phase_and_steps():
     """Offset of 2 N that the model lacks: it is in the tables; a linear model has Bode and step figures."""
     rng = np.random.default_rng(1)

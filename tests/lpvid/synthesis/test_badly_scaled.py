@@ -52,6 +52,7 @@ def test_what_decays_too_slowly_to_be_found_is_shown_to_be_so():
     assert all(np.isfinite(least_gain(problem.plant, k)) for k in range(len(points)))
 
 
+@pytest.mark.seconds
 def test_a_slow_mode_that_is_lost_between_the_points_is_named():
     """Seed 92: at two places between the knots the one control does not reach the near-integrator, which makes up the
     gain there (7e5 without control; 538 is the largest least gain at a knot)."""

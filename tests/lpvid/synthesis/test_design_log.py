@@ -76,6 +76,7 @@ def test_an_interruption_keeps_the_bound_so_far():
     assert plain.gamma_verified * 0.99 <= found.gamma_verified <= 1.3 * plain.gamma_verified
 
 
+@pytest.mark.seconds
 @pytest.mark.thinned(2)
 @pytest.mark.parametrize("make", [lambda: near_integrators(1e-2), ill_conditioned])
 def test_an_interruption_after_the_first_bound_leaves_a_controller(make):

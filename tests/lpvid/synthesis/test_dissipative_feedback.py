@@ -57,6 +57,7 @@ def test_bound_holds_on_random_courses_of_share_and_scheduling() -> None:
     assert 0.1 * found.gamma_verified < worst < found.gamma_verified
 
 
+@pytest.mark.seconds
 def test_certified_gain_is_above_every_frozen_one_and_checked_by_others() -> None:
     found = lpv.synthesize(plant(), DissipativeFeedback())
     worst = 0.0

@@ -12,6 +12,7 @@ import lpvid as lpv
 from lpvid.synthesis.interconnection import close_loop
 
 
+@pytest.mark.seconds
 def test_h_infinity_optimum_of_scherer_1997():
     found = lpv.MultiObjective(back_off=1.001).solve(scherer_1997())
     assert 9.508 <= found.gamma <= 9.508 * 1.0025

@@ -60,6 +60,7 @@ def test_h_infinity_observer_of_an_integrator_reaches_the_closed_form():
     assert found.gamma_verified == pytest.approx(np.sqrt(1 + gain**2) / gain, rel=1e-3)
 
 
+@pytest.mark.seconds
 def test_varying_observer_keeps_its_bound_and_its_decay():
     plant, rng = spring_mass(full=False), np.random.default_rng(4)
     found = lpv.Observer(regions=lpv.HalfPlane(0.5)).solve(plant)

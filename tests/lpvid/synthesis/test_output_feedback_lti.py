@@ -48,6 +48,7 @@ def test_an_optimum_that_is_not_attained():
     _kept(result, 1e-3)
 
 
+@pytest.mark.seconds
 def test_the_controller_in_the_plants_own_loop_by_control():
     """python-control closes the loop: same poles, gain below the promise."""
     p = scherer()

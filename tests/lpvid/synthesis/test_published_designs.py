@@ -68,7 +68,8 @@ def test_a_near_integrator_does_not_raise_the_bound(noise):
 
 
 @pytest.mark.thinned(4)
-@pytest.mark.parametrize(("noise", "least"), [(0.0, 4.4632), (1e-3, 4.50), (1e-2, 4.67), (1e-1, 5.29)])
+@pytest.mark.parametrize(("noise", "least"), [
+    pytest.param(0.0, 4.4632, marks=pytest.mark.seconds), (1e-3, 4.50), (1e-2, 4.67), (1e-1, 5.29)])
 def test_inequalities_without_an_answer_are_made_to_have_one(noise, least):
     """SLICOT: 4.4825. The filter's Riccati equation has the solution zero, and the inequalities an unbounded one."""
     found = lpv.synthesize(near_integrators(noise), lpv.OutputFeedback())
@@ -231,7 +232,8 @@ def test_the_autopilot_can_be_run_at_one_kilohertz():
         assert max(norms) <= found.gamma_verified
 
 
-@pytest.mark.parametrize("make", [pytest.param(missile, marks=pytest.mark.slow), two_disks])
+@pytest.mark.parametrize("make", [
+    pytest.param(missile, marks=pytest.mark.slow), pytest.param(two_disks, marks=pytest.mark.seconds)])
 def test_one_gain_criterion_is_solved_as_output_feedback_solves_it(make):
     """Where rounding costs the storage function its proof as one matrix, its two blocks still hold."""
     one, other = (lpv.synthesize(make(), d) for d in (lpv.OutputFeedback(), lpv.MultiObjective(back_off=1.01)))

@@ -323,6 +323,7 @@ def test_local_fit_against_its_own_scatter():
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.6)
 
 
+@pytest.mark.seconds
 def test_a_tolerance_that_has_nothing_to_check_says_why(three_specimens, tmp_path):
     settings = CharacteriseSettings(speeds=(0.3,))
     band = Tolerance.parse("5%")

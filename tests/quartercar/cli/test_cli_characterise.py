@@ -101,6 +101,7 @@ def test_a_nominal_table_of_an_earlier_run(written, tmp_path):
     assert [(c["lower"], c["upper"], c["inside"]) for c in found] == [(200.0, 250.0, False), (-250.0, -200.0, False)]
 
 
+@pytest.mark.seconds
 def test_a_model_is_drawn_beside_the_measurement(tmp_path):
     file = csv_of(tmp_path / "run.csv", motion())
     model = tmp_path / "linear.json"
@@ -218,6 +219,7 @@ def test_forces_of_measured_records_are_those_of_direct_interpolation(file, flip
     assert len(found.given) == 2
 
 
+@pytest.mark.seconds
 def test_a_heated_damper_fades(shared_data):
     """Hot air on a race damper over 95 cycles: force falls as the temperature rises; numpy's line agrees."""
     import quartercar as qc

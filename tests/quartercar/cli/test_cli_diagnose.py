@@ -57,7 +57,7 @@ def road(seconds: float = 12.0, name: str = "test-3") -> Experiment:
 def files(tmp_path_factory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("rig")
     rig = bench("coulomb-friction", 0.5)
-    return tuple(write_csv(rig.run(road(), 0, k), folder / f"run-{k}.csv") for k in (0, 1))  # type: ignore[return-value]
+    return tuple(write_csv(rig.run(road(8.0), 0, k), folder / f"run-{k}.csv") for k in (0, 1))  # type: ignore[return-value]
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +107,7 @@ def test_the_extended_model_as_baseline_leaves_nothing(written, files):
     assert described["baseline"]["name"] == "guo+coulomb-friction"
 
 
+@pytest.mark.seconds
 def test_the_report_opens_in_a_browser(written, tmp_path):
     page = (written[0] / "report.html").read_text()
     assert "<h1>Diagnosis of guo</h1>" in page and "http" not in page.replace("http://www.w3.org", "")
@@ -180,6 +181,7 @@ def test_what_is_wrong_ends_in_one_line_and_nothing_is_written(files, tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.seconds
 def test_an_interruption_keeps_what_is_known(files, tmp_path, monkeypatch):
     from lpvid.diagnosis.evidence import engine
 

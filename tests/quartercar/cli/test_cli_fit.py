@@ -97,6 +97,7 @@ def test_hold_out_and_seed(files):
     assert again["models"][0]["parameters"] == described["models"][0]["parameters"]
 
 
+@pytest.mark.seconds
 def test_channels_of_other_names(files, tmp_path):
     plain = json.loads(run(files[0], "--models", "guo", "--json").stdout)
     text = files[0].read_text()
@@ -118,6 +119,7 @@ def test_a_voltage_stands_in_and_it_says_so(files, tmp_path):
     assert "'voltage' stands for it" in shown
 
 
+@pytest.mark.seconds
 def test_reversed_polarity_comes_first_and_flip_mends_it(files, tmp_path):
     turned = measured(tmp_path / "t-psi.csv", 0, sign=-1.0)
     shown = run(turned, "--models", "guo").stdout
@@ -204,6 +206,7 @@ def test_bad_data_end_with_one_line(files, tmp_path):
     assert "no damper model could be fitted" in line and "displacement" in line and len(line.splitlines()) == 1
 
 
+@pytest.mark.seconds
 def test_a_report_opens_in_a_browser(written):
     import shutil
     import subprocess

@@ -64,6 +64,7 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.seconds
 def test_it_rides_with_its_own_unit_and_range_and_says_where_it_extrapolates(folder, tmp_path):
     stated = call("ride", folder / "ride.toml", "--out", tmp_path).stdout
     described = json.loads((tmp_path / "ride.json").read_text())

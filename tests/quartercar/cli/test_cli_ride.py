@@ -23,7 +23,7 @@ seeds = 2
 kind = "iso"
 class = "C"
 speed = "72 km/h"
-duration = 1.0
+duration = 0.5
 [[controllers]]
 law = "passive"
 fixed_current = 0.0
@@ -66,15 +66,16 @@ def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
     assert described["schema"] == "quartercar/ride/1" and described["verdict"] in stated
     assert [r["controller"] for r in described["rides"]] == ["passive", "skyhook-linear", "mixed"]
     assert described["tuned"]["mixed"]["evaluations"] == 4 and described["measurements"]["name"] == "stroke-body"
-    assert described["roads"] == [{"kind": "iso", "class": "C", "speed": 20.0, "duration": 1.0}]
+    assert described["roads"] == [{"kind": "iso", "class": "C", "speed": 20.0, "duration": 0.5}]
     row = described["rides"][1]
     assert 0.3 < row["figures"]["comfort"]["mean"] < 3 and row["passivity"]["storage"] == "unknown"
     assert 0 <= row["figures"]["negative_share"]["mean"] < 0.5
     page = (out / "report.html").read_text()
     assert "Ride comparison" in page and "mixed" in page and "http" not in page
-    assert "No spectra of this road" in page  # one second is no average, and the page states so
+    assert "No spectra of this road" in page  # half a second is no average, and the page states so
 
 
+@pytest.mark.seconds
 def test_the_report_opens_in_a_browser(written):
     import shutil
     import subprocess
@@ -99,6 +100,7 @@ def test_laws_come_back_as_they_rode(written):
     assert {p["name"]: p["value"] for p in described} == dict(law.values)
 
 
+@pytest.mark.seconds
 def test_a_law_from_a_file_and_json_alone(written):
     out, _ = written
     found = run("--controller", f"passive,{out / 'mixed.json'}", "--road", "bump@8", "--seeds", 1, "--json",

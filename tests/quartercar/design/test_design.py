@@ -170,6 +170,7 @@ def test_many_cars_at_once_are_the_stored_controllers_one_by_one() -> None:
         np.testing.assert_allclose(banked.step(seen), apart, rtol=1e-9, atol=1e-6)
 
 
+@pytest.mark.seconds
 def test_a_stored_controller_rides_like_the_law(tmp_path: Path) -> None:
     law, road = LpvHinf(), Bump(duration=1.0)
     lpv.save(law.designed(SETTING), tmp_path / "controller.json")

@@ -55,6 +55,7 @@ def seen(run, k: int) -> dict[str, np.ndarray]:
 
 
 # -- the synthesis -----------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_the_gain_is_certified_for_every_share(task: DamperTask) -> None:
     result = synthesized_gain(task)
     assert result.solved and result.between_grid and lpv.verify(result.certificate, result.closed_loop).holds

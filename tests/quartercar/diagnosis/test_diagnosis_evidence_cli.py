@@ -26,6 +26,7 @@ def hidden(name: str) -> Record:
     return rig.run(replace(EXPERIMENTS["test-3"], duration=6.0), seed=1)
 
 
+@pytest.mark.seconds
 def test_a_cause_on_the_rig_with_its_probability_and_its_family():
     found = lpv.diagnose(hidden("coulomb-friction"), "guo", FEW)
     assert found.causes[0].name == "coulomb-friction"

@@ -126,8 +126,10 @@ def test_a_valve_that_passes_all_is_the_fixture_that_it_comes_to(rng: np.random.
 
 
 @pytest.mark.thinned(2)
-@pytest.mark.parametrize("corner", [53.0, pytest.param(16.0, marks=pytest.mark.xfail(
-    strict=True, reason="undone in noise the filter leaves more than the delay, also without the noise it raises"))])
+@pytest.mark.parametrize("corner", [
+    pytest.param(53.0, marks=pytest.mark.seconds),
+    pytest.param(16.0, marks=pytest.mark.xfail(strict=True, reason=(
+        "undone in noise the filter leaves more than the delay, also without the noise it raises")))])
 def test_a_filter_of_three_tones_is_not_named_a_delay(corner: float, rng: np.random.Generator) -> None:
     """To undo the filter raises the noise of the motion, to undo a delay does not."""
     t, tones = PERIOD * np.arange(SAMPLES), ((0.01, 0.7, 0.0), (0.006, 1.9, 1.0), (0.003, 4.3, 2.0))

@@ -105,6 +105,7 @@ def test_a_delay_behind_a_sinusoidal_current_looks_like_a_lag_until_the_current_
     assert second.causes[0].parameters[0].value == pytest.approx(0.004, abs=0.5 / 512)
 
 
+@pytest.mark.seconds
 @pytest.mark.thinned(2)
 @pytest.mark.parametrize("cause", [effect("gas-preload"), effect("force-offset", offset=-80.0)], ids=lambda e: e.name)
 def test_an_offset_and_a_gas_force_get_a_sentence_and_no_plan(cause: RigEffect) -> None:

@@ -74,7 +74,7 @@ def answer(seed: int, **fixed: object) -> dict:
 
 
 @pytest.mark.parametrize("cause", [
-    "coulomb-friction",
+    pytest.param("coulomb-friction", marks=pytest.mark.seconds),
     *(pytest.param(n, marks=pytest.mark.slow) for n in ("coil-lag", "fixture-inertia", "asymmetry"))])
 def test_a_clear_cause_is_named_and_measured(cause: str) -> None:
     row = answer(11, kind="one", causes=(cause,), ratio=10.0 if cause == "coil-lag" else 30.0)

@@ -41,6 +41,7 @@ def test_a_damping_that_jumps_at_will_keeps_the_car_stable(low, high):
     assert lpv.verify(certificate, model).holds
 
 
+@pytest.mark.seconds
 def test_the_gain_of_the_varying_car_lies_between_frozen_and_certified():
     model = car(900.0, 4300.0)
     found = lpv.l2_gain(model, basis=lpv.Polynomial((), 0))

@@ -116,6 +116,7 @@ def test_loops_show_the_measured_and_the_simulated_force_whole(share):
         assert all(low <= np.min(y.get_ydata()) and np.max(y.get_ydata()) <= high for y in ax.lines)
 
 
+@pytest.mark.seconds
 def test_labels_of_the_fan_do_not_overlap():
     """Three panels side by side, at the width of a page."""
     records = [record(level, seed) for seed, level in enumerate((0.0, 0.7, 1.4))]
@@ -128,6 +129,7 @@ def test_labels_of_the_fan_do_not_overlap():
         assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
 
 
+@pytest.mark.seconds
 def test_fits_and_comparisons_have_cards():
     records = [record(level, seed) for seed, level in enumerate((0.0, 1.4))]
     found = compare(records, ["linear", "guo"], records)

@@ -10,7 +10,8 @@ import pytest
 from helpers.browser import BROWSER, axe_source, grave_findings
 
 import lpvid as lpv
-from lpvid.auditing import audit
+from lpvid.auditing import Audit, audit
+from lpvid.record import Record
 from lpvid.report import render
 from quartercar.criteria import rms, weighted
 from quartercar.dampers.laws.guo import Guo
@@ -20,7 +21,7 @@ from quartercar.plot.ride_spectra import SIGNALS, estimates, spectra, third_octa
 from quartercar.report.rig import rig_page
 from quartercar.rig import Rig
 from quartercar.rig.causes import effect
-from quartercar.rig.plan import parse_plan
+from quartercar.rig.plan import Plan, parse_plan
 from quartercar.vehicle.linear import LinearCar
 from quartercar.vehicle.nonlinear import QuarterCar
 
@@ -100,12 +101,18 @@ def test_a_fan_has_the_static_law_of_every_current(polarity):
 
 
 # -- the rig ----------------------------------------------------------------------------------------------------------
-def test_the_rig_says_what_was_run_and_what_was_on():
+@pytest.fixture(scope="module")
+def on_the_rig() -> tuple[Plan, Audit, list[Record]]:
     plan = parse_plan('seed = 7\n[[experiments]]\npreset = "test-1"\nduration = 1.0\n')
+    records = [Rig().run(replace(plan.experiments[0], duration=1.0), seed=7)]
+    return plan, audit(records), records
+
+
+def test_the_rig_says_what_was_run_and_what_was_on(on_the_rig):
+    plan, audited, records = on_the_rig
     on = replace(plan, rig=replace(plan.rig, effects=(effect("coulomb-friction", strength=0.5),
                                                       effect("coil-lag", strength=0.0))))
-    records = [Rig().run(replace(plan.experiments[0], duration=1.0), seed=7)]
-    pages = [rig_page(p, audit(records), records) for p in (plan, on)]
+    pages = [rig_page(p, audited, records) for p in (plan, on)]
     titles = [s.title for s in pages[0].sections]
     assert titles[:3] == ["The plan", "Effects that are on", "Damper and sensors"] and "Findings" in titles
     assert "effects that are on: none" in pages[0].verdict and "seed 7" in pages[0].verdict
@@ -118,10 +125,10 @@ def test_the_rig_says_what_was_run_and_what_was_on():
 
 
 @pytest.mark.skipif(BROWSER is None or axe_source() is None, reason="no Chromium or no axe-core here")
-@pytest.mark.parametrize("width", [pytest.param(1200, marks=pytest.mark.slow), 390])
-def test_no_grave_findings_of_accessibility_on_the_page_of_the_rig(width, tmp_path):
-    plan = parse_plan('seed = 7\n[[experiments]]\npreset = "test-1"\nduration = 1.0\n')
-    records = [Rig().run(replace(plan.experiments[0], duration=1.0), seed=7)]
-    page = render(rig_page(plan, audit(records), records))
+@pytest.mark.parametrize("width", [
+    pytest.param(1200, marks=pytest.mark.slow), pytest.param(390, marks=pytest.mark.seconds)])
+def test_no_grave_findings_of_accessibility_on_the_page_of_the_rig(on_the_rig, width, tmp_path):
+    plan, audited, records = on_the_rig
+    page = render(rig_page(plan, audited, records))
     assert len(page.encode()) <= 1_500_000
     assert grave_findings(page, tmp_path, width) == ""

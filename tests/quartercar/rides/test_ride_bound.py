@@ -104,6 +104,7 @@ def problem(car: QuarterCar, road: RideRoad, objective: Objective, sample_time: 
     )
 
 
+@pytest.mark.seconds
 def test_two_commands_against_all_of_them():
     car = QuarterCar(MEGANE, SOFT, coil=Coil(highest=2.0))
     heights = np.repeat([0.0, 0.01, 0.015, 0.0], 5)

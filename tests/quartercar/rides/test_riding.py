@@ -335,6 +335,7 @@ def trial(**changes) -> Trial:
     return Trial(**{"car": car(), "roads": (road,), "seeds": (50, 51), "settings": COARSE, **changes})
 
 
+@pytest.mark.seconds
 def test_tuning_keeps_its_budget_and_never_gets_worse():
     for law in (ClippedOptimal(), Passive()):
         found = tune(law, trial(), budget=12)
@@ -409,6 +410,7 @@ def test_a_design_that_fails_costs_infinitely_much_and_ends_no_tuning(failure):
     assert failed.any() and np.array_equal(np.isinf(found.costs), failed) and np.isfinite(found.objective)
 
 
+@pytest.mark.seconds
 def test_a_law_that_cannot_work_with_its_own_values_is_said_before_tuning():
     with pytest.raises(InputError, match="no design"):
         tune(Brittle(values={"fixed_current": 1.0}, failure=InputError), trial(), 4)

@@ -536,6 +536,7 @@ def test_presets_are_the_thesis_experiments():
     np.testing.assert_allclose(x[:2560], -x[2560:5120], atol=1e-9)
 
 
+@pytest.mark.seconds
 def test_default_records_split():
     from quartercar.rig import default_records
 

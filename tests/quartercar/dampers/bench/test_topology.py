@@ -189,6 +189,7 @@ def test_one_regime_alone_is_not_a_topology(law, regime: str, rng: np.random.Gen
     assert isinstance(choice.damper(), SeriesNetwork)
 
 
+@pytest.mark.seconds
 def test_the_bound_on_a_leak_holds() -> None:
     """A small true leak lies below its one-sided 95 % bound."""
     force = Parallel(Series(Laminar(5e4), Turbulent(2e8)), Laminar(1 / 3e-8)).pressure(SPEEDS) + 10.0

@@ -129,6 +129,7 @@ def test_simulation_error_escapes_the_one_step_trap() -> None:
     assert any("simulation error" in n for n in found.notes)
 
 
+@pytest.mark.seconds
 def test_poles_stay_inside() -> None:
     x, v, _ = motion(1500, 6)
     force = np.cumsum(40 * v)  # a pole at 1: force that never relaxes

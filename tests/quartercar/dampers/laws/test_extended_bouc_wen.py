@@ -85,7 +85,7 @@ def tight(damper: ExtendedBoucWen, drive: Drive, scale: float = 1.0) -> np.ndarr
     return np.array([force(t, s, u) for t, s in zip(run.t, run.y.T, strict=True)])
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("current", [0.1, 0.23, 0.5, 0.9])
 def test_response_against_the_printed_equations(current: float) -> None:
     damper, drive = asymmetric(), sine(1.6, current=current)

@@ -89,6 +89,7 @@ def test_loop_area_over_velocity_grows_with_frequency() -> None:
     assert areas[0] < areas[1] < areas[2]
 
 
+@pytest.mark.seconds
 @pytest.mark.thinned(2)
 @KINDS
 def test_series_of_amplitudes_against_radau(kind: type[LagDamper]) -> None:
