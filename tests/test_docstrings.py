@@ -1,18 +1,15 @@
-"""Public functions, methods and classes whose docstring lacks a numpydoc section that applies: none new.
+"""Public functions, methods and classes whose docstring lacks a numpydoc section that applies: none.
 
 Parameters apply where arguments (of a class: of its constructor) do, Returns (or Yields) where something comes back,
 Raises where a `raise` stands in the body. Of a property, a command of the command line and an error class only the
 docstring itself is asked for: the first has no arguments, the second documents them in its options' help. A method that
 overrides a documented one of a class in the same packages may leave the sections to it.
-Those of before stand in `docstrings_incomplete.txt`; `python tests/test_docstrings.py` takes off the ones that are
-complete by now.
 Format: https://numpydoc.readthedocs.io/en/latest/format.html
 """
 
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,11 +19,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("lpvid", "quartercar")
-LIST = Path(__file__).with_name("docstrings_incomplete.txt")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 DATA_CLASSES = ("NamedTuple", "TypedDict")
-INCOMPLETE = {"lpvid": 1454, "quartercar": 1039}
-"""Names on the list when it began: the next figures may only be smaller."""
 
 
 @dataclass(frozen=True)
@@ -187,30 +181,6 @@ def survey(packages: Mapping[str, Path], commands: frozenset[str] = frozenset())
     return found
 
 
-def incomplete(found: Mapping[str, list[Named]]) -> dict[str, Counter[str]]:
-    """Names without their sections, by package; a name may occur in several modules."""
-    return {package: Counter(n.name for n in rows if n.lacks) for package, rows in found.items()}
-
-
-def read_list(path: Path = LIST) -> dict[str, Counter[str]]:
-    """The list of names that still lack sections: `package name`, one a line."""
-    rows = [line.split() for line in path.read_text(encoding="utf8").splitlines() if line and not line.startswith("#")]
-    return {package: Counter(name for p, name in rows if p == package) for package in PACKAGES}
-
-
-def write_list(left: Mapping[str, Counter[str]], path: Path = LIST) -> None:
-    """Write the list, sorted."""
-    lines = ["# Public names whose docstring lacks a numpydoc section that applies.",
-             "# Made by `python tests/test_docstrings.py`; it may only grow shorter."]
-    lines += [f"{package} {name}" for package in sorted(left) for name in sorted(left[package].elements())]
-    path.write_text("\n".join(lines) + "\n", encoding="utf8")
-
-
-def shortened(left: Mapping[str, Counter[str]], listed: Mapping[str, Counter[str]]) -> dict[str, Counter[str]]:
-    """The names of a list that still lack sections."""
-    return {package: left[package] & listed[package] for package in listed}
-
-
 def command_functions() -> frozenset[str]:
     """Qualified names of the functions behind the commands of both programs."""
     from lpvid.cli.app import app as lpvid_app
@@ -227,15 +197,9 @@ def surveyed() -> dict[str, list[Named]]:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_no_new_name_without_its_sections(package: str, surveyed: dict[str, list[Named]]) -> None:
-    new = incomplete(surveyed)[package] - read_list()[package]
-    lacking = {n.name: n.lacks for n in surveyed[package] if n.name in new and n.lacks}
-    assert not new, f"public names without a numpydoc section that applies: {lacking}"
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_list_of_old_names_only_grows_shorter(package: str) -> None:
-    assert read_list()[package].total() <= INCOMPLETE[package]
+def test_every_public_name_has_its_sections(package: str, surveyed: dict[str, list[Named]]) -> None:
+    lacking = {n.name: n.lacks for n in surveyed[package] if n.lacks}
+    assert not lacking, f"public names without a numpydoc section that applies: {lacking}"
 
 
 SOURCE = '''
@@ -350,31 +314,3 @@ def test_an_option_of_a_command_is_documented_by_its_help(tmp_path: Path) -> Non
     (tmp_path / "cli.py").write_text('def run(data: str) -> int:\n    """Run it."""\n', encoding="utf8")
     assert [n.lacks for n in survey({"p": tmp_path})["p"]] == [("Parameters", "Returns")]
     assert [n.lacks for n in survey({"p": tmp_path}, frozenset({"p.cli.run"}))["p"]] == [()]
-
-
-def test_the_command_never_adds_a_name(tmp_path: Path) -> None:
-    path = tmp_path / "list.txt"
-    write_list({"lpvid": Counter(["a", "b", "b"]), "quartercar": Counter(["c"])}, path)
-    assert read_list(path) == {"lpvid": Counter(["a", "b", "b"]), "quartercar": Counter(["c"])}
-    left = shortened({"lpvid": Counter(["b", "new"]), "quartercar": Counter()}, read_list(path))
-    assert left == {"lpvid": Counter(["b"]), "quartercar": Counter()}
-
-
-def main() -> None:
-    """Take the names off the list that have their sections now; a name that is not on it is never added."""
-    found = survey({p: ROOT / p for p in PACKAGES}, command_functions())
-    left = incomplete(found)
-    if LIST.exists():
-        listed = read_list()
-        for package in PACKAGES:
-            for name in sorted((left[package] - listed[package]).elements()):
-                lacks = next(n.lacks for n in found[package] if n.name == name and n.lacks)
-                print(f"not on the list, write its docstring: {package} {name} ({', '.join(lacks)})")
-        left = shortened(left, listed)
-    write_list(left)
-    for package in PACKAGES:
-        print(f"{package}: {left[package].total()} of {len(found[package])} public names lack a section")
-
-
-if __name__ == "__main__":
-    main()
