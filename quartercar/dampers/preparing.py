@@ -71,9 +71,10 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     >>> t = np.arange(4000) / 2000
     >>> run = Record({"displacement": 0.01 * np.sin(6 * t), "force": 60 * np.cos(6 * t)}, sample_time=1 / 2000,
     ...              units={"displacement": "m", "force": "N"}, name="run")
-    >>> prepare([run]).notes
-    ('velocity derived from displacement (savitzky-golay)', 'all records decimated by 4 from 2000 Hz to 500 Hz
-    (anti-aliased); --sample-rate HZ chooses another rate')
+    >>> for note in prepare([run]).notes:
+    ...     print(note)
+    velocity derived from displacement without the sensor's noise beyond the band that moves
+    all records decimated by 4 from 2000 Hz to 500 Hz (anti-aliased); --sample-rate HZ chooses another rate
     """
     from lpvid.condition import segments
     from lpvid.condition.band_limited import quiet_pieces

@@ -36,7 +36,6 @@ import lpvid as lpv
 from lpvid.synthesis import multiobjective, projected_search
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
-from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
 from lpvid.synthesis.riccati import least_gain
 
@@ -70,11 +69,11 @@ def bounds(case: lpv.GeneralizedPlant, design: lpv.OutputFeedback, verified: flo
 
     No route comes below the largest frozen optimum: where the verified gain is near that, there is nothing to ask.
     """
-    axes, corners, _ = design._axes(case)
-    points = tensor(axes)
+    grid = design._grid(case)
+    points = grid.points
     variations = Variations(None if design.lyapunov is None else design.lyapunov.bound(case.box), design.varying,
                             case.box)
-    problem = FeedbackProblem(BalancedPlant.of(case, points), variations, axes, corners, False, points[:0])
+    problem = FeedbackProblem(BalancedPlant.of(case, points), variations, grid.axes, grid.corners, False, points[:0])
     found = {"frozen_optimum": max(least_gain(problem.projected.plant, k) for k in range(len(points)))}
 
     if not rivals or (verified is not None and verified <= NEAR * found["frozen_optimum"]):

@@ -27,7 +27,6 @@ import lpvid as lpv
 from lpvid.synthesis import projected_search
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
-from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
 
 PATHS = 100
@@ -47,12 +46,13 @@ def reference() -> list[RandomPlant]:
 
 def by_sdpa(case: RandomPlant) -> float:
     """The bound of the same inequalities by another solver, in the plant's balanced units only."""
-    axes, corners, _ = case.design._axes(case.plant)
+    grid = case.design._grid(case.plant)
     lyapunov = case.design.lyapunov
     variations = Variations(None if lyapunov is None else lyapunov.bound(case.plant.box), case.design.varying,
                             case.plant.box)
-    points = tensor(axes)
-    problem = FeedbackProblem(BalancedPlant.of(case.plant, points), variations, axes, corners, False, points[:0])
+    points = grid.points
+    problem = FeedbackProblem(BalancedPlant.of(case.plant, points), variations, grid.axes, grid.corners, False,
+                              points[:0])
     clock, rounds = projected_search.Clock(), projected_search.ROUNDS
     try:
         projected_search.ROUNDS = 1

@@ -66,8 +66,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     >>> record, = with_derived([record], ["velocity"])
     >>> record = record.with_channel("force", 1500 * record["velocity"] + 4000 * x - 120, "N")
     >>> found = fit(Linear(), record)
-    >>> {name: round(value, 3) for name, value in found.damper.values.items() if name != "mass"}
-    {'damping': 1500.0, 'stiffness': 4000.0, 'offset': -120.0}
+    >>> {name: round(value) for name, value in found.damper.values.items() if name != "mass"}
+    {'damping': 1500, 'stiffness': 4000, 'offset': -120}
     """
     began = time.perf_counter()
     if not isinstance(damper, Damper):

@@ -18,7 +18,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.evidence import engine, judging
-from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, components
+from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component, components
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
@@ -443,3 +443,24 @@ def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contr
     assert list(found.stand_ins) == kept
     assert any(r.name == "wave" and "no smaller" in r.why for r in found.rejected)
     assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)
+
+
+def visited(**changes: float) -> SimpleNamespace:
+    """A set of effects by name and by what each changes; a name before "__" is the component."""
+    effects = [SimpleNamespace(name=n, contains=("spring",) if n == "loop" else ()) for n in changes]
+    kinds = ["friction" if n == "loop" else n.partition("__")[0] for n in changes]
+    return SimpleNamespace(effects=effects, kinds=kinds, changes=list(changes.values()), members=frozenset(changes))
+
+
+@pytest.mark.parametrize(("other", "of_spring", "of_friction"), [
+    (visited(power=0.7, mount=0.09), ["mount"], ["power"]),  # both are replaced: the larger by the larger
+    (visited(power=0.7), [], ["power"]),
+    (visited(friction__breakaway=0.6, mount=0.09), ["mount"], []),  # friction is there, in another form
+    (visited(loop=0.6), ["loop"], []),  # friction that yields before it slides
+])
+def test_what_comes_in_the_place_of_a_member_does_the_work_of_its_size(other, of_spring, of_friction):
+    best = visited(friction=0.6, spring=0.1)
+    sets = [(best, 0.6), (other, 0.4)]
+    for kind, wanted in (("spring", of_spring), ("friction", of_friction)):
+        found = judging._instead(sets, best, kind, component(kind), 0.9)
+        assert [n for n, _ in found] == wanted

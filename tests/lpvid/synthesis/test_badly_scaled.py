@@ -11,7 +11,6 @@ from helpers.synthesis_plants import scherer
 import lpvid as lpv
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
-from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.infeasibility import obstacle
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
 from lpvid.synthesis.projected_search import Clock, least_bound
@@ -34,7 +33,7 @@ def test_near_the_least_bound_and_above_what_the_loop_does(seed):
     frozen, frequency = frozen_peak(plant, found.controller, rng)
     assert frozen <= found.gamma_verified * (1 + 1e-6)
     assert moving_peak(plant, found.controller, frequency, 20, rng) <= found.gamma_verified * (1 + 1e-6)
-    points = tensor(design._axes(plant)[0])
+    points = design._grid(plant).points
     balanced = BalancedPlant.of(plant, points).at(points)
     assert max(least_gain(balanced, k) for k in range(len(points))) <= found.infimum * (1 + 1e-3)
 
@@ -43,10 +42,10 @@ def test_near_the_least_bound_and_above_what_the_loop_does(seed):
 def test_what_decays_too_slowly_to_be_found_is_shown_to_be_so():
     """Seed 93: every frozen point has a controller; over all of them none decays at 1e-6 of the plant's pace."""
     case, design, _ = random_case(93)
-    axes, corners, _ = design._axes(case)
-    points = tensor(axes)
-    problem = FeedbackProblem(BalancedPlant.of(case, points), Variations(None, "both", case.box), axes, corners, False,
-                              points[:0]).projected
+    grid = design._grid(case)
+    points = grid.points
+    problem = FeedbackProblem(BalancedPlant.of(case, points), Variations(None, "both", case.box), grid.axes,
+                              grid.corners, False, points[:0]).projected
     verdict, why, mend = obstacle(case, problem)
     assert verdict == "infeasible" and "decays faster than 1e-06" in why and "dual matrix" in why and mend
     assert all(np.isfinite(least_gain(problem.plant, k)) for k in range(len(points)))
@@ -57,9 +56,9 @@ def test_a_slow_mode_that_is_lost_between_the_points_is_named():
     """Seed 92: at two places between the knots the one control does not reach the near-integrator, which makes up the
     gain there (7e5 without control; 538 is the largest least gain at a knot)."""
     case, design, _ = random_case(92)
-    points = tensor(design._axes(case)[0])
+    points = design._grid(case).points
     problem = FeedbackProblem(BalancedPlant.of(case, points), Variations(None, "both", case.box),
-                              design._axes(case)[0], True, False, points[:0]).projected
+                              design._grid(case).axes, True, False, points[:0]).projected
     verdict, why, _ = obstacle(case, problem)
     assert verdict == "numerical" and "no control (u1) reaches the mode with pole -0.00034" in why
     place = float(why.split("p = ")[1].split(",")[0])
