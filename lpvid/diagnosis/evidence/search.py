@@ -152,13 +152,17 @@ class SetSearch:
                 break
         self.worth = WORTH
         self._reweigh()
+        apart = set()
         for _ in range(ROUNDS):
             before = self.best
+            apart.add(before.members)
             self._pull_apart(before)
             self._reweigh()
             if self.best is before:
                 break
         self.shares = tuple(share_of(self.structured, self.problem.n_samples, w) for w in WORTHS)
+        if (likeliest := posterior(self)[0][0]).members not in apart:  # over all α it may be another set
+            self._pull_apart(likeliest)
 
     def _together(self, effects: Sequence[Effect]) -> bool:
         """Whether effects may be in one set beside this baseline."""
@@ -420,7 +424,8 @@ class SetSearch:
         behind = 0.5 * self.kept * self.problem.n_samples * np.log(max(min(left), 1e-300) / w.fit.cost)
         if not lag and not behind < HOPELESS:
             return None
-        return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], w.fit, (come,)))
+        return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], w.fit, (come,),
+                                           RACED))
 
     def _add(self, w: Weighed) -> None:
         known = self.visited.get(w.members)
