@@ -388,30 +388,20 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, fi
              structured: float) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
-    Of what a set holds in its absence, and the best set does not, that which contains it does its work; else what comes
-    in its place by the order of changes of the output: of two members that are replaced by two, the larger by the
-    larger. Only where it or one of them is there with `NAMED` do they answer for it together.
+    Of what a set holds in its absence, and the best set does not, that which contains it does its work, else that which
+    changes the output most; and only where it or one of them is there with `NAMED` do they answer for it together.
     """
     lone: dict[str, float] = {}
     form: dict[str, str] = {}
     for w, p in sets:
-        if finding(w) is not None:
-            continue
-        gone = [k for _, k in sorted(zip(best.changes, best.kinds, strict=True), reverse=True)
-                if k == kind or k not in w.kinds]
-        come = sorted(((c, k, e) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
-                       if e.name not in best.members and (k == kind or k not in best.kinds)),
-                      key=lambda t: -t[0])
-        inside = next((e for e in w.effects if e.name not in best.members and kind in e.contains), None)
-        place = gone.index(kind)
-        if inside is not None:
-            k, name = inside.name, inside.name
-        elif place < len(come):
-            k, name = come[place][1], come[place][2].name
-        else:
-            continue
-        lone[k] = lone.get(k, 0.0) + p
-        form.setdefault(k, name)
+        if finding(w) is None:
+            other = [(kind in e.contains, c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
+                     if e.name not in best.members and (k == kind or k not in best.kinds or kind in e.contains)]
+            if other:
+                contains, _, k, name = max(other)
+                k = name if contains else k
+                lone[k] = lone.get(k, 0.0) + p
+                form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
     others = [_holds(k) for k in listed]
     either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None),
