@@ -72,17 +72,17 @@ def hum(view: View) -> Iterator[Finding]:
 
     moved, force = found
     frequency, power, noise = power_of(moved, view.period)
-    alien = interference(moved, force, view.period)
-    if not alien.any():
+    interfering = interference(moved, force, view.period)
+    if not interfering.any():
         return
     fine = np.fft.rfftfreq(moved.size, view.period)
     fast = np.abs(2 * np.pi * fine * np.fft.rfft(detrend(moved) * np.hanning(moved.size))) ** 2
-    hummed = np.interp(fine, frequency, alien.astype(float)) >= 0.5
+    of_hum = np.interp(fine, frequency, interfering.astype(float)) >= 0.5
     moves = np.interp(fine, frequency, of_motion(power, noise)) > 0.5
-    share = float(np.sqrt(fast[hummed].sum() / max(fast[moves & ~hummed].sum(), 1e-300)))
+    share = float(np.sqrt(fast[of_hum].sum() / max(fast[moves & ~of_hum].sum(), 1e-300)))
     if share > APART:
-        size = float(np.sqrt(power[alien].sum() * frequency[1]))
-        at = f"{fine[np.argmax(np.where(hummed, fast, 0.0))]:.0f}"
+        size = float(np.sqrt(power[interfering].sum() * frequency[1]))
+        at = f"{fine[np.argmax(np.where(of_hum, fast, 0.0))]:.0f}"
         yield Finding("interference", view.name, view.displacement, "note",
                       f"{size:.2g} m rms, most of it about {at} Hz, in which the force does not follow, as hum of the "
                       f"mains: differentiated, {share:.0%} of the motion's velocity",

@@ -47,7 +47,8 @@ def share_of_motion(omega: np.ndarray, values: np.ndarray, period: float, finer:
     return np.where(omega <= omega[-1] / finer, share, 0.0)
 
 
-def in_band(values: np.ndarray, signal: Continued, share: np.ndarray, at: np.ndarray, alien: np.ndarray) -> np.ndarray:
+def in_band(values: np.ndarray, signal: Continued, share: np.ndarray, at: np.ndarray, interfering: np.ndarray
+            ) -> np.ndarray:
     """Rate of change of a channel without its sensor's noise beyond the band in which it moves.
 
     In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
@@ -65,8 +66,8 @@ def in_band(values: np.ndarray, signal: Continued, share: np.ndarray, at: np.nda
     share : (m,) array
         Of motion at the frequencies of `signal`.
     at : (k,) array
-        Frequencies of `alien` [rad/s].
-    alien : (k,) bool array
+        Frequencies of `interfering` [rad/s].
+    interfering : (k,) bool array
         Interference.
 
     Returns
@@ -75,7 +76,7 @@ def in_band(values: np.ndarray, signal: Continued, share: np.ndarray, at: np.nda
         In the unit of the channel over a second.
     """
     omega = signal.omega
-    moves = np.interp(omega, at, alien.astype(float)) < 0.5
+    moves = np.interp(omega, at, interfering.astype(float)) < 0.5
     place = omega / omega[(share > 0.5) & moves].max() / BAND - 1  # 0 at the end of the band, 1 at twice that
     inside = np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
     if is_meant(signal.back(signal.spectrum * moves * (1 - inside)), values):
@@ -173,13 +174,13 @@ def with_quiet_velocity(record: Record) -> Record:
         return record
     signal = Continued.predicted(moved, period)
     share = share_of_motion(signal.omega, moved, period)
-    alien = interference(moved, record["force"] if record.has("force") else moved, period)
-    at = np.linspace(0.0, np.pi / period, alien.size)
-    velocity = in_band(moved, signal, share, at, alien)
+    interfering = interference(moved, record["force"] if record.has("force") else moved, period)
+    at = np.linspace(0.0, np.pi / period, interfering.size)
+    velocity = in_band(moved, signal, share, at, interfering)
     plain = replace(record, notes=tuple(n for n in record.notes if not n.startswith(DERIVED)))
     left = ""
-    if alien.any():
-        fast = np.abs(signal.spectrum * signal.omega) * (np.interp(signal.omega, at, alien.astype(float)) >= 0.5)
+    if interfering.any():
+        fast = np.abs(signal.spectrum * signal.omega) * (np.interp(signal.omega, at, interfering.astype(float)) >= 0.5)
         left = f", nor interference about {signal.omega[np.argmax(fast)] / (2 * np.pi):.0f} Hz, where the force does " \
                "not follow"
     return plain.with_channel("velocity", velocity, record.channel("velocity").unit, QUIETER + left)
