@@ -71,8 +71,8 @@ def hum(view: View) -> Iterator[Finding]:
     from scipy.signal import detrend
 
     moved, force = found
-    frequency, power, noise = power_of(moved, view.period)
-    interfering = interference(moved, force, view.period)
+    _, power, noise = power_of(moved, view.period)
+    frequency, interfering = interference(moved, force, view.period)
     if not interfering.any():
         return
     fine = np.fft.rfftfreq(moved.size, view.period)

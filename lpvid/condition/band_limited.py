@@ -66,7 +66,7 @@ def in_band(values: np.ndarray, signal: Continued, share: np.ndarray, at: np.nda
     share : (m,) array
         Of motion at the frequencies of `signal`.
     at : (k,) array
-        Frequencies of `interfering` [rad/s].
+        Frequencies of `interfering` [Hz].
     interfering : (k,) bool array
         Interference.
 
@@ -76,7 +76,7 @@ def in_band(values: np.ndarray, signal: Continued, share: np.ndarray, at: np.nda
         In the unit of the channel over a second.
     """
     omega = signal.omega
-    moves = np.interp(omega, at, interfering.astype(float)) < 0.5
+    moves = np.interp(omega / (2 * np.pi), at, interfering.astype(float)) < 0.5
     place = omega / omega[(share > 0.5) & moves].max() / BAND - 1  # 0 at the end of the band, 1 at twice that
     inside = np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
     if is_meant(signal.back(signal.spectrum * moves * (1 - inside)), values):
@@ -174,15 +174,14 @@ def with_quiet_velocity(record: Record) -> Record:
         return record
     signal = Continued.predicted(moved, period)
     share = share_of_motion(signal.omega, moved, period)
-    interfering = interference(moved, record["force"] if record.has("force") else moved, period)
-    at = np.linspace(0.0, np.pi / period, interfering.size)
+    at, interfering = interference(moved, record["force"] if record.has("force") else moved, period)
     velocity = in_band(moved, signal, share, at, interfering)
     plain = replace(record, notes=tuple(n for n in record.notes if not n.startswith(DERIVED)))
     left = ""
     if interfering.any():
-        fast = np.abs(signal.spectrum * signal.omega) * (np.interp(signal.omega, at, interfering.astype(float)) >= 0.5)
-        left = f", nor interference about {signal.omega[np.argmax(fast)] / (2 * np.pi):.0f} Hz, where the force does " \
-               "not follow"
+        hertz = signal.omega / (2 * np.pi)
+        fast = np.abs(signal.spectrum * hertz) * (np.interp(hertz, at, interfering.astype(float)) >= 0.5)
+        left = f", nor interference about {hertz[np.argmax(fast)]:.0f} Hz, where the force does not follow"
     return plain.with_channel("velocity", velocity, record.channel("velocity").unit, QUIETER + left)
 
 

@@ -38,7 +38,8 @@ def of_motion(power: np.ndarray, noise: float) -> np.ndarray:
     return np.maximum(1 - ABOVE * noise / np.maximum(power, 1e-300), 0.0)
 
 
-def interference(values: np.ndarray, output: np.ndarray, period: float, finer: int = 1) -> np.ndarray:
+def interference(values: np.ndarray, output: np.ndarray, period: float, finer: int = 1
+                 ) -> tuple[np.ndarray, np.ndarray]:
     """Whether frequencies of a displacement that stand out of its noise are none of the motion.
 
     A band that lies apart from the first one moves the output as the first one does: the slope of the force over the
@@ -59,15 +60,17 @@ def interference(values: np.ndarray, output: np.ndarray, period: float, finer: i
 
     Returns
     -------
-    (m,) bool array
-        At the frequencies of `power_of`; nowhere where the output never changes.
+    frequency : (m,) array
+        Those of `power_of` [Hz].
+    interfering : (m,) bool array
+        Nowhere where the output never changes, and in records too short to find a band.
 
     Examples
     --------
     >>> t = np.arange(6000) / 300
     >>> noise = np.random.default_rng(0).standard_normal((2, t.size))
     >>> read = np.sin(2 * np.pi * t) + 0.01 * np.sin(2 * np.pi * 50 * t) + 1e-3 * noise[0]
-    >>> hum = interference(read, np.cos(2 * np.pi * t) + 0.1 * noise[1], 1 / 300)
+    >>> _, hum = interference(read, np.cos(2 * np.pi * t) + 0.1 * noise[1], 1 / 300)
     >>> bool(hum[50]), bool(hum[1])
     (True, False)
     """
@@ -76,8 +79,8 @@ def interference(values: np.ndarray, output: np.ndarray, period: float, finer: i
     frequency, power, noise = power_of(values, period, finer)
     none = np.zeros(frequency.size, dtype=bool)
     bands = true_runs(of_motion(power, noise) > 0.5)
-    if len(bands) < 2 or not np.ptp(output):
-        return none
+    if values.size < FEWEST * SHORT or len(bands) < 2 or not np.ptp(output):
+        return frequency, none
     taper = get_window("hann", values.size)
     fine = np.fft.rfftfreq(values.size, period)
     velocity, force = 2j * np.pi * fine * np.fft.rfft(detrend(values) * taper), np.fft.rfft(detrend(output) * taper)
@@ -89,7 +92,7 @@ def interference(values: np.ndarray, output: np.ndarray, period: float, finer: i
     for (a, b), slope in zip(bands[1:], slopes[1:], strict=True):
         if slope < FOLLOWS * slopes[0]:
             none[a - 1:b + 1] = True  # with the frequencies beside it, which have a part of it
-    return none
+    return frequency, none
 
 
 def stretch_samples(samples: int, period: float) -> int:

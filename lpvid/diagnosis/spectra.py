@@ -73,9 +73,9 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     values = s[channel]
     if not has_band(s, channel):
         return np.gradient(values, s.sample_time)
-    interfering = s.fact(channel, "interference", lambda x: interference(x, s.output, s.sample_time, s.finer)
-                   if channel == "displacement" else np.zeros(2, dtype=bool))
-    return in_band(values, *_known(s, channel), np.linspace(0.0, np.pi / s.sample_time, interfering.size), interfering)
+    at, interfering = s.fact(channel, "interference", lambda x: interference(x, s.output, s.sample_time, s.finer)
+                             if channel == "displacement" else (np.zeros(1), np.zeros(1, dtype=bool)))
+    return in_band(values, *_known(s, channel), at, interfering)
 
 
 def has_band(s: Signals, channel: str) -> bool:
