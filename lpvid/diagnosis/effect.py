@@ -325,6 +325,22 @@ class Effect(ABC):
         """
         return ()
 
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        """Names of components that a form with these values describes too: it is reported with them, never alone.
+
+        A form, another power of the speed or one more mode, is no part of a damper. Beside a law that is itself a
+        little wrong it describes more than any single component does, so that no error decides between them.
+
+        Parameters
+        ----------
+        values : (k,) array
+
+        Returns
+        -------
+        tuple of str
+        """
+        return ()
+
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
         """Needed roles that some record does not have.
 

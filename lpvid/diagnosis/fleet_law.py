@@ -243,6 +243,9 @@ class FleetEffect(Effect):
     def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
         return self.effect.comes_to(values)
 
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        return self.effect.stands_for(values)
+
     def is_static(self, values: np.ndarray) -> bool:
         return self.effect.is_static(values)
 

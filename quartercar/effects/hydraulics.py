@@ -221,6 +221,12 @@ class InputNonlinearity(HydraulicEffect):
         """|v|^n sgn v of a small n is dry friction with another reversal: one group with it."""
         return ("coulomb-friction",) if float(values[0]) < DRY_EXPONENT else ()
 
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        """Turbulent losses where the force grows faster than the speed, valves that open where it grows less fast."""
+        grows = float(values[0]) > 1
+        return ("quadratic-loss", "series-orifice", "network-topology") if grows else \
+            ("saturating-damping", "relief-valve", "network-topology")
+
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
 

@@ -49,6 +49,9 @@ class SchedulingDegree(CurrentEffect):
 
         return run
 
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        return ("current-saturation",)
+
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more degree in the current", degree=1)
 
@@ -102,6 +105,9 @@ class MissingScheduling(Effect):
             return core(s) * s.of_record(1 + modes @ values)
 
         return run
+
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        return ("thermal-fade", "viscous-fade")
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("a further scheduling variable, once it is logged", schedule=("temperature",))
@@ -158,6 +164,9 @@ class ModelOrder(GridEffect):
             return force + share * (swung(core, s, period, damping, baseline) - force)
 
         return run
+
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        return ("fixture-resonance", "force-delay", "valve-dynamics")
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one order more", order=1)

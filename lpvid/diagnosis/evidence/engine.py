@@ -41,7 +41,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
              progress: Callable[[str], None] | None = None) -> Diagnosis:
     """Find the most probable sets of causes, name what all of them hold, extend the model, measure the gain.
 
-    y = f(u; θ, S) + δ(u) + e over sets S: the steps and priors are those of docs/diagnosis.md, "How it decides".
+    y = f(u; θ, S) + δ(u) + e over sets S: the steps and priors are those of docs/diagnosis_method.md.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.problem import DiagnosisProblem
 
 WORTH = 25.0
-"""α, independent samples that a structured error is worth, by calibration over blind cases of two rigs (diagnosis.md):
+"""α, independent samples that a structured error is worth, by blind cases of two rigs (docs/diagnosis_boards.md):
 a law errs by few mechanisms, however many samples show them"""
 WORTHS = tuple(WORTH * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
 """the same where sets are judged: nobody knows α to better than a factor of two, so that weights are averaged over it,

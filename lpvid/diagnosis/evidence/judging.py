@@ -21,7 +21,7 @@ from lpvid.diagnosis.spectra import noisier
 NAMED, SURE = 2 / 3, 0.75
 """calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
 twice what a missing one does; and from which it is sure, so that a story of such causes explains an error
-(docs/diagnosis.md: right and wrong names by this number)"""
+(docs/diagnosis_boards.md: right and wrong names by this number)"""
 FORM = 0.95
 """share of the weight of its component from which a special form is reported in its place"""
 LISTED = 0.05
@@ -296,12 +296,16 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     kind = best.kinds[best.effects.index(effect)]
     name, finding, support = named_as(effect, kind, sets, search.structured)
     of_family = Support.of(sets, family(effect.family), search.structured).probability
-    rivals = _as_good(search, sets, best, effect) if support.probability >= NAMED else \
-        _instead(sets, best, kind, finding, search.structured)
+    values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
+    if support.probability >= NAMED:
+        rivals = _as_good(search, sets, best, effect)
+        if name == effect.name:
+            rivals += _described_too(search, sets, best, effect, values, {n for n, _ in rivals})
+    else:
+        rivals = _instead(sets, best, kind, finding, search.structured)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
-    values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     return Member(effect, name, values, support.probability, of_family, support.weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
@@ -363,6 +367,14 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
         if kind not in best.kinds and against < -np.log(LISTED):
             found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)
+
+
+def _described_too(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, form: Effect,
+                   values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
+    """Components of these data that a form describes too (`Effect.stands_for`), but for those listed by now."""
+    known = {e.name for e in search.candidates} - {*best.kinds, *best.members, *listed}
+    return tuple((n, Support.of(sets, component(n), search.structured).probability)
+                 for n in form.stands_for(values) if n in known)
 
 
 def _without_noise(w: Weighed) -> float:

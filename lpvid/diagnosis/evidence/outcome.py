@@ -158,9 +158,7 @@ class EvidenceOutcome:
             rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
-            described = "; ".join(f"{m.effect.name} ({m.probability:.2f}) or "
-                             f"{' or '.join(f'{n} ({p:.2f})' for n, p in m.rivals)}{self._of_family(m)}"
-                             for m in contested)
+            described = "; ".join(f"{_either(m)}{self._of_family(m)}" for m in contested)
             return "cannot-tell", f"these data cannot keep apart {described}"
         if others:
             nearest = "come nearest" if len(others) > 1 else "comes nearest"
@@ -214,8 +212,9 @@ class EvidenceOutcome:
         others = [known[n] for n, _ in m.rivals]
         parameters = {m.effect.name: estimates(m.effect, m.values, None)}
         for e in others:
-            w = next(w for w, _ in self.judged.sets if e in w.effects)
-            parameters[e.name] = estimates(e, w.fit.vector[w.fit.composition.places[w.effects.index(e)]], None)
+            holding = (w for w, _ in self.judged.sets if e in w.effects)
+            if w := next(holding, None):
+                parameters[e.name] = estimates(e, w.fit.vector[w.fit.composition.places[w.effects.index(e)]], None)
         experiments = dict.fromkeys([m.effect.experiment, *(e.experiment for e in others)])
         return Rivals((m.effect.name, *(e.name for e in others)), float(1 - m.probability), "; or ".join(experiments),
                       parameters)
@@ -252,6 +251,14 @@ class EvidenceOutcome:
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
                 "coefficients": [1.0], "from_repeats": self.level.description, "predictable_share": self.predictable,
                 "independent_samples": s.kept * s.problem.n_samples}
+
+
+def _either(m: Member) -> str:
+    """A member or its rivals, with their probabilities; those that a form describes too have none of their own."""
+    too = [n for n in m.effect.stands_for(m.values) if n in dict(m.rivals)]
+    others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
+    form = f", a form that describes {', '.join(too)} too" if too else ""
+    return " or ".join([f"{m.effect.name} ({m.probability:.2f})", *others]) + form
 
 
 def _change_at(e: Evidence, strength: float) -> float:

@@ -417,6 +417,25 @@ def test_a_cause_that_would_have_to_be_more_than_there_can_be_is_not_named(there
         assert any(r.name == "dry" and "at its bound, gain 0.5 V" in r.why for r in found.rejected)
 
 
+class AnyStep(Dry):
+    """A form that describes the step of `Dry` among others."""
+
+    name, title, flexible = "any-step", "some step", True
+
+    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+        return ("cubic", "not-in-the-catalogue")
+
+
+def test_a_form_is_listed_with_the_components_that_it_describes_too():
+    """It is by far the most probable; named alone it would be taken for a part of the damper."""
+    data = record(np.random.default_rng(3), hidden=lambda u: 1.5 * np.sign(u))
+    found = diagnose([data], Bent(), [AnyStep(), Cubic()])
+    assert found.weights is not None and found.weights.causes["any-step"] > SURE
+    assert not found.causes and [r.names for r in found.rivals] == [("any-step", "cubic")]
+    assert found.verdict == "cannot-tell" and "a form that describes cubic too" in found.reason
+    assert found.after.esr_held_out < found.before.esr_held_out
+
+
 @pytest.fixture(scope="module")
 def contradicted() -> tuple[Record, Record]:
     """In training a wave stands beside the step, and is named; in the other record one of the other sign."""
