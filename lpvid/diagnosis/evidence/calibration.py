@@ -12,8 +12,8 @@ from lpvid.diagnosis.evidence.weighing import Weighed
 
 COEFFICIENTS = (-1.64, 1.01, 1.67)
 """a, b and c of the map, by logistic regression (Platt 1999) on cases of both rigs and measured records, each source
-counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md says how
-far they hold"""
+counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md says
+how far they hold"""
 TINY = 1e-300
 Finding = Callable[[Weighed], Effect | None]
 """The effect of a set by which it holds something; None where it does not."""
