@@ -18,7 +18,7 @@ from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
-from lpvid.diagnosis.refitting import Refit, descend, hopped_on
+from lpvid.diagnosis.refitting import ITERATIONS, Refit, descend, hopped_on, refit
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.starting import starts
@@ -407,7 +407,8 @@ class SetSearch:
 
         Without either the law follows what it lacks, a late motion say, and leads to no good start of the other. None
         where to first order, the others and the size of the change following, it stays hopelessly behind. Lags do not
-        act in proportion: all of them are refitted.
+        act in proportion: all of them are refitted. Where a number of the law has gone to its bound, an effect does the
+        work of that part, a friction that of the yield force: then the law begins from where it stands alone too.
         """
         composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
         place = w.fit.composition.places[w.effects.index(gone)]
@@ -422,10 +423,14 @@ class SetSearch:
             followed = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
             left.append(float(error @ error - followed))
         behind = 0.5 * self.kept * self.problem.n_samples * np.log(max(min(left), 1e-300) / w.fit.cost)
-        if not lag and not behind < HOPELESS:
-            return None
-        return self._weighed(self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], w.fit, (come,),
-                                           RACED))
+        first = [begun[k] for k in np.argsort(left)[:RACED]]
+        found = [self._settled(composition, first, w.fit, (come,), RACED)] if lag or behind < HOPELESS else []
+        own, root = slice(composition.own), self.visited[frozenset()].fit
+        if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
+            anew = [np.concatenate([root.vector[own], v[composition.own:]]) for v in begun]
+            nearest = min(anew, key=lambda v: self._left(composition, v))
+            found.append(refit(self.problem, composition, nearest, iterations=2 * ITERATIONS))
+        return self._weighed(min(found, key=lambda f: f.cost)) if found else None
 
     def _add(self, w: Weighed) -> None:
         known = self.visited.get(w.members)
