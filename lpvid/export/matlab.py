@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import ExtrapolationWarning, InputError
+from lpvid.errors import ExtrapolationWarning
 from lpvid.export.basis_steps import basis_values
 from lpvid.export.c_build import run_tool
-from lpvid.export.exportable import SAMPLES, Exportable, Options, exportable, within
-from lpvid.export.exporting import Content, Export, written
+from lpvid.export.exportable import SAMPLES, Exportable, within
+from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.matlab_printer import CHOOSE, MatlabPrinter, matlab_step
 from lpvid.export.python_control import FrozenGrid, frozen_grid, linear_model, varying_state_space
-from lpvid.export.step_builder import StepBuilder, checked_name
+from lpvid.export.step_builder import StepBuilder
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -52,31 +52,22 @@ def export_matlab(model: Any, folder: str | os.PathLike, *, name: str = "", clam
     -------
     Export
     """
-    return written(matlab_content(exportable(model, Options(checked_name(name), clamp, sample_time, at or {}))), folder)
+    return exported(model, folder, "matlab", name, clamp, sample_time, at)
 
 
-def matlab_content(found: Exportable, precision: str = "double") -> Content:
+def matlab_content(found: Exportable) -> Content:
     """The MATLAB files of a step program, checked by Octave where it is installed.
 
     Parameters
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : str
-        "double" is the only one.
 
     Returns
     -------
     Content
         ``NAME.mat`` and the M files; without Octave it counts as passed.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    if precision != "double":
-        raise InputError("MATLAB computes in double precision", got=precision, mend="leave --precision out")
     from scipy.io import savemat
 
     program, notes = found.program, list(found.program.notes)
