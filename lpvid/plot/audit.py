@@ -6,20 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_outside,
-    look,
-    panels,
-    robust_limits,
-    thinned,
-)
+from lpvid.plot.colours import BLUE, CYCLE, INK
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, robust_limits, thinned
 from lpvid.record import Record
 
 MOST_CHANNELS = 6

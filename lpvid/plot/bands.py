@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.analysis.bands import Band
+from lpvid.plot.colours import MEASURED, MODEL
 from lpvid.plot.comparison import Comparison
-from lpvid.plot.style import MEASURED, MODEL, Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, look, panels
 
 CLOSE_UP = 400
 """Samples of the free run that are drawn."""

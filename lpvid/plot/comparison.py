@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.plot.colours import BLUE, CYCLE, INK, MEASURED, MODEL, MUTED
 from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
     WIDTH,
     Ax,
     Drawn,

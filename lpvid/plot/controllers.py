@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import CYCLE, SCALE, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE, SCALE
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
 from lpvid.plot.synthesis import frequencies_of, line_of, responses
 
 if TYPE_CHECKING:

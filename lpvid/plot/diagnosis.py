@@ -9,26 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.condition.resampling import finite_runs
-from lpvid.plot.style import (
-    BLUE,
-    GREEN,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
-    ORANGE,
-    VERMILION,
-    WIDTH,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_above,
-    limits_of,
-    look,
-    panels,
-    thinned,
-)
+from lpvid.plot.colours import BLUE, GREEN, INK, MEASURED, MODEL, MUTED, ORANGE, VERMILION
+from lpvid.plot.style import WIDTH, Ax, Drawn, drawn, label, legend_above, limits_of, look, panels, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,7 +18,8 @@ from lpvid.identification.result import Identification
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot.audit import MOST_CHANNELS
-from lpvid.plot.style import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION, label, look, panels, robust_limits, thinned
+from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION
+from lpvid.plot.style import label, look, panels, robust_limits, thinned
 from lpvid.record import Record
 from lpvid.synthesis.result import Synthesis
 

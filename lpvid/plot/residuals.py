@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.plot.colours import BLUE, INK, MODEL
 from lpvid.plot.comparison import Comparison
-from lpvid.plot.style import BLUE, INK, MODEL, Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

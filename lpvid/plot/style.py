@@ -1,4 +1,4 @@
-"""One look for all figures: a palette that colour-blind readers can separate, thin axes, labels with units."""
+"""One look for all figures: thin axes, labels with units, legends beside the data."""
 
 from __future__ import annotations
 
@@ -9,18 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.plot.colours import FAINT, INK, MUTED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, MUTED, FAINT = "#22262b", "#6b7480", "#d8dde3"
-BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#cc79a7"
-"""Okabe & Ito's colours, distinguishable with every common colour vision."""
-CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-MEASURED, MODEL = INK, VERMILION
-SCALE = "viridis"
-"""Colour map for a scheduling variable: rises in lightness, so that it survives a grey print."""
 Ax = Any
 """Where a figure is drawn: one `matplotlib.axes.Axes`, an array or a sequence of them, or None for a new figure."""
 Drawn = Any

@@ -7,21 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    MUTED,
-    SCALE,
-    VERMILION,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_outside,
-    look,
-    panels,
-)
+from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
 
 FREQUENCIES = 160
 CURVES = 7

@@ -10,7 +10,8 @@ from lpvid import plot
 from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import free_run_traces
-from lpvid.report.page import Item, Mark, PageFigure, PageTable, number, percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import Item, Mark, PageFigure, PageTable
 from lpvid.simulation import Model
 from lpvid.validation import Validation
 from lpvid.validation.report import along

@@ -19,9 +19,10 @@ from lpvid.report.figures import (
     run_figures,
     verdict_grade,
 )
+from lpvid.report.formatting import number
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import OUT, Item, NextStep, Notes, Page, PageTable, Paragraph, Section, number
+from lpvid.report.page import OUT, Item, NextStep, Notes, Page, PageTable, Paragraph, Section
 from lpvid.report.stability import locus_items
 from lpvid.validation import Validation
 

@@ -17,7 +17,8 @@ from lpvid.report.figures import (
     run_figures,
     verdict_grade,
 )
-from lpvid.report.page import Item, NextStep, Notes, Page, Paragraph, Section, number, percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import Item, NextStep, Notes, Page, Paragraph, Section
 from lpvid.report.responses import drawn_models, frozen_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation import Validation

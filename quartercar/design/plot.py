@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, INK, SCALE, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE, INK, SCALE
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
 from quartercar.design.figures import FREQUENCIES, SHOWN
 
 if TYPE_CHECKING:

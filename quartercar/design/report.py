@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.export.exportable import has_step
 from lpvid.report import OUT, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces, number
 from lpvid.report.courses import signal_traces
-from lpvid.report.page import percent
+from lpvid.report.formatting import percent
 from lpvid.report.synthesis import gains_item, limit_items
 from quartercar.design import plot
 from quartercar.design.identified import IdentifiedDesign

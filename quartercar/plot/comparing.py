@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.plot.colours import BLUE, CYCLE, INK, MEASURED, MODEL, MUTED, VERMILION
 from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
-    VERMILION,
     Ax,
     Drawn,
     drawn,

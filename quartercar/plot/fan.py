@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import INK, MUTED, SCALE, Ax, Drawn, drawn, label, limits_of, look, panels
+from lpvid.plot.colours import INK, MUTED, SCALE
+from lpvid.plot.style import Ax, Drawn, drawn, label, limits_of, look, panels
 from quartercar.plot.comparing import current_levels, current_span
 
 if TYPE_CHECKING:

@@ -7,24 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.plot import Comparison
-from lpvid.plot.style import (
-    BLUE,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
-    SCALE,
-    VERMILION,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_above,
-    legend_outside,
-    limits_of,
-    look,
-    panels,
-)
+from lpvid.plot.colours import BLUE, INK, MEASURED, MODEL, MUTED, SCALE, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, legend_outside, limits_of, look, panels
 
 PANELS = 4
 """Currents shown side by side."""

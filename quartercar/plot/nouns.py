@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.plot import nouns
+from lpvid.plot.colours import BLUE, CYCLE, SCALE
 from lpvid.plot.nouns import Drawing
-from lpvid.plot.style import BLUE, CYCLE, SCALE, label, thinned
+from lpvid.plot.style import label, thinned
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.compared import Comparison
 from quartercar.dampers.fitting.result import DamperFit

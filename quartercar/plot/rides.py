@@ -7,20 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import (
-    CYCLE,
-    INK,
-    MUTED,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_outside,
-    look,
-    panels,
-    robust_limits,
-    thinned,
-)
+from lpvid.plot.colours import CYCLE, INK, MUTED
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, robust_limits, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

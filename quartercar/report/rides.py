@@ -6,22 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lpvid.report import (
-    OUT,
-    Item,
-    Mark,
-    NextStep,
-    Notes,
-    Page,
-    PageFigure,
-    PageTable,
-    Paragraph,
-    Section,
-    Traces,
-    number,
-)
 from lpvid.report.courses import signal_traces
-from lpvid.report.page import percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
+from lpvid.report.traces import Traces
 from quartercar.criteria import comfort_classes
 from quartercar.plot import rides as plot
 from quartercar.plot.ride_spectra import SEGMENT, SEGMENTS, sensitive_band, spectra
