@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.colours import CYCLE, SCALE
-from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades
 from lpvid.plot.synthesis import frequencies_of, line_of, responses
 
 if TYPE_CHECKING:
@@ -37,16 +37,13 @@ def controller_gains(controller: LPVStateSpace, ax: Ax = None) -> Drawn:
     -------
     matplotlib.axes.Axes, or array of them
     """
-    from matplotlib import colormaps
-
     omega = frequencies_of(controller)
     points, pairs = line_of(controller), _pairs(controller)
     box = controller.box
     with look():
         foreign = ax is not None
         figure, axes = panels(len(pairs), 2 if box.names else 1, height=2.4, ax=ax)
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
-        for p, shade in zip(points, shades, strict=True):
+        for p, shade in zip(points, shades(len(points)), strict=True):
             gains = np.abs(responses(controller, p, omega))
             name = f"{box.names[0]} = {p[0]:.4g}" if box.names else None
             for row, (i, j) in zip(axes, pairs, strict=True):

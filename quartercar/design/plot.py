@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.colours import CYCLE, INK, SCALE
-from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE, INK
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades, zero_lines
 from quartercar.design.figures import FREQUENCIES, SHOWN
 
 if TYPE_CHECKING:
@@ -57,12 +57,10 @@ def gains(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     -------
     array of matplotlib.axes.Axes
     """
-    from matplotlib import colormaps
-
     with look():
         foreign = ax is not None
         figure, axes = panels(1, 3, height=3.0, ax=ax)
-        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        colours = shades(len(found.gains), 0.05, 0.85)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label=found.baseline)
             for colour, (share, curves) in zip(colours, found.gains, strict=True):
@@ -91,12 +89,10 @@ def sensitivity(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     -------
     array of matplotlib.axes.Axes
     """
-    from matplotlib import colormaps
-
     with look():
         foreign = ax is not None
         figure, axes = panels(1, 3, height=2.8, ax=ax)
-        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        colours = shades(len(found.gains), 0.05, 0.85)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             passive = np.maximum(found.passive_gains[signal], 1e-300)
             for colour, (share, curves) in zip(colours, found.gains, strict=True):
@@ -138,8 +134,7 @@ def actuator_use(found: Design | IdentifiedDesign, controlled: Ride, ax: Ax = No
                 if np.isfinite(level):
                     left.plot(grid, car.damper.static_force(grid, level, 0.0), color=INK, linewidth=1.1, linestyle=dash,
                               label=f"at {level:g} {unit}")
-        left.axhline(0, color=INK, linewidth=0.5)
-        left.axvline(0, color=INK, linewidth=0.5)
+        zero_lines(left)
         left.set_xlabel(label("velocity of the damper", "m/s"))
         left.set_ylabel(label("damper force", "N"))
         left.legend(loc="upper left")
