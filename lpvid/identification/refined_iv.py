@@ -227,6 +227,8 @@ def _refuse_coupling(singles: Sequence[_Single], outputs: Sequence[str]) -> None
 def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identification,
                singles: Sequence[_Single]) -> Identification:
     """One model and one covariance from the outputs' own."""
+    from scipy.linalg import block_diag
+
     ny, m = len(structure.output), structure.basis.size  # type: ignore[arg-type]
     nc, nd = structure.nc, structure.nd
     tables, theta, blocks, variances = [], [], [], []
@@ -250,7 +252,7 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
             blocks.append(block)
             variances.append(variance)
             c[:, o, 0], d[:, o] = _orders(single.found.noise.c, nc), _orders(single.found.noise.d, nd)
-    layout, matrix = ParameterLayout(np.vstack(tables)), _block_diagonal(blocks)
+    layout, matrix = ParameterLayout(np.vstack(tables)), np.asarray(block_diag(*blocks))
     metadata: dict = {"structure": structure.to_dict(), "training": whole.model.metadata["training"],
                       "refined_iv": [None if s.found is None else
                                      {"iterations": s.found.iterations, "relative_change": s.found.change,
@@ -286,13 +288,4 @@ def _noise_covariance(singles: Sequence[_Single], variances: Sequence[float]) ->
         for j in range(i):
             out[i, j] = out[j, i] = (float(series[i] @ series[j]) / np.sqrt(power[i] * power[j])
                                      * np.sqrt(variances[i] * variances[j]))
-    return out
-
-
-def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    size = sum(len(b) for b in blocks)
-    out, place = np.zeros((size, size)), 0
-    for block in blocks:
-        out[place: place + len(block), place: place + len(block)] = block
-        place += len(block)
     return out
