@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.plot.colours import CYCLE, INK
 from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades, zero_lines
 from quartercar.design.figures import FREQUENCIES, SHOWN
+from quartercar.plot.rides import SIGNALS, draw_signals
 
 if TYPE_CHECKING:
     from quartercar.design.identified import IdentifiedDesign
@@ -161,16 +162,10 @@ def bump(rides: tuple[Ride, Ride], ax: Ax = None) -> Drawn:
     -------
     array of matplotlib.axes.Axes
     """
-    unit = rides[0].run.units["current"]
-    signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
-               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
-        axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
+        axes = panels(len(SIGNALS), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
         for found, name, colour in zip(rides, ("controlled", "passive, lowest current"), (CYCLE[1], INK), strict=True):
-            inside = found.run.time >= 0.9
-            for ax, (signal, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
-                ax.plot(found.run.time[inside], scale * found.run[signal][inside], color=colour, label=name)
-                ax.set_ylabel(label(title, unit))
+            draw_signals(axes[:, 0], found.run, found.run.time >= 0.9, color=colour, label=name)
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, borderaxespad=0.0)
         axes[-1, 0].set_xlabel(label("time", "s"))
     return drawn(axes)
