@@ -21,8 +21,20 @@ class ComplianceProblem(FreeRunProblem):
     """Free-run errors of a compliance over records, and their exact Jacobian.
 
     The parameter vector: for every element the log-rises (tied in pairs about zero in a symmetric law) and ln k_h, then
-    the linear terms, then the filter's where that is fitted. The speed [m/s] is the first input, the force [N] the
-    output.
+    the linear terms, then the filter's where that is fitted.
+
+    Attributes
+    ----------
+    model : ComplianceModel
+        Whose settings are kept; its values serve as a start.
+    inputs : tuple of (n, n_inputs) arrays
+        Per record, the speed in the first column [m/s].
+    outputs : tuple of (n,) arrays
+        Measured output of every record [N].
+    scheduling : tuple of (n, n_scheduling) arrays
+        As logged, before any filter.
+    free_filter : bool
+        Whether the parameters of the scheduling filter are fitted along.
     """
 
     model: ComplianceModel

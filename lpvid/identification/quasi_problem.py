@@ -20,6 +20,19 @@ class QuasiProblem(FreeRunProblem):
     """Free-run errors of a quasi-LPV model over records, and their exact Jacobian.
 
     The parameter vector is the model's, then the filter's where that is fitted.
+
+    Attributes
+    ----------
+    model : QuasiLPVModel
+        Whose settings are kept; its values serve as a start.
+    inputs : tuple of (n, n_inputs) arrays
+        Per record.
+    outputs : tuple of (n,) arrays
+        Measured output of every record.
+    scheduling : tuple of (n, n_scheduling) arrays
+        As logged, before any filter.
+    free_filter : bool
+        Whether the parameters of the scheduling filter are fitted along.
     """
 
     model: QuasiLPVModel

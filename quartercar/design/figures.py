@@ -46,9 +46,10 @@ class SuspensionDesign(ABC):
     Attributes
     ----------
     car : QuarterCar
-    law : control law that is designed
+    law : object
         With the weights.
-    task : Task or DamperTask
+    task : object
+        What is designed, with plant and weights.
     synthesis : Synthesis
     setting : Setting
     """
