@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -317,11 +317,8 @@ def _stands_still(names: Sequence[str], records: Sequence[Record]) -> bool:
 
 
 def _marked(found: Identification, audited: Audit) -> Identification:
-    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **_polarity(audited)}))
-
-
-def _polarity(audited: Audit) -> Mapping[str, str]:
-    return {"polarity": "reversed"} if audited.of("reversed-polarity") else {}
+    turned = {"polarity": "reversed"} if audited.of("reversed-polarity") else {}
+    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **turned}))
 
 
 def _leak_note(pieces: Sequence[Record], held_out: Sequence[Record], found: Identification) -> tuple[str, ...]:

@@ -169,7 +169,8 @@ def _check(program: StepProgram) -> str:
 
 
 def _load(name: str, grid: FrozenGrid, sample_time: float) -> str:
-    variables = [f"    '{v}', g.points(:, {i + 1})" for i, v in enumerate(grid.names)]
+    fields = [re.sub(r"[^A-Za-z0-9]", "_", v.strip()) for v in grid.names]  # a name as MATLAB takes it
+    variables = [f"    '{v}', g.points(:, {i + 1})" for i, v in enumerate(fields)]
     out = [f"function sys = {name}_load()",
            f"%{name.upper()}_LOAD Frozen models on the grid of {name}.mat as an array of ss (Control System Toolbox).",
            f"m = load('{name}.mat');", f"g = m.{name}.grid;", "count = size(g.points, 1);",
@@ -178,14 +179,8 @@ def _load(name: str, grid: FrozenGrid, sample_time: float) -> str:
            "sys.InputName = g.inputs.names;", "sys.InputUnit = g.inputs.units;", "sys.OutputName = g.outputs.names;",
            "sys.OutputUnit = g.outputs.units;"]
     if variables:
-        out += ["sys.SamplingGrid = struct( ...", ", ...\n".join(_field(v) for v in variables) + ");"]
+        out += ["sys.SamplingGrid = struct( ...", ", ...\n".join(variables) + ");"]
     return "\n".join([*out, "end", ""])
-
-
-def _field(text: str) -> str:
-    """A field of a structure, its name as MATLAB takes it."""
-    head, _, rest = text.partition("',")
-    return f"    '{re.sub(r'[^A-Za-z0-9]', '_', head.strip().strip(chr(39)))}',{rest}"
 
 
 def _basis_program(model: LPVStateSpace) -> StepProgram:

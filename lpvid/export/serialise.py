@@ -104,7 +104,7 @@ class Kind:
             return self.more.get(tag)
         if place is None:
             raise KeyError(tag)
-        return _class(*place)
+        return getattr(importlib.import_module(place[0]), place[1])
 
     @property
     def schema(self) -> str:
@@ -437,10 +437,6 @@ def _kind_for(obj: object) -> Kind:
         raise InputError("this object cannot be saved", got=type(obj).__name__,
                          mend="save its .model" if hasattr(obj, "model") else f"save one of {', '.join(names)}")
     return kind
-
-
-def _class(module: str, name: str) -> type:
-    return getattr(importlib.import_module(module), name)
 
 
 def _plain(value: object) -> object:

@@ -380,7 +380,8 @@ class StepBuilder:
         self._blocks.append(statement.body)
         yield statement.counter
         self._blocks.pop()
-        self._used = before | self._lasting()  # names of the block are free again
+        lasting = (self._inputs, self._outputs, self._states, self._parameters)
+        self._used = before | {q.name for group in lasting for q in group}  # names of the block are free again
         if last > first and statement.body:
             self._add(statement)
 
@@ -469,9 +470,6 @@ class StepBuilder:
             found, count = f"{base}_{count}", count + 1
         self._used.add(found)
         return found
-
-    def _lasting(self) -> set[str]:
-        return {q.name for group in (self._inputs, self._outputs, self._states, self._parameters) for q in group}
 
     def _add(self, statement: Statement) -> None:
         self._blocks[-1].append(statement)

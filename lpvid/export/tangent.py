@@ -191,7 +191,8 @@ class Differentiation:
         if expr.operator == "*":
             return _sum(_product(da, b), _product(db, a))
         assert expr.operator == "/", expr.operator
-        return _quotient(_difference(da, _product(db, a / b)), b)
+        above = _difference(da, _product(db, a / b))
+        return ZERO if above is ZERO else above / b
 
     def _call(self, expr: Call) -> Expr:
         a, da = expr.arguments[0], self.of(expr.arguments[0])
@@ -239,10 +240,6 @@ def _negative(a: Expr) -> Expr:
 
 def _product(a: Expr, b: Expr) -> Expr:
     return ZERO if a is ZERO else a * b
-
-
-def _quotient(a: Expr, b: Expr) -> Expr:
-    return ZERO if a is ZERO else a / b
 
 
 # -- what nothing reads ----------------------------------------------------------------------------------------------

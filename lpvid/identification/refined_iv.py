@@ -246,7 +246,8 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
         else:
             block, variance, colour = covariance(single.problem, single.found, structure.noise == "box-jenkins")
             if colour.d.size:
-                notes.append(f"the output error{_to(structure, o)} is coloured: standard errors allow for an "
+                of_output = f" of '{structure.output[o]}'" if ny > 1 else ""
+                notes.append(f"the output error{of_output} is coloured: standard errors allow for an "
                              f'autoregression of order {colour.d.size}; noise="box-jenkins" would use the colour')
             theta.append(single.found.theta)
             blocks.append(block)
@@ -267,10 +268,6 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
                           max(w[0] for w in worst), max(w[1] for w in worst), whole.n_samples,
                           notes=(*whole.notes, *(n for s in singles for n in s.notes), *notes),
                           covariance_kind="refined IV, " + ("coloured output error" if notes else "white innovations"))
-
-
-def _to(structure: RefinedIV, output: int) -> str:
-    return f" of '{structure.output[output]}'" if len(structure.output) > 1 else ""
 
 
 def _orders(tail: np.ndarray, order: int) -> np.ndarray:

@@ -92,15 +92,11 @@ def _over_scheduling(ax, controller: LPVStateSpace, omega: np.ndarray, i: int, j
     share = np.linspace(0, 1, LEVELS)[:, None]
     points = np.array(box.lower) * (1 - share) + np.array(box.upper) * share
     gains = np.array([np.abs(responses(controller, p, omega))[:, i, j] for p in points])
-    for k, w in enumerate(omega):
-        ax.semilogy(points[:, 0], np.maximum(gains[:, k], 1e-300), color=CYCLE[k], label=_hertz(w))
+    for k, hertz in enumerate(omega / (2 * np.pi)):
+        ax.semilogy(points[:, 0], np.maximum(gains[:, k], 1e-300), color=CYCLE[k],
+                    label=f"{hertz:.0f} Hz" if hertz >= 100 else f"{hertz:.3g} Hz")
     ax.set_title("over the scheduling")
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-
-
-def _hertz(omega: float) -> str:
-    frequency = omega / (2 * np.pi)
-    return f"{frequency:.0f} Hz" if frequency >= 100 else f"{frequency:.3g} Hz"
 
 
 def _pairs(controller: LPVStateSpace) -> list[tuple[int, int]]:
