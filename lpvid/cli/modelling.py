@@ -149,7 +149,6 @@ class ReportedIdentification:
         if not results.kept:
             return
         from lpvid.cli.beside import beside_sections
-        from lpvid.export.serialise import save
         from lpvid.report.bands import response_section, sureness
         from lpvid.report.figures import comparisons
         from lpvid.report.forms import form_section
@@ -159,16 +158,16 @@ class ReportedIdentification:
         report_progress("drawing")
         shown = comparisons(self.found.model, self.held_out or self.training,
                             "held-out" if self.held_out else "training")
-        results.add("model.json", lambda path: save(self.model, path))
+        results.save("model.json", self.model)
         results.json("identification.json", self.to_dict())
         chosen = () if self.choice is None else (selection_section(self.choice.selection, self.choice.description),)
         if self.choice is not None:
             results.json("selection.json", self.choice.to_dict())
         if realized is not None:
-            results.add("state_space.json", lambda path: save(realized, path))
+            results.save("state_space.json", realized)
         refit = self.form_refit
         if refit is not None:
-            results.add("state_space.json", lambda path: save(refit.model, path))
+            results.save("state_space.json", refit.model)
             results.json("form.json", refit.to_dict())
             chosen = (*chosen, form_section(refit))
         report_progress("bands")
