@@ -22,7 +22,8 @@ import numpy as np
 
 import lpvid as lpv
 from lpvid.condition import split_tail
-from lpvid.plot.style import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION, label, look, panels
+from lpvid.plot.colours import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
+from lpvid.plot.style import label, look, panels
 from quartercar.rig import EXPERIMENTS, Rig, effect
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ import numpy as np
 from study_004 import Chain, Row
 
 import lpvid as lpv
-from lpvid.plot.style import BLUE, CYCLE, GREEN, INK, MUTED, VERMILION, label, look, panels
+from lpvid.plot.colours import BLUE, CYCLE, GREEN, INK, MUTED, VERMILION
+from lpvid.plot.style import label, look, panels
 from quartercar.rig import EXPERIMENTS
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from writing import number, picture, table, write
 
 import lpvid as lpv
 from lpvid import excitation
-from lpvid.plot.style import INK, MUTED, VERMILION, label, look, panels
+from lpvid.plot.colours import INK, MUTED, VERMILION
+from lpvid.plot.style import label, look, panels
 from quartercar.dampers.bench.creep import static_forces
 from quartercar.dampers.bench.gas_damper_study import RIG_SPEED, measured, work_table
 from quartercar.dampers.bench.ramps import fit_ramps

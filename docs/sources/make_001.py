@@ -23,7 +23,8 @@ from study_001 import (
 from writing import number, picture, table, write
 
 import lpvid as lpv
-from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
+from lpvid.plot.colours import BLUE, INK, MUTED, VERMILION
+from lpvid.plot.style import label, look, panels
 from quartercar.dampers.bench.characteristic import CharacteristicLine, characteristic_line
 
 if TYPE_CHECKING:

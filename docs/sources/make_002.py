@@ -13,7 +13,8 @@ from study_002 import CUTOFF, TAPS, TRUE_LAG, Foreign, fit_models, lag_values, r
 from writing import FOLDER, number, picture, table, write
 
 import lpvid as lpv
-from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
+from lpvid.plot.colours import BLUE, INK, MUTED, VERMILION
+from lpvid.plot.style import label, look, panels
 from quartercar.dampers import ExtendedBoucWen
 from quartercar.dampers.bench.semi_active_study import fixed_steps
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from writing import example, number, picture, table, write
 
-from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
+from lpvid.plot.colours import BLUE, INK, MUTED, VERMILION
+from lpvid.plot.style import label, look, panels
 from quartercar.dampers import (
     NetworkChoice,
     NetworkSquares,

@@ -140,15 +140,14 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
         return described
     from lpvid.cli.run_tables import queue_run
     from lpvid.diagnosis.experiments import proposed
-    from lpvid.export.serialise import save
     from lpvid.report.diagnosis import diagnosis_page
 
     report_progress("drawing")
     results.json("diagnosis.json", _described(found, lpv))
     if lpv is not None:
-        results.add(LPV_MODEL, lambda path: save(lpv.extended.model, path))
+        results.save(LPV_MODEL, lpv.extended.model)
     if found.extended is not None:
-        results.add("extended_model.json", lambda path: save(found.extended, path))
+        results.save("extended_model.json", found.extended)
         queue_run(results, found.extended, question.prepared.held_out or question.prepared.training)
     proposal = proposed(found) if plan else None
     planned = proposal is not None and bool(proposal.text)

@@ -132,7 +132,6 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
     """
     from lpvid.cli.data import parse_roles, read_records
     from lpvid.cli.modelling import _settled
-    from lpvid.export.serialise import save
     from lpvid.files import find
     from lpvid.fleet import plan_fleet, run_fleet
     from lpvid.identification.arx import ARX
@@ -157,7 +156,7 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
     if found.found is None:
         raise InputError("no file could be used", got=next(iter(found.left_out.values()), ""))
     model = found.found
-    results.add("model.json", lambda path: save(model.model, path))
+    results.save("model.json", model.model)
     results.json("identification.json", {**model.to_dict(), "model": "model.json"})
     results.json("fleet.json", found.to_dict())
     return found

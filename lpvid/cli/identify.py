@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -12,47 +11,11 @@ from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
 from lpvid.errors import InputError
 
-
-class On(StrEnum):
-    """What a quasi-LPV model is scheduled on, by name."""
-
-    OUTPUT = "output"
-    TRIAL = "trial"
-    INPUT = "input"
-
-
-class Shape(StrEnum):
-    """Static input stages by name."""
-
-    NONE = "none"
-    TANH = "tanh"
-    THREE_ZONE = "three-zone"
-
-
-class Filter(StrEnum):
-    """Scheduling filters by name."""
-
-    NONE = "none"
-    LAG = "lag"
-    RISE_FALL = "rise-fall"
-    LAG_DELAY = "lag-delay"
-    RISE_FALL_DELAY = "rise-fall-delay"
-
-
-class BasisKind(StrEnum):
-    """Bases by name."""
-
-    POLYNOMIAL = "polynomial"
-    SPLINE = "spline"
-
-
-class Form(StrEnum):
-    """State-space forms by name."""
-
-    CONTROLLABLE = "controllable"
-    OBSERVABLE = "observable"
-    SHIFTED = "shifted"
-    AUGMENTED = "augmented"
+On = Literal["output", "trial", "input"]
+Shape = Literal["none", "tanh", "three-zone"]
+Filter = Literal["none", "lag", "rise-fall", "lag-delay", "rise-fall-delay"]
+BasisKind = Literal["polynomial", "spline"]
+Form = Literal["controllable", "observable", "shifted", "augmented"]
 
 
 @command
@@ -102,9 +65,9 @@ def identify(
                                                     "quasi, on its own output: spline).")] = None,
     segments: Annotated[int | None, typer.Option("--segments", min=1, help="Pieces of a spline basis (3; quasi: 10; "
                                                  "compliance, in the current: 2).")] = None,
-    shape: Annotated[Shape, typer.Option("--shape", help="Static input stage, fitted to the data.")] = Shape.NONE,
+    shape: Annotated[Shape, typer.Option("--shape", help="Static input stage, fitted to the data.")] = "none",
     schedule_filter: Annotated[Filter, typer.Option("--schedule-filter", help="Filter between the logged scheduling "
-                                                    "and the coefficients, fitted to the data.")] = Filter.NONE,
+                                                    "and the coefficients, fitted to the data.")] = "none",
     schedule_lag: Annotated[bool, typer.Option("--schedule-lag", help="The same as --schedule-filter "
                                                "rise-fall.")] = False,
     no_constant: Annotated[bool, typer.Option("--no-constant", help="No constant c_0(p) in the model; left out, it "
@@ -162,17 +125,17 @@ def identify(
     rate, raw = asked_rate(sample_rate)
     written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
                "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,
-               "innovation": innovation or None, "on": on and on.value, "trial": trial, "odd": odd, "states": states,
+               "innovation": innovation or None, "on": on, "trial": trial, "odd": odd, "states": states,
                "side": split_names(side) or None, "forgetting": forgetting, "degree": degree,
-               "basis": basis and basis.value, "segments": segments,
-               "shape": None if shape is Shape.NONE else shape.value,
-               "schedule-filter": None if schedule_filter is Filter.NONE else schedule_filter.value,
+               "basis": basis, "segments": segments,
+               "shape": None if shape == "none" else shape,
+               "schedule-filter": None if schedule_filter == "none" else schedule_filter,
                "schedule-lag": schedule_lag or None, "no-constant": no_constant or None, "affine": affine or None,
                "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge, "passive": passive or None,
                "balanced": balanced or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      None if form is None else form.value, refit, refit_form, budget)
+                      form, refit, refit_form, budget)
     with working("reading") as report_progress:
         request.check()
         name, others = load_beside(beside, f"{out or 'this'}/model.json")

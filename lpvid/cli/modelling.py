@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -149,7 +149,6 @@ class ReportedIdentification:
         if not results.kept:
             return
         from lpvid.cli.beside import beside_sections
-        from lpvid.export.serialise import save
         from lpvid.report.bands import response_section, sureness
         from lpvid.report.figures import comparisons
         from lpvid.report.forms import form_section
@@ -159,16 +158,16 @@ class ReportedIdentification:
         report_progress("drawing")
         shown = comparisons(self.found.model, self.held_out or self.training,
                             "held-out" if self.held_out else "training")
-        results.add("model.json", lambda path: save(self.model, path))
+        results.save("model.json", self.model)
         results.json("identification.json", self.to_dict())
         chosen = () if self.choice is None else (selection_section(self.choice.selection, self.choice.description),)
         if self.choice is not None:
             results.json("selection.json", self.choice.to_dict())
         if realized is not None:
-            results.add("state_space.json", lambda path: save(realized, path))
+            results.save("state_space.json", realized)
         refit = self.form_refit
         if refit is not None:
-            results.add("state_space.json", lambda path: save(refit.model, path))
+            results.save("state_space.json", refit.model)
             results.json("form.json", refit.to_dict())
             chosen = (*chosen, form_section(refit))
         report_progress("bands")
@@ -317,11 +316,8 @@ def _stands_still(names: Sequence[str], records: Sequence[Record]) -> bool:
 
 
 def _marked(found: Identification, audited: Audit) -> Identification:
-    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **_polarity(audited)}))
-
-
-def _polarity(audited: Audit) -> Mapping[str, str]:
-    return {"polarity": "reversed"} if audited.of("reversed-polarity") else {}
+    turned = {"polarity": "reversed"} if audited.of("reversed-polarity") else {}
+    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **turned}))
 
 
 def _leak_note(pieces: Sequence[Record], held_out: Sequence[Record], found: Identification) -> tuple[str, ...]:

@@ -280,6 +280,33 @@ class Results:
 
         self.add(name, lambda path: write_json(data, path))
 
+    def save(self, name: str, noun: object) -> None:
+        """A model, certificate, damper or controller.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, without a folder.
+        noun : object
+            As for `lpvid.save`.
+        """
+        from lpvid.export.serialise import save
+
+        self.add(name, lambda path: save(noun, path))
+
+    def figures(self, drawn: Iterable[Any]) -> None:
+        """Pictures of figures, NAME.png.
+
+        Parameters
+        ----------
+        drawn : iterable
+            Each with a name and a figure.
+        """
+        from lpvid.plot import png
+
+        for one in drawn:
+            self.bytes(f"{one.name}.png", png(one.figure))
+
     def bytes(self, name: str, content: bytes) -> None:
         """A file of bytes.
 

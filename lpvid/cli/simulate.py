@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -14,20 +13,15 @@ from lpvid.cli.running import Results, command, conclude, working
 if TYPE_CHECKING:
     from lpvid.validation.free_runs import FreeRuns
 
-
-class Format(StrEnum):
-    """Tables by their extension."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-    MAT = "mat"
+Format = Literal["csv", "parquet", "mat"]
+"""Tables by their extension."""
 
 
 @command
 def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
              schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
              sample_rate: options.ModelsRate = None,
-             format: Annotated[Format, typer.Option("--format", help="Format of the simulation.")] = Format.CSV,
+             format: Annotated[Format, typer.Option("--format", help="Format of the simulation.")] = "csv",
              out: options.Out = None, json: options.Json = False) -> None:
     """Run a model freely along records; writes simulation.csv (or parquet, mat), simulation.json and report.html.
 
@@ -52,7 +46,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
         report_progress("simulating")
         found = free_runs(acting, records, models_rate(records, given, raw, clockless))
         if results.kept:
-            _deliver(results, found, format.value, model.name, report_progress)
+            _deliver(results, found, format, model.name, report_progress)
     conclude(results, found.to_dict(), repr(found), json)
 
 

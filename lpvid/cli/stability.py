@@ -46,7 +46,7 @@ def stability(model: options.ModelFile,
     Exits with 0 when the model is stable frozen and certified while its scheduling moves, with 3 when not. A model that
     schedules itself is judged by what holds for every course of its own output.
     """
-    from lpvid.export.serialise import load, save
+    from lpvid.export.serialise import load
     from lpvid.report.stability import StabilityStudy
     from lpvid.report.stability_reach import Questions
 
@@ -60,7 +60,7 @@ def stability(model: options.ModelFile,
             report_progress("drawing")
             results.json("stability.json", data)
             if isinstance(found, StabilityStudy) and found.certificate.verified:
-                results.add("certificate.json", lambda path: save(found.certificate, path))
+                results.save("certificate.json", found.certificate)
             else:
                 results.without("certificate.json")
             _draw(results, found)

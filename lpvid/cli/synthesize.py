@@ -60,7 +60,6 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
         data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
                                 "design": repr(settings), "limits": [x.to_dict() for x in found]}
         if results.kept:
-            from lpvid.export.serialise import save
             from lpvid.report.synthesis import synthesis_page
 
             report_progress("drawing")
@@ -70,7 +69,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
                 if part is None:
                     results.without(f"{name}.json")
                 else:
-                    results.add(f"{name}.json", lambda path, part=part: save(part, path))
+                    results.save(f"{name}.json", part)
             results.report(synthesis_page(result, loaded, title, weights))
     stated = limiting(found, result.gamma_verified)
     conclude(results, data, repr(result) + (f"\n  {stated}" if stated else ""), json)

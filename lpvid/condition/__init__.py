@@ -9,19 +9,5 @@ from lpvid.condition.resampling import resample
 from lpvid.condition.segmentation import segments
 from lpvid.condition.splitting import Repetition, blocks, folds, leaks, repetition_period, split_tail
 
-__all__ = [
-    "Repetition",
-    "align",
-    "blocks",
-    "delay",
-    "differentiate",
-    "folds",
-    "leaks",
-    "low_pass",
-    "repetition_period",
-    "resample",
-    "segments",
-    "split_tail",
-    "with_derived",
-    "with_velocity",
-]
+__all__ = ["Repetition", "align", "blocks", "delay", "differentiate", "folds", "leaks", "low_pass", "repetition_period",
+           "resample", "segments", "split_tail", "with_derived", "with_velocity"]

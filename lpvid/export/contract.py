@@ -107,8 +107,26 @@ class Exportable:
         u, y = self.trial(samples, single=True)
         signs = np.random.default_rng(1).choice([-1.0, 1.0], u.shape)
         moved = np.asarray(self.reference(u * (1 + signs * 2.0**-24)), dtype=float).reshape(y.shape)
-        scale = np.abs(y).max(axis=0, initial=0.0)
-        return float((np.abs(moved - y).max(axis=0, initial=0.0) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
+        return relative_error(moved, y)
+
+
+def relative_error(got: np.ndarray, wanted: np.ndarray, scale: np.ndarray | None = None) -> float:
+    """Largest error of any output, relative to the largest value of that output.
+
+    Parameters
+    ----------
+    got, wanted : ndarray, shape (n_samples, n_outputs)
+    scale : ndarray, shape (any, n_outputs), optional
+        Where the largest values are taken from; left out, `wanted`.
+
+    Returns
+    -------
+    float
+        0 where there are no outputs; an output that is zero throughout counts with its error itself.
+    """
+    largest = np.abs(wanted if scale is None else scale).max(axis=0, initial=0.0)
+    error = np.abs(got - wanted).max(axis=0, initial=0.0)
+    return float((error / np.where(largest > 0, largest, 1.0)).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.export.contract import relative_error
 from lpvid.export.control_io_system import distinct
 from lpvid.export.exportable import Exportable, Options, exportable
-from lpvid.export.exporting import Content, Export, written
+from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.python_printer import python_source
-from lpvid.export.step_builder import checked_name
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
@@ -147,32 +147,22 @@ def export_control(model: Any, folder: str | os.PathLike, *, name: str = "", cla
     -------
     Export
     """
-    chosen = Options(checked_name(name), clamp, sample_time, at or {})
-    return written(control_content(exportable(model, chosen)), folder)
+    return exported(model, folder, "control", name, clamp, sample_time, at)
 
 
-def control_content(found: Exportable, precision: str = "double") -> Content:
+def control_content(found: Exportable) -> Content:
     """The Python file of a step program, run by python-control against the simulation.
 
     Parameters
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : str
-        "double" is the only one.
 
     Returns
     -------
     Content
         One file, ``NAME_control.py``; passed where the relative error is at most `TOLERANCE`.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    if precision != "double":
-        raise InputError("python-control computes in double precision", got=precision, mend="leave --precision out")
     import control
 
     program = found.program
@@ -181,9 +171,7 @@ def control_content(found: Exportable, precision: str = "double") -> Content:
     time = program.sample_time * np.arange(len(u))
     drive: Any = u.T
     run = control.input_output_response(scope["system"](), time, drive, scope["start"]())
-    scale = np.abs(y).max(axis=0)
-    out = np.asarray(run.outputs).reshape(len(program.outputs), -1).T
-    error = float((np.abs(out - y).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
+    error = relative_error(np.asarray(run.outputs).reshape(len(program.outputs), -1).T, y)
     check = (f"python-control {control.__version__}: input_output_response against our free run, relative error "
              f"{error:.2g}")
     return Content(

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import InputError
-from lpvid.export.exportable import Exportable, Options, exportable
-from lpvid.export.exporting import Content, Export, written
+from lpvid.export.exportable import Exportable
+from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.python_control import frozen_grid, linear_model
-from lpvid.export.step_builder import checked_name
 
 
 def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,
@@ -34,30 +32,22 @@ def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: 
     -------
     Export
     """
-    return written(csv_content(exportable(model, Options(checked_name(name), clamp, sample_time, at or {}))), folder)
+    return exported(model, folder, "csv", name, clamp, sample_time, at)
 
 
-def csv_content(found: Exportable, precision: str = "double") -> Content:
+def csv_content(found: Exportable) -> Content:
     """The tables of a step program.
 
     Parameters
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : {"double"}
 
     Returns
     -------
     Content
         Parameters, trajectory and, of an LPV model, frozen matrices; always passed, since nothing is run.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    if precision != "double":
-        raise InputError("tables hold every number in double precision", got=precision, mend="leave --precision out")
     program = found.program
     rows = [(q.name, " ".join(str(i + 1) for i in place), float(q.start[place]), q.unit, q.description)
             for q in program.parameters for place in np.ndindex(q.shape)]

@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.export.contract import SAMPLES, Exportable, Exporter, Options, smooth_noise, within
 from lpvid.export.expression import Array, Symbol
 from lpvid.export.model_steps import EXPORTER
+from lpvid.export.serialise import installed
 
 __all__ = ["SAMPLES", "Exportable", "Exporter", "Options", "exportable", "exporters", "flow_of", "has_step", "held",
            "smooth_noise", "within"]
@@ -34,20 +35,7 @@ def exporters() -> Sequence[Exporter]:
     InputError
         An entry point that does not load, or names something else.
     """
-    from importlib.metadata import entry_points
-
-    found = [EXPORTER]
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda e: (e.name, e.value)):
-        try:
-            exporter = point.load()
-        except Exception as error:  # whatever a foreign module raises when it is imported
-            raise InputError(f"the entry point '{point.name}' of {ENTRY_POINTS} does not load", why=str(error),
-                             mend="update or remove the package that names it") from None
-        if not isinstance(exporter, Exporter):
-            raise InputError(f"the entry point '{point.name}' of {ENTRY_POINTS} is no Exporter",
-                             got=type(exporter).__name__, mend="update or remove the package that names it")
-        found.append(exporter)
-    return found
+    return [EXPORTER, *installed(ENTRY_POINTS, Exporter)]
 
 
 def exportable(noun: Any, options: Options | None = None) -> Exportable:

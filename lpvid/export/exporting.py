@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,8 +120,30 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
     ...     [path.name for path in export_c(model, folder, name="filter").files]
     ['filter.h', 'filter.c', 'filter_test.c']
     """
-    chosen = Options(checked_name(name), clamp, sample_time, at or {})
-    return written(c_content(exportable(model, chosen), precision), folder)
+    return exported(model, folder, "c", name, clamp, sample_time, at, precision)
+
+
+def exported(model: Any, folder: str | os.PathLike, form: str, name: str, clamp: bool | None,
+             sample_time: float | None, at: Mapping[str, float] | None, precision: str = "double") -> Export:
+    """Write a model in one of `FORMS`: what `export_c` and its kin do.
+
+    Parameters
+    ----------
+    model : object
+        As for `export_c`.
+    folder : str or path-like
+        Made where it does not exist.
+    form : str
+        A key of `FORMS`.
+    name, clamp, sample_time, at, precision
+        As for `export_c`.
+
+    Returns
+    -------
+    Export
+    """
+    options = Options(checked_name(name), clamp, sample_time, at or {})
+    return written(content(model, form, options, precision), folder)
 
 
 def c_content(found: Exportable, precision: str = "double") -> Content:
@@ -156,22 +178,32 @@ def c_content(found: Exportable, precision: str = "double") -> Content:
     )
 
 
-FORMS: Mapping[str, tuple[str, str]] = {
-    "c": ("lpvid.export.exporting", "c_content"),
-    "fmu2": ("lpvid.export.fmu", "fmi2_content"),
-    "fmu3": ("lpvid.export.fmu", "fmi3_content"),
-    "modelica": ("lpvid.export.modelica", "modelica_content"),
-    "matlab": ("lpvid.export.matlab", "matlab_content"),
-    "control": ("lpvid.export.control_file", "control_content"),
-    "csv": ("lpvid.export.csv_tables", "csv_content"),
+FORMS: Mapping[str, tuple[str, str, tuple]] = {
+    "c": ("lpvid.export.exporting", "c_content", ()),
+    "fmu2": ("lpvid.export.fmu", "step_content", (2,)),
+    "fmu3": ("lpvid.export.fmu", "step_content", (3,)),
+    "modelica": ("lpvid.export.modelica", "modelica_content", ()),
+    "matlab": ("lpvid.export.matlab", "matlab_content", ()),
+    "control": ("lpvid.export.control_file", "control_content", ()),
+    "csv": ("lpvid.export.csv_tables", "csv_content", ()),
 }
-"""Where each form is written: module and function from (Exportable, precision) to `Content`."""
-FLOW_FORMS: Mapping[str, tuple[str, str]] = {
-    "fmu2": ("lpvid.export.fmu", "fmi2_flow_content"),
-    "fmu3": ("lpvid.export.fmu", "fmi3_flow_content"),
-    "modelica": ("lpvid.export.modelica", "modelica_flow_content"),
+"""Where each form is written: module, function from an Exportable to `Content`, its further arguments. C takes the
+precision behind them."""
+FLOW_FORMS: Mapping[str, tuple[str, str, tuple]] = {
+    "fmu2": ("lpvid.export.fmu", "flow_content", (2,)),
+    "fmu3": ("lpvid.export.fmu", "flow_content", (3,)),
+    "modelica": ("lpvid.export.modelica", "modelica_flow_content", ()),
 }
-"""Forms that hold a continuous model as it is: module and function from (Flow, precision) to `Content`."""
+"""Forms that hold a continuous model as it is: the same, from a Flow."""
+DOUBLE_ALONE = {
+    "fmu2": "an FMU computes in double precision, as FMI's variables are",
+    "fmu3": "an FMU computes in double precision, as FMI's variables are",
+    "modelica": "Modelica computes in double precision",
+    "matlab": "MATLAB computes in double precision",
+    "control": "python-control computes in double precision",
+    "csv": "tables hold every number in double precision",
+}
+"""Forms that refuse single precision, and why."""
 
 
 def content(model: Any, form: str, options: Options | None = None, precision: str = "double") -> Content:
@@ -186,7 +218,7 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
     options : Options, optional
         Left out, those of `Options()`.
     precision : {"double", "float"}
-        Arithmetic; C has both, tables have no use for it, other forms refuse "float".
+        Arithmetic; C has both, other forms refuse "float".
 
     Returns
     -------
@@ -200,17 +232,19 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
         An unknown form; a model that the form cannot hold, with the nearest that can.
     """
     _checks.one_of(form, tuple(FORMS), "the form of an export")
+    if precision != "double" and form in DOUBLE_ALONE:
+        raise InputError(DOUBLE_ALONE[form], got=precision, mend="leave --precision out")
     if form in FLOW_FORMS and (flow := flow_of(model, options)) is not None:
         if options is not None and options.at:
             raise InputError("inputs of a continuous model are not held", got=", ".join(options.at),
                              mend="discretise it (lpvid.discretise), or let the importer set them")
-        return _writer(FLOW_FORMS[form])(flow, precision)
-    return _writer(FORMS[form])(exportable(model, options), precision)
+        return _made(FLOW_FORMS[form], flow)
+    return _made(FORMS[form], exportable(model, options), *((precision,) if form == "c" else ()))
 
 
-def _writer(place: tuple[str, str]) -> Callable[[Any, str], Content]:
-    module, function = place
-    return getattr(importlib.import_module(module), function)
+def _made(writer: tuple[str, str, tuple], source: Any, *chosen: str) -> Content:
+    module, function, more = writer
+    return getattr(importlib.import_module(module), function)(source, *more, *chosen)
 
 
 def written(made: Content, folder: str | os.PathLike) -> Export:

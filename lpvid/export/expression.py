@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 
 from lpvid import _checks
 
@@ -272,6 +273,26 @@ class Real(Expr):
     """
 
     index: Index
+
+
+def parts(node: Expr | Index) -> Iterator[Expr | Index]:
+    """A node and all nodes inside it.
+
+    Parameters
+    ----------
+    node : Expr or Index
+
+    Yields
+    ------
+    Expr or Index
+        The node first, then what it is made of, from left to right.
+    """
+    yield node
+    for field in fields(node):  # type: ignore[arg-type]
+        value = getattr(node, field.name)
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, (Expr, Index)):
+                yield from parts(part)
 
 
 def as_expr(value: Expr | float) -> Expr:

@@ -11,10 +11,10 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,13 +22,13 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import compile_c, find_compiler
 from lpvid.export.c_printer import c_number
 from lpvid.export.c_source import header, source
-from lpvid.export.contract import Exportable, Options
-from lpvid.export.exporting import Content, Export, content, written
+from lpvid.export.contract import Exportable, relative_error
+from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import Variable, build_description, model_description, variables
-from lpvid.export.step_builder import checked_name
 from lpvid.export.step_program import StepProgram
 
+T = TypeVar("T")
 HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
            3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")}
 """The standard's headers (2-clause BSD, Modelica Association), taken from FMPy, which ships them unchanged."""
@@ -79,82 +79,72 @@ def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name:
     """
     if version not in HEADERS:
         raise InputError("an FMU is of FMI 2 or 3", got=version)
-    return written(content(model, f"fmu{version}", Options(checked_name(name), clamp, sample_time, at or {})), folder)
+    return exported(model, folder, f"fmu{version}", name, clamp, sample_time, at)
 
 
-def fmi2_content(found: Exportable, precision: str = "double") -> Content:
-    """The FMU of FMI 2.0, in memory.
+def step_content(found: Exportable, version: int) -> Content:
+    """The FMU of a step program, in memory.
 
     Parameters
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : str
-        "double" is the only one.
+    version : {2, 3}
+        Of the standard.
 
     Returns
     -------
     Content
         One file, ``NAME.fmu`` for co-simulation; without a C compiler for Linux x86-64 it has sources alone and counts
         as passed.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    _double(precision)
-    return _content(found, 2)
+    return _content(found.program, version, lambda fmu: checked(found, fmu))
 
 
-def fmi3_content(found: Exportable, precision: str = "double") -> Content:
-    """The FMU of FMI 3.0, in memory.
+def flow_content(flow: Flow, version: int) -> Content:
+    """The FMU of a continuous model, for model exchange, in memory.
 
     Parameters
     ----------
-    found : Exportable
-        A step program with its simulation.
-    precision : str
-        "double" is the only one.
+    flow : Flow
+        A continuous model with its derivatives.
+    version : {2, 3}
+        Of the standard.
 
     Returns
     -------
     Content
-        One file, ``NAME.fmu`` for co-simulation; without a C compiler for Linux x86-64 it has sources alone and counts
-        as passed.
+        One file, ``NAME.fmu``; without a C compiler for Linux x86-64 it has sources alone and counts as passed.
 
     Raises
     ------
     InputError
-        Another precision.
+        A model without states.
     """
-    _double(precision)
-    return _content(found, 3)
+    if not flow.program.states:
+        raise InputError("a model without states has nothing to integrate", got=flow.program.description,
+                         mend="discretise it (lpvid.discretise); any period will do")
+    return _content(flow.program, version, lambda fmu: _checked_flow(flow, fmu), flow.step)
 
 
-def _double(precision: str) -> None:
-    if precision != "double":
-        raise InputError("an FMU computes in double precision, as FMI's variables are", got=precision,
-                         mend="leave --precision out")
-
-
-def _content(found: Exportable, version: int) -> Content:
-    program, listed = found.program, variables(found.program)
+def _content(program: StepProgram, version: int, check: Callable[[bytes], tuple[tuple[str, ...], bool]],
+             step: float = 0.0) -> Content:
+    """Description, sources and, where a compiler is, the library of a program; `check` runs it."""
+    listed = variables(program)
     texts, token = _fmu_sources(program, listed, version)
-    notes = list(program.notes)
-    archive: dict[str, bytes] = {"modelDescription.xml": model_description(program, listed, version, token).encode()}
+    archive = {"modelDescription.xml": model_description(program, listed, version, token, step).encode()}
     archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
     if version == 3:
         archive["sources/buildDescription.xml"] = build_description(program).encode()
     library = _library(program, texts, version)
+    notes, checks, passed = program.notes, ("not run: no library inside",), True
     if library is None:
-        notes.append("Sources only: there is no C compiler here for Linux x86-64.")
-        checks, passed = ("not run: no library inside",), True
+        notes = (*notes, "Sources only: there is no C compiler here for Linux x86-64.")
     else:
         archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
-        checks, passed = checked(found, _packed(archive))
-    files = {f"{program.name}.fmu": _packed(archive)}
-    return Content(f"fmu{version}", files, program.description, checks, tuple(notes), passed)
+        checks, passed = check(_packed(archive))
+    return Content(f"fmu{version}", {f"{program.name}.fmu": _packed(archive)}, program.description, checks, notes,
+                   passed)
 
 
 def _fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int) -> tuple[dict[str, str], str]:
@@ -222,112 +212,19 @@ def _packed(archive: dict[str, bytes]) -> bytes:
 
 
 # -- continuous models -----------------------------------------------------------------------------------------------
-def fmi2_flow_content(flow: Flow, precision: str = "double") -> Content:
-    """The FMU of a continuous model, for model exchange in FMI 2.0.
-
-    Parameters
-    ----------
-    flow : Flow
-    precision : str
-        "double"; FMI's variables are.
-
-    Returns
-    -------
-    Content
-        One file, in memory.
-
-    Raises
-    ------
-    InputError
-        Another precision, a model without states.
-    """
-    return flow_content(flow, "fmu2", precision)
-
-
-def fmi3_flow_content(flow: Flow, precision: str = "double") -> Content:
-    """The FMU of a continuous model, for model exchange in FMI 3.0.
-
-    Parameters
-    ----------
-    flow : Flow
-    precision : str
-        "double"; FMI's variables are.
-
-    Returns
-    -------
-    Content
-        One file, in memory.
-
-    Raises
-    ------
-    InputError
-        Another precision, a model without states.
-    """
-    return flow_content(flow, "fmu3", precision)
-
-
-def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
-    """The FMU of a continuous model, for model exchange in FMI 2.0 or 3.0.
-
-    Parameters
-    ----------
-    flow : Flow
-        A continuous model with its derivatives.
-    form : {"fmu2", "fmu3"}
-        Version of the standard.
-    precision : str
-        "double" is the only one.
-
-    Returns
-    -------
-    Content
-        One file, ``NAME.fmu``; without a C compiler for Linux x86-64 it has sources alone and counts as passed.
-
-    Raises
-    ------
-    InputError
-        Another precision; a model without states.
-    """
-    _double(precision)
-    program, version = flow.program, int(form.removeprefix("fmu"))
-    if not program.states:
-        raise InputError("a model without states has nothing to integrate", got=program.description,
-                         mend="discretise it (lpvid.discretise); any period will do")
-    listed = variables(program)
-    texts, token = _fmu_sources(program, listed, version)
-    archive = {"modelDescription.xml": model_description(program, listed, version, token, flow.step).encode()}
-    archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
-    if version == 3:
-        archive["sources/buildDescription.xml"] = build_description(program).encode()
-    library = _library(program, texts, version)
-    checks, passed = ("not run: no library inside",), True
-    if library is not None:
-        archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
-        checks, passed = _checked_flow(flow, _packed(archive))
-    return Content(form, {f"{program.name}.fmu": _packed(archive)}, program.description, checks, program.notes, passed)
-
-
 def _checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
     """FMPy's validation; derivatives and outputs of the FMU along a trajectory against our own at the same points.
 
     An importer integrates; what is compared is what it integrates, so that no solver's error stands in between.
     """
-    import fmpy
-    from fmpy.validation import validate_fmu
-
-    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
-        path = Path(folder) / f"{flow.program.name}.fmu"
-        path.write_bytes(fmu)
-        problems = validate_fmu(str(path))
-        error, slope = _flow_error(flow, path)
-    stated = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
-    text = (f"FMPy {fmpy.__version__}: {stated}; derivatives and outputs for model exchange against our own along a "
-            f"trajectory: relative error {error:.2g}")
+    valid, problems, (error, slope) = _validated(flow.program, fmu, lambda path: _flow_error(flow, path))
+    text = (f"{valid}; derivatives and outputs for model exchange against our own along a trajectory: relative error "
+            f"{error:.2g}")
     more = f"directional derivatives against central differences of our own: relative error {slope:.2g}"
     return (text, more), not problems and error <= TOLERANCE and slope <= SLOPE_TOLERANCE
 
 
-def _flow_error(flow: Flow, path: Path) -> tuple[float, float]:
+def _flow_error(flow: Flow, path: str) -> tuple[float, float]:
     """Largest errors of an FMU's derivatives and outputs, and of their directional derivatives, along a trajectory.
 
     The first are relative to the largest of each; the second, along one random direction at every point and against
@@ -342,13 +239,13 @@ def _flow_error(flow: Flow, path: Path) -> tuple[float, float]:
     u, states = flow.trial()
     wanted = np.array([np.concatenate([flow.rates(x, row), flow.outputs(x, row)])
                        for x, row in zip(states, u, strict=True)])
-    described: Any = fmpy.read_model_description(str(path))
+    described: Any = fmpy.read_model_description(path)
     named = {v.name: v.valueReference for v in described.modelVariables}
     listed = variables(flow.program)
     ins, outs = ([named[v.name] for v in listed if v.kind == kind] for kind in ("input", "output"))
     n = states.shape[1]
     with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
-        fmpy.extract(str(path), folder)
+        fmpy.extract(path, folder)
         second = described.fmiVersion == "2.0"
         fmu: Any = (FMU2Model if second else FMU3Model)(
             guid=described.guid, unzipDirectory=folder, instanceName="check",
@@ -378,12 +275,7 @@ def _flow_error(flow: Flow, path: Path) -> tuple[float, float]:
             slopes[k] = fmu.getDirectionalDerivative(unknown, known, ways[k].tolist())
         fmu.terminate()
         fmu.freeInstance()
-    return _relative(got, wanted), _relative(slopes, _differences(flow, off_u, off_x, ways))
-
-
-def _relative(got: np.ndarray, wanted: np.ndarray) -> float:
-    scale = np.abs(wanted).max(axis=0)
-    return float((np.abs(got - wanted).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
+    return relative_error(got, wanted), relative_error(slopes, _differences(flow, off_u, off_x, ways))
 
 
 def _directions(u: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -421,18 +313,23 @@ def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
     bool
         Whether FMPy finds no problem and the error is at most `TOLERANCE`.
     """
+    valid, problems, error = _validated(found.program, fmu, lambda path: _fmu_error(found, path))
+    return (f"{valid}; co-simulation against our free run: relative error {error:.2g}",), \
+        not problems and error <= TOLERANCE
+
+
+def _validated(program: StepProgram, fmu: bytes, measure: Callable[[str], T]) -> tuple[str, list, T]:
+    """What FMPy says of an FMU, the problems that it names, and what `measure` finds of the file."""
     import fmpy
     from fmpy.validation import validate_fmu
 
     with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
-        path = str(Path(folder) / f"{found.program.name}.fmu")
+        path = str(Path(folder) / f"{program.name}.fmu")
         Path(path).write_bytes(fmu)
         problems = validate_fmu(path)
-        error = _fmu_error(found, path)
-    passed = not problems and error <= TOLERANCE
+        measured = measure(path)
     stated = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
-    text = f"FMPy {fmpy.__version__}: {stated}; co-simulation against our free run: relative error {error:.2g}"
-    return (text,), passed
+    return f"FMPy {fmpy.__version__}: {stated}", problems, measured
 
 
 def _fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
@@ -451,6 +348,4 @@ def _fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
                                  step_size=program.sample_time, output_interval=program.sample_time, input=table,
                                  output=names)
     out = np.column_stack([np.asarray(run[n], dtype=float) for n in names])
-    scale = np.abs(y).max(axis=0)
-    gap = np.abs(out[1 : len(y)] - y[: len(out) - 1]).max(axis=0)  # outputs after a step are those of its start
-    return float((gap / np.where(scale > 0, scale, 1.0)).max())
+    return relative_error(out[1 : len(y)], y[: len(out) - 1], y)  # outputs after a step are those of its start

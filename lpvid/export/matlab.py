@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import ExtrapolationWarning, InputError
+from lpvid.errors import ExtrapolationWarning
 from lpvid.export.basis_steps import basis_values
 from lpvid.export.c_build import run_tool
-from lpvid.export.exportable import SAMPLES, Exportable, Options, exportable, within
-from lpvid.export.exporting import Content, Export, written
+from lpvid.export.exportable import SAMPLES, Exportable, within
+from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.matlab_printer import CHOOSE, MatlabPrinter, matlab_step
 from lpvid.export.python_control import FrozenGrid, frozen_grid, linear_model, varying_state_space
-from lpvid.export.step_builder import StepBuilder, checked_name
+from lpvid.export.step_builder import StepBuilder
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -52,31 +52,22 @@ def export_matlab(model: Any, folder: str | os.PathLike, *, name: str = "", clam
     -------
     Export
     """
-    return written(matlab_content(exportable(model, Options(checked_name(name), clamp, sample_time, at or {}))), folder)
+    return exported(model, folder, "matlab", name, clamp, sample_time, at)
 
 
-def matlab_content(found: Exportable, precision: str = "double") -> Content:
+def matlab_content(found: Exportable) -> Content:
     """The MATLAB files of a step program, checked by Octave where it is installed.
 
     Parameters
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : str
-        "double" is the only one.
 
     Returns
     -------
     Content
         ``NAME.mat`` and the M files; without Octave it counts as passed.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    if precision != "double":
-        raise InputError("MATLAB computes in double precision", got=precision, mend="leave --precision out")
     from scipy.io import savemat
 
     program, notes = found.program, list(found.program.notes)
@@ -178,7 +169,8 @@ def _check(program: StepProgram) -> str:
 
 
 def _load(name: str, grid: FrozenGrid, sample_time: float) -> str:
-    variables = [f"    '{v}', g.points(:, {i + 1})" for i, v in enumerate(grid.names)]
+    fields = [re.sub(r"[^A-Za-z0-9]", "_", v.strip()) for v in grid.names]  # a name as MATLAB takes it
+    variables = [f"    '{v}', g.points(:, {i + 1})" for i, v in enumerate(fields)]
     out = [f"function sys = {name}_load()",
            f"%{name.upper()}_LOAD Frozen models on the grid of {name}.mat as an array of ss (Control System Toolbox).",
            f"m = load('{name}.mat');", f"g = m.{name}.grid;", "count = size(g.points, 1);",
@@ -187,14 +179,8 @@ def _load(name: str, grid: FrozenGrid, sample_time: float) -> str:
            "sys.InputName = g.inputs.names;", "sys.InputUnit = g.inputs.units;", "sys.OutputName = g.outputs.names;",
            "sys.OutputUnit = g.outputs.units;"]
     if variables:
-        out += ["sys.SamplingGrid = struct( ...", ", ...\n".join(_field(v) for v in variables) + ");"]
+        out += ["sys.SamplingGrid = struct( ...", ", ...\n".join(variables) + ");"]
     return "\n".join([*out, "end", ""])
-
-
-def _field(text: str) -> str:
-    """A field of a structure, its name as MATLAB takes it."""
-    head, _, rest = text.partition("',")
-    return f"    '{re.sub(r'[^A-Za-z0-9]', '_', head.strip().strip(chr(39)))}',{rest}"
 
 
 def _basis_program(model: LPVStateSpace) -> StepProgram:

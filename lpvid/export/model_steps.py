@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from lpvid.export.contract import Exportable, Exporter, Options, within
 from lpvid.export.flow import flow_of
 from lpvid.export.quasi_steps import compliance_program, quasi_program
 from lpvid.export.state_space_steps import state_space_program
+from lpvid.export.step_program import StepProgram
 from lpvid.export.transfer_function_steps import transfer_function_program
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.designed import role_of
@@ -25,8 +27,11 @@ from lpvid.simulation import simulate
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.saturated import SaturatedController
 
-MODELS = (LPVTransferFunction, LPVStateSpace, QuasiLPVModel, ComplianceModel)
-NOUNS = (*MODELS, LFTModel, Realization, Synthesis, SaturatedController)
+PROGRAMS: Mapping[type, Callable[[Any, str, bool], StepProgram]] = {
+    LPVTransferFunction: transfer_function_program, LPVStateSpace: state_space_program, QuasiLPVModel: quasi_program,
+    ComplianceModel: compliance_program,
+}
+NOUNS = (*PROGRAMS, LFTModel, Realization, Synthesis, SaturatedController)
 
 
 def prepare(noun: Any, options: Options) -> Exportable:
@@ -69,14 +74,7 @@ def prepare(noun: Any, options: Options) -> Exportable:
                          mend="leave the sample rate out, or identify it at that rate")
     clamp = bool(role_of(noun)) if options.clamp is None else options.clamp
     name = options.name or ("controller" if role_of(noun) == "controller" else "lpv_model")
-    if isinstance(noun, LPVTransferFunction):
-        program = transfer_function_program(noun, name, clamp)
-    elif isinstance(noun, LPVStateSpace):
-        program = state_space_program(noun, name, clamp)
-    elif isinstance(noun, QuasiLPVModel):
-        program = quasi_program(noun, name, clamp)
-    else:
-        program = compliance_program(noun, name, clamp)
+    program = next(made for cls, made in PROGRAMS.items() if isinstance(noun, cls))(noun, name, clamp)
     channels = [q.label for q in program.inputs]
 
     def reference(u: np.ndarray) -> np.ndarray:

@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import InputError
-from lpvid.export.contract import Exportable, Options
-from lpvid.export.exporting import Content, Export, content, written
+from lpvid.export.contract import Exportable
+from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import BASE
 from lpvid.export.modelica_printer import description, literal, spelled, step_function
-from lpvid.export.step_builder import checked_name
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.units import base_exponents
 
@@ -57,63 +55,42 @@ def export_modelica(model: Any, folder: str | os.PathLike, *, name: str = "", cl
     ...     [path.name for path in export_modelica(model, folder, name="lag").files]
     ['lag.mo']
     """
-    return written(content(model, "modelica", Options(checked_name(name), clamp, sample_time, at or {})), folder)
+    return exported(model, folder, "modelica", name, clamp, sample_time, at)
 
 
-def modelica_content(found: Exportable, precision: str = "double") -> Content:
+def modelica_content(found: Exportable) -> Content:
     """The package of a step program; a law without states becomes an algebraic model.
 
     Parameters
     ----------
     found : Exportable
         A step program with its simulation.
-    precision : str
-        "double" is the only one.
 
     Returns
     -------
     Content
         One file, ``NAME.mo``; without rumoca it counts as passed.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    _double(precision)
     u, y = found.trial()
     return _content(found.program, u, np.zeros((len(u), 0)), y, found.program.sample_time)
 
 
-def modelica_flow_content(flow: Flow, precision: str = "double") -> Content:
+def modelica_flow_content(flow: Flow) -> Content:
     """The package of a continuous model; the check compares derivatives and outputs along a trajectory.
 
     Parameters
     ----------
     flow : Flow
         A continuous model with its derivatives.
-    precision : str
-        "double" is the only one.
 
     Returns
     -------
     Content
         One file, ``NAME.mo``; without rumoca it counts as passed.
-
-    Raises
-    ------
-    InputError
-        Another precision.
     """
-    _double(precision)
     u, x = flow.trial()
     y = np.array([np.concatenate([flow.rates(a, b), flow.outputs(a, b)]) for a, b in zip(x, u, strict=True)])
     return _content(flow.program, u, x, y, flow.step)
-
-
-def _double(precision: str) -> None:
-    if precision != "double":
-        raise InputError("Modelica computes in double precision", got=precision, mend="leave --precision out")
 
 
 def _content(program: StepProgram, u: np.ndarray, x: np.ndarray, y: np.ndarray, period: float) -> Content:

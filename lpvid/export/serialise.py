@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from lpvid.realization import Realization
 
 __all__ = ["KINDS", "Kind", "jsonable", "known_kinds", "load", "model_from_dict", "model_hash", "package_version",
            "save", "write_json"]
+T = TypeVar("T")
 ENTRY_POINTS = "lpvid.kinds"
 """Group under which another package names its `Kind`, as ``name = "package.module:KIND"``."""
 LARGEST_FILE = 256 * 2**20
@@ -103,7 +104,7 @@ class Kind:
             return self.more.get(tag)
         if place is None:
             raise KeyError(tag)
-        return _class(*place)
+        return getattr(importlib.import_module(place[0]), place[1])
 
     @property
     def schema(self) -> str:
@@ -150,20 +151,43 @@ def known_kinds() -> tuple[Kind, ...]:
     InputError
         An entry point that does not load, or names something else.
     """
+    return (*KINDS, *installed(ENTRY_POINTS, Kind))
+
+
+def installed(group: str, cls: type[T]) -> list[T]:
+    """What installed packages name in a group of entry points.
+
+    Parameters
+    ----------
+    group : str
+        Of entry points.
+    cls : type
+        What each of them has to be.
+
+    Returns
+    -------
+    list
+        Objects of the class, by name.
+
+    Raises
+    ------
+    InputError
+        An entry point that does not load, or is something else.
+    """
     from importlib.metadata import entry_points
 
-    found = list(KINDS)
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda p: (p.name, p.value)):
+    found = []
+    for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
         try:
-            kind = point.load()
+            made = point.load()
         except Exception as error:  # whatever a foreign module raises when it is imported
-            raise InputError(f"the entry point '{point.name}' of {ENTRY_POINTS} does not load", why=_one_line(error),
+            raise InputError(f"the entry point '{point.name}' of {group} does not load", why=_one_line(error),
                              mend="update or remove the package that names it") from None
-        if not isinstance(kind, Kind):
-            raise InputError(f"the entry point '{point.name}' of {ENTRY_POINTS} is no Kind", got=type(kind).__name__,
-                             mend="update or remove the package that names it")
-        found.append(kind)
-    return tuple(found)
+        if not isinstance(made, cls):
+            raise InputError(f"the entry point '{point.name}' of {group} is no {cls.__name__}",
+                             got=type(made).__name__, mend="update or remove the package that names it")
+        found.append(made)
+    return found
 
 
 def save(obj: Any, path: str | os.PathLike) -> Path:
@@ -413,10 +437,6 @@ def _kind_for(obj: object) -> Kind:
         raise InputError("this object cannot be saved", got=type(obj).__name__,
                          mend="save its .model" if hasattr(obj, "model") else f"save one of {', '.join(names)}")
     return kind
-
-
-def _class(module: str, name: str) -> type:
-    return getattr(importlib.import_module(module), name)
 
 
 def _plain(value: object) -> object:

@@ -94,10 +94,7 @@ class StepBuilder:
             The input as an operand.
         """
         known = next((q for q in self._inputs if q.label == name), None)
-        if known is None:
-            known = Quantity(self.fresh(name), unit, description or name, np.zeros(()), lower, upper, name)
-            self._inputs.append(known)
-        return Symbol("input", known.name)
+        return Symbol("input", (known or self._kept(self._inputs, name, 0.0, unit, description, lower, upper)).name)
 
     def output(self, name: str, value: Expr, unit: str = "", description: str = "") -> None:
         """A scalar output and its value at this sample.
@@ -113,9 +110,7 @@ class StepBuilder:
         description : str
             Left out, the name.
         """
-        quantity = Quantity(self.fresh(name), unit, description or name, np.zeros(()), label=name)
-        self._outputs.append(quantity)
-        self.set(Symbol("output", quantity.name), value)
+        self.set(Symbol("output", self._kept(self._outputs, name, 0.0, unit, description).name), value)
 
     def state(self, name: str, unit: str = "", description: str = "", start: float = 0.0) -> Symbol:
         """A scalar state.
@@ -145,9 +140,7 @@ class StepBuilder:
         if isinstance(start, Expr):
             raise InputError(f"the start of state '{name}' is a number", got=type(start).__name__,
                              mend="give the value itself, as in self.values, or choose by select(b.first(), ...)")
-        quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(start)), label=name)
-        self._states.append(quantity)
-        return Symbol("state", quantity.name)
+        return Symbol("state", self._kept(self._states, name, float(start), unit, description).name)
 
     def states(self, name: str, start: np.ndarray, unit: str = "", description: str = "") -> Array:
         """An array of states; it must not be empty.
@@ -168,8 +161,7 @@ class StepBuilder:
         Array
             The states, to read and to set by index.
         """
-        quantity = Quantity(self.fresh(name), unit, description or name, np.array(start, dtype=float), label=name)
-        self._states.append(quantity)
+        quantity = self._kept(self._states, name, start, unit, description)
         return Array("state", quantity.name, quantity.shape)
 
     def parameter(self, name: str, value: float, unit: str = "", description: str = "") -> Symbol:
@@ -191,9 +183,7 @@ class StepBuilder:
         Symbol
             The parameter as an operand.
         """
-        quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(value)), label=name)
-        self._parameters.append(quantity)
-        return Symbol("parameter", quantity.name)
+        return Symbol("parameter", self._kept(self._parameters, name, float(value), unit, description).name)
 
     def table(self, name: str, value: np.ndarray, unit: str = "", description: str = "") -> Array:
         """An array of parameters; it must not be empty.
@@ -214,9 +204,15 @@ class StepBuilder:
         Array
             The parameters, to read by index.
         """
-        quantity = Quantity(self.fresh(name), unit, description or name, np.array(value, dtype=float), label=name)
-        self._parameters.append(quantity)
+        quantity = self._kept(self._parameters, name, value, unit, description)
         return Array("parameter", quantity.name, quantity.shape)
+
+    def _kept(self, group: list[Quantity], name: str, start: np.ndarray | float, unit: str, description: str,
+              lower: float = -np.inf, upper: float = np.inf) -> Quantity:
+        quantity = Quantity(self.fresh(name), unit, description or name, np.array(start, dtype=float), lower, upper,
+                            name)
+        group.append(quantity)
+        return quantity
 
     def first(self) -> Expr:
         """The condition that this is the first sample.
@@ -384,7 +380,8 @@ class StepBuilder:
         self._blocks.append(statement.body)
         yield statement.counter
         self._blocks.pop()
-        self._used = before | self._lasting()  # names of the block are free again
+        lasting = (self._inputs, self._outputs, self._states, self._parameters)
+        self._used = before | {q.name for group in lasting for q in group}  # names of the block are free again
         if last > first and statement.body:
             self._add(statement)
 
@@ -473,9 +470,6 @@ class StepBuilder:
             found, count = f"{base}_{count}", count + 1
         self._used.add(found)
         return found
-
-    def _lasting(self) -> set[str]:
-        return {q.name for group in (self._inputs, self._outputs, self._states, self._parameters) for q in group}
 
     def _add(self, statement: Statement) -> None:
         self._blocks[-1].append(statement)

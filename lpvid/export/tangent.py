@@ -7,7 +7,7 @@ as constants. At a kink (|·|, min, max, a branch) it is the derivative of the s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from lpvid.errors import InputError
@@ -19,14 +19,13 @@ from lpvid.export.expression import (
     Counter,
     Expr,
     Index,
-    Offset,
     Operation,
     Real,
     RealConstant,
-    Rounded,
     Select,
     Symbol,
     call,
+    parts,
     select,
 )
 from lpvid.export.step_program import (
@@ -192,7 +191,8 @@ class Differentiation:
         if expr.operator == "*":
             return _sum(_product(da, b), _product(db, a))
         assert expr.operator == "/", expr.operator
-        return _quotient(_difference(da, _product(db, a / b)), b)
+        above = _difference(da, _product(db, a / b))
+        return ZERO if above is ZERO else above / b
 
     def _call(self, expr: Call) -> Expr:
         a, da = expr.arguments[0], self.of(expr.arguments[0])
@@ -205,27 +205,23 @@ class Differentiation:
             raise InputError("a power whose exponent moves has no exported derivative", got=expr.function)
         if da is ZERO or expr.function == "floor":
             return ZERO
-        if expr.function == "tanh":
-            return (1.0 - expr * expr) * da
-        if expr.function == "exp":
-            return expr * da
-        if expr.function == "log":
-            return da / a
-        if expr.function == "atan":
-            return da / (1.0 + a * a)
-        if expr.function == "sqrt":
-            return da / (2.0 * expr)
-        if expr.function == "sin":
-            return call("cos", a) * da
-        if expr.function == "cos":
-            return -(call("sin", a) * da)
-        if expr.function == "fabs":
-            return select(a > 0.0, da, select(a < 0.0, -da, 0.0))
-        assert expr.function == "pow"
+        if expr.function != "pow":
+            return SLOPES[expr.function](expr, a, da)
         exponent = expr.arguments[1]
         return exponent * call("pow", a, exponent - 1.0) * da
 
 
+SLOPES: Mapping[str, Callable[[Expr, Expr, Expr], Expr]] = {
+    "tanh": lambda f, a, da: (1.0 - f * f) * da,
+    "exp": lambda f, a, da: f * da,
+    "log": lambda f, a, da: da / a,
+    "atan": lambda f, a, da: da / (1.0 + a * a),
+    "sqrt": lambda f, a, da: da / (2.0 * f),
+    "sin": lambda f, a, da: call("cos", a) * da,
+    "cos": lambda f, a, da: -(call("sin", a) * da),
+    "fabs": lambda f, a, da: select(a > 0.0, da, select(a < 0.0, -da, 0.0)),
+}
+"""Differentials of the functions f(a) of one argument."""
 MARK = "d_"
 """before the names of local tangents"""
 
@@ -246,37 +242,14 @@ def _product(a: Expr, b: Expr) -> Expr:
     return ZERO if a is ZERO else a * b
 
 
-def _quotient(a: Expr, b: Expr) -> Expr:
-    return ZERO if a is ZERO else a / b
-
-
 # -- what nothing reads ----------------------------------------------------------------------------------------------
 def _names(expr: Expr | Index) -> Iterator[str]:
     """Local names that an expression reads."""
-    if isinstance(expr, Symbol) and expr.home == "local":
-        yield expr.name
-    elif isinstance(expr, ArrayElement):
-        if expr.array.home == "local":
-            yield expr.array.name
-        for i in expr.index:
-            yield from _names(i)
-    elif isinstance(expr, Operation):
-        for o in expr.operands:
-            yield from _names(o)
-    elif isinstance(expr, Call):
-        for o in expr.arguments:
-            yield from _names(o)
-    elif isinstance(expr, Select):
-        for o in (expr.condition, expr.then, expr.other):
-            yield from _names(o)
-    elif isinstance(expr, Real):
-        yield from _names(expr.index)
-    elif isinstance(expr, Offset):
-        yield from _names(expr.base)
-    elif isinstance(expr, Rounded):
-        yield from _names(expr.value)
-    elif isinstance(expr, Counter):
-        yield expr.name
+    for part in parts(expr):
+        if isinstance(part, Counter) or (isinstance(part, Symbol) and part.home == "local"):
+            yield part.name
+        elif isinstance(part, ArrayElement) and part.array.home == "local":
+            yield part.array.name
 
 
 def _target(s: Assign) -> tuple[str, str]:

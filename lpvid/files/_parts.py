@@ -14,7 +14,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
-from lpvid.files._table import corrupt, fault_text, headed, parse_cells, stated_period, without_library
+from lpvid.files._table import fault_text, headed, parse_cells, stated_period
 
 Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
 """(path, rows of a part, row to begin with, channels wanted or None for all) to tables."""
@@ -76,29 +76,20 @@ def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column
 
 # -- Parquet ---------------------------------------------------------------------------------------------------------
 def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[ColumnTable]:
-    where = str(path)
-    try:
+    where, origin = str(path), dict[str, float]()
+    with parquet.opened(path) as file:
         import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise without_library(where, "pyarrow") from None
-    origin: dict[str, float] = {}
-    try:
-        with pq.ParquetFile(path) as file:
-            if not file.metadata.num_rows:
-                raise InputError(f"{where}: there are no samples", mend="export the data again")
-            period = stated_period(parquet._texts(file.schema_arrow.metadata), where)
-            columns = _in_use(file.schema_arrow.names, wanted)
-            if first:
-                _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin)
-            groups, behind = _groups_from(file.metadata, first)
-            batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
-            for content in _batches(batches, rows, behind):
-                yield ColumnTable(*_batch_columns(content, period, origin))
-    except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
-        if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
-            raise
-        raise corrupt(where, "Parquet", error) from None
+
+        if not file.metadata.num_rows:
+            raise InputError(f"{where}: there are no samples", mend="export the data again")
+        period = stated_period(parquet._texts(file.schema_arrow.metadata), where)
+        columns = _in_use(file.schema_arrow.names, wanted)
+        if first:
+            _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin)
+        groups, behind = _groups_from(file.metadata, first)
+        batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
+        for content in _batches(batches, rows, behind):
+            yield ColumnTable(*_batch_columns(content, period, origin))
 
 
 def _in_use(names: Sequence[str], wanted: Sequence[str] | None) -> list[str] | None:

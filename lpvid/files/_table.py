@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -84,6 +85,17 @@ def corrupt(where: str, format_name: str, error: Exception) -> InputError:
     stated = " ".join(str(error).split())[:120] or type(error).__name__
     return InputError(f"{where}: cannot be read as {format_name}", got=stated,
                       why="the file is damaged or of another format", mend="export the data again")
+
+
+@contextmanager
+def intact(where: str, format_name: str) -> Iterator[None]:
+    """Whatever a library raises on a damaged file becomes an error of the input: struct's, numpy's, Python's own."""
+    try:
+        yield
+    except (InputError, PermissionError, FileNotFoundError, MemoryError):
+        raise
+    except Exception as error:
+        raise corrupt(where, format_name, error) from None
 
 
 def without_library(where: str, library: str) -> InputError:

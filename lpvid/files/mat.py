@@ -13,7 +13,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files._mat5 import is_level5, read_level5
-from lpvid.files._table import check_claim, corrupt, headed, stated_period, without_library
+from lpvid.files._table import check_claim, headed, intact, stated_period, without_library
 
 EXTENSIONS = (".mat",)
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -50,17 +50,13 @@ def read_table(path: Path) -> ColumnTable:
     with path.open("rb") as stream:
         head = stream.read(520)
     is_hdf5 = head[:8] == _HDF5_SIGNATURE or head[512:520] == _HDF5_SIGNATURE
-    try:
+    with intact(where, "a MATLAB file"):
         if is_hdf5:
             tree = _read_hdf5(path, where)
         elif is_level5(head):
             tree = read_level5(path.read_bytes(), where)
         else:
             tree = _read_level4(path, where)
-    except (InputError, PermissionError, FileNotFoundError, MemoryError):
-        raise
-    except Exception as error:  # on damaged files both libraries raise whatever their parser trips over
-        raise corrupt(where, "a MATLAB file", error) from None
     return _table(tree, where)
 
 

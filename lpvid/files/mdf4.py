@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
-from lpvid.files._table import check_claim, corrupt, without_library
+from lpvid.files._table import check_claim, corrupt, intact, without_library
 
 EXTENSIONS = (".mf4", ".mdf")
 
@@ -68,13 +68,8 @@ def opened(path: Path) -> Iterator[Any]:
         from asammdf import MDF  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise without_library(where, "asammdf") from None
-    try:
-        with path.open("rb") as stream, MDF(stream) as file:
-            yield file
-    except (InputError, PermissionError, FileNotFoundError, MemoryError):
-        raise
-    except Exception as error:  # asammdf raises its own and struct's, numpy's and Python's errors on damaged files
-        raise corrupt(where, "MDF", error) from None
+    with intact(where, "MDF"), path.open("rb") as stream, MDF(stream) as file:
+        yield file
 
 
 def _claim(group: Any) -> int:

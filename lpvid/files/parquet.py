@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,21 +37,11 @@ def read_table(path: Path) -> ColumnTable:
         Not a readable Parquet file, a size claim beyond all bounds, or pyarrow is not installed.
     """
     where = str(path)
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise without_library(where, "pyarrow") from None
-    try:
-        with pq.ParquetFile(path) as file:
-            meta = file.metadata
-            check_claim(8 * meta.num_rows * max(meta.num_columns, 1), where)
-            check_claim(sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups)), where)
-            content = file.read()
-    except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
-        if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
-            raise
-        raise corrupt(where, "Parquet", error) from None
+    with opened(path) as file:
+        meta = file.metadata
+        check_claim(8 * meta.num_rows * max(meta.num_columns, 1), where)
+        check_claim(sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups)), where)
+        content = file.read()
     columns, notes = [], []
     for field, data in zip(content.schema, content.columns, strict=True):
         column = _column(field, data)
@@ -58,6 +50,38 @@ def read_table(path: Path) -> ColumnTable:
         else:
             columns.append(column)
     return ColumnTable(columns, stated_period(_texts(content.schema.metadata), where), notes)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """The file in pyarrow's hands.
+
+    Parameters
+    ----------
+    path : Path
+
+    Yields
+    ------
+    pyarrow.parquet.ParquetFile
+
+    Raises
+    ------
+    InputError
+        pyarrow is not installed; a damaged file, also where it is only noticed inside the block.
+    """
+    where = str(path)
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise without_library(where, "pyarrow") from None
+    try:
+        with pq.ParquetFile(path) as file:
+            yield file
+    except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
+        if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
+            raise
+        raise corrupt(where, "Parquet", error) from None
 
 
 def _texts(metadata: dict | None) -> dict[str, str]:

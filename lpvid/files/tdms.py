@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
-from lpvid.files._table import check_claim, corrupt, headed, without_library
+from lpvid.files._table import check_claim, headed, intact, without_library
 
 EXTENSIONS = (".tdms",)
 
@@ -37,16 +37,11 @@ def read_table(path: Path) -> ColumnTable:
         from nptdms import TdmsFile  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise without_library(where, "npTDMS") from None
-    try:
-        # npTDMS leaves a stream of its own open when the file is damaged
-        with path.open("rb") as stream, TdmsFile.open(stream) as file:
-            channels = [c for group in file.groups() for c in group.channels() if len(c)]
-            check_claim(sum(8 * len(c) for c in channels), where, held=path.stat().st_size)
-            loaded = [(c, np.asarray(c[:])) for c in channels]
-    except (InputError, PermissionError, FileNotFoundError, MemoryError):
-        raise
-    except Exception as error:  # npTDMS raises struct's, numpy's and Python's errors on damaged files
-        raise corrupt(where, "TDMS", error) from None
+    # npTDMS leaves a stream of its own open when the file is damaged
+    with intact(where, "TDMS"), path.open("rb") as stream, TdmsFile.open(stream) as file:
+        channels = [c for group in file.groups() for c in group.channels() if len(c)]
+        check_claim(sum(8 * len(c) for c in channels), where, held=path.stat().st_size)
+        loaded = [(c, np.asarray(c[:])) for c in channels]
     return _table(loaded, where)
 
 

@@ -256,6 +256,27 @@ def either(first: Differing, second: Differing) -> Differing:
     return _named(names, scores, p, first.fdr, first.centre, first.spread)
 
 
+def from_factors(factors: Mapping[str, Factor], theta: np.ndarray, fdr: float) -> Differing:
+    """Who differs from the model of all, in parameters or in the level of the residual.
+
+    Parameters
+    ----------
+    factors : mapping of str to Factor
+        Each file's own least squares.
+    theta : (k, n_outputs) array
+        Parameters of the model of all.
+    fdr : float
+        False discovery rate.
+
+    Returns
+    -------
+    Differing
+    """
+    found = differing_parameters({n: shift(own, theta) for n, own in factors.items()}, fdr) or \
+        differing({n: departure(own, theta) for n, own in factors.items()}, fdr)
+    return either(found, differing_residuals({n: residual_level(own) for n, own in factors.items()}, fdr))
+
+
 def _distances(z: np.ndarray) -> np.ndarray:
     """(n,) squared distances from the half that lies closest together."""
     n, k = z.shape

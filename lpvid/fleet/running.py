@@ -14,16 +14,7 @@ from lpvid.errors import InputError
 from lpvid.fleet import steps
 from lpvid.fleet.causes import FileCauses, read_causes
 from lpvid.fleet.comparing import Stage, diagnosed
-from lpvid.fleet.differing import (
-    Differing,
-    departure,
-    differing,
-    differing_parameters,
-    differing_residuals,
-    either,
-    residual_level,
-    shift,
-)
+from lpvid.fleet.differing import Differing, from_factors
 from lpvid.fleet.plan import FleetPlan, Job
 from lpvid.fleet.state import StepOutcome, keep, short_hash
 from lpvid.identification.streaming import merged_factor
@@ -234,7 +225,7 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], step_of: Stage,
         return FleetResult(plan, outcomes, None, {}, None, {}, left_out)
     rate = 1.0 / float(np.median([f["sample_time"] for f in facts.values()]))
     box = _box(plan, [facts[j.name] for j in ready])
-    tag = _tag(box, rate)
+    tag = short_hash((box.names, box.lower, box.upper, round(rate, 9)))
     fitted = stage("identify", steps.factor, ready, box, rate, tag)
     left_out |= {j.name: outcomes[j.name]["identify"].message for j in ready if j not in fitted}
     if not fitted:
@@ -246,12 +237,9 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], step_of: Stage,
         path = plan.out / "model" / "model.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         save(found.model, path)
-        version = f"{tag}-{_version(found)}"
+        version = f"{tag}-{short_hash(np.round(found.parameters, 12).tobytes())}"
         theta = found.parameters.reshape(len(plan.structure.output), -1).T
-        factors = {j.name: steps.read_factor(j) for j in fitted}
-        apart = differing_parameters({n: shift(own, theta) for n, own in factors.items()}, plan.fdr) or \
-            differing({n: departure(own, theta) for n, own in factors.items()}, plan.fdr)
-        apart = either(apart, differing_residuals({n: residual_level(own) for n, own in factors.items()}, plan.fdr))
+        apart = from_factors({j.name: steps.read_factor(j) for j in fitted}, theta, plan.fdr)
         following = [j for j in fitted if j.name not in apart.named]
         if following == kept or not following:
             break
@@ -292,14 +280,6 @@ def _solved(plan: FleetPlan, jobs: Sequence[Job], box: Scheduling, rate: float) 
     heads = [replace(head.slice(0, 1), time=None, sample_time=1.0 / rate, name=j.name) for j in in_order]
     bound = replace(plan.structure, basis=plan.structure.basis.bound(box))
     return bound.solved(heads, box, whole)
-
-
-def _tag(box: Scheduling, rate: float) -> str:
-    return short_hash((box.names, box.lower, box.upper, round(rate, 9)))
-
-
-def _version(found: Identification) -> str:
-    return short_hash(np.round(found.parameters, 12).tobytes())
 
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.identification.free_run_search import NUDGE, Piece, filter_scales
+from lpvid.identification.free_run_search import FreeRunProblem, Piece
 from lpvid.model.compliance import ComplianceModel
 from lpvid.record import Record
 
@@ -17,20 +17,20 @@ SMALLEST = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class ComplianceProblem:
+class ComplianceProblem(FreeRunProblem):
     """Free-run errors of a compliance over records, and their exact Jacobian.
 
     The parameter vector: for every element the log-rises (tied in pairs about zero in a symmetric law) and ln k_h, then
-    the linear terms, then the filter's where that is fitted (its columns are difference quotients).
+    the linear terms, then the filter's where that is fitted.
 
     Attributes
     ----------
     model : ComplianceModel
-        Whose knots, levels and settings are kept; its values serve as a start.
+        Whose settings are kept; its values serve as a start.
     inputs : tuple of (n, n_inputs) arrays
         Per record, the speed in the first column [m/s].
     outputs : tuple of (n,) arrays
-        Measured force of every record [N].
+        Measured output of every record [N].
     scheduling : tuple of (n, n_scheduling) arrays
         As logged, before any filter.
     free_filter : bool
@@ -38,10 +38,6 @@ class ComplianceProblem:
     """
 
     model: ComplianceModel
-    inputs: tuple[np.ndarray, ...]
-    outputs: tuple[np.ndarray, ...]
-    scheduling: tuple[np.ndarray, ...]
-    free_filter: bool
     tie: np.ndarray
     """(M − 1,) place of each rise's parameter among those of its current level."""
 
@@ -76,9 +72,7 @@ class ComplianceProblem:
             if not np.allclose(model.knots, -model.knots[::-1]):
                 raise InputError("a symmetric law needs symmetric knots", got=model.knots.tolist())
             tie = np.abs(np.arange(rises) - (rises - 1) / 2).astype(int)
-        return cls(model, tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
-                   tuple(np.array(r[model.outputs[0].name]) for r in records),
-                   tuple(r.matrix(list(model.box.names)) for r in records), free_filter, tie)
+        return cls(model, *cls.columns(records, model), free_filter, tie)
 
     # -- parameters -----------------------------------------------------------------------------------------------
     @property
@@ -94,28 +88,16 @@ class ComplianceProblem:
         return out
 
     @property
-    def filter_scales(self) -> np.ndarray:
-        """Search steps of the filter's parameters."""
-        stage = self.model.scheduling_stage
-        return filter_scales(stage) if self.free_filter else np.zeros(0)
-
-    @property
     def matrix(self) -> np.ndarray:
         """(model parameters, own parameters) selection of each model parameter."""
+        from scipy.linalg import block_diag
+
         q, k = self.model.current.size, self.tie.max() + 1
         one = np.zeros((self.tie.size, k))
         one[np.arange(self.tie.size), self.tie] = 1.0
-        element = np.zeros((q * self.tie.size + 1, q * k + 1))
-        element[:-1, :-1] = np.kron(np.eye(q), one)
-        element[-1, -1] = 1.0
+        element = block_diag(*[one] * q, 1.0)
         rest = np.eye(self.model.direct.size + self.model.side.size + 1 + self.filter_scales.size)
-        blocks = [element] * len(self.model.elements) + [rest]
-        out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
-        row = column = 0
-        for b in blocks:
-            out[row: row + b.shape[0], column: column + b.shape[1]] = b
-            row, column = row + b.shape[0], column + b.shape[1]
-        return out
+        return np.asarray(block_diag(*[element] * len(self.model.elements), rest))
 
     def start(self) -> np.ndarray:
         """Own parameters of the model.
@@ -153,14 +135,7 @@ class ComplianceProblem:
                 vector[place] = np.clip(vector[place], floor, floor + 60)
             else:
                 vector[place] = np.clip(vector[place], -60, 60)
-        model = self.model.with_vector(vector)
-        if self.filter_scales.size:
-            assert model.scheduling_stage is not None
-            model = model.replace(scheduling_stage=model.scheduling_stage.with_vector(whole[cut:]))
-        return model
-
-    def _scheduling(self, model: ComplianceModel, p: np.ndarray) -> np.ndarray:
-        return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
+        return self.with_filter(self.model.with_vector(vector), whole[cut:])
 
     # -- errors ---------------------------------------------------------------------------------------------------
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
@@ -182,25 +157,16 @@ class ComplianceProblem:
         tied = self.tie.max() + 1 < self.tie.size
         select = self.matrix if jacobian and tied else None
         for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
-            behind = self._scheduling(model, p)
             if not jacobian:
-                run, _ = model.free_run(u, behind, y[: model.start], np.inf)
-                yield (run - y)[model.start:], None
+                yield (self.run(model, u, p, y) - y)[model.start:], None
                 continue
-            run, slopes = _sensitivity(model, u, behind, y)
-            moved = [self._filter_slope(x, j, u, y, p, run) for j in range(self.filter_scales.size)]
+            run, slopes = _sensitivity(model, u, self.filtered(model, p), y)
+            moved = self.filter_slopes(x, u, p, y, run)
             whole = np.column_stack([slopes, *moved])[model.start:] if moved else slopes[model.start:]
             yield (run - y)[model.start:], whole if select is None else whole @ select
 
-    def _filter_slope(self, x: np.ndarray, j: int, u: np.ndarray, y: np.ndarray, p: np.ndarray,
-                      run: np.ndarray) -> np.ndarray:
-        place = x.size - self.filter_scales.size + j
-        step = NUDGE * max(abs(x[place]), float(self.filter_scales[j]))
-        shifted = x.copy()
-        shifted[place] += step
-        model = self.model_at(shifted)
-        near, _ = model.free_run(u, self._scheduling(model, p), y[: model.start], np.inf)
-        return (near - run) / step
+    def run(self, model: ComplianceModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return model.free_run(u, self.filtered(model, p), y[: model.start], np.inf)[0]
 
     def with_linear_terms(self, x: np.ndarray) -> np.ndarray:
         """The vector with its linear terms replaced by the best ones for the elements' forces (variable projection).

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +21,40 @@ LONGEST_STEP = 1.5
 """no parameter moves by more than this many of its scales in one step."""
 NUDGE = 1e-6
 """relative step of the difference quotient by a scheduling filter's parameters."""
+FILTER_SHARE = 0.4
+"""scale of a fitted filter's parameters by their own, so short that no single step takes a time constant to zero."""
 
 Piece = tuple[np.ndarray, np.ndarray | None]
+Columns = tuple[np.ndarray, ...]
 
 
-class FreeRunProblem(Protocol):
-    """What is minimised: errors record by record at a parameter vector, with their exact Jacobian on request."""
+@dataclass(frozen=True, eq=False)
+class FreeRunProblem(ABC):
+    """What is minimised: errors record by record at a parameter vector, with their exact Jacobian on request.
 
+    The parameter vector ends in the filter's parameters where these are fitted; their columns are difference quotients.
+
+    Attributes
+    ----------
+    model : SelfScheduled
+        Whose settings are kept; its values serve as a start.
+    inputs : tuple of (n, n_inputs) arrays
+        Per record.
+    outputs : tuple of (n,) arrays
+        Measured output of every record.
+    scheduling : tuple of (n, n_scheduling) arrays
+        As logged, before any filter.
+    free_filter : bool
+        Whether the parameters of the scheduling filter are fitted along.
+    """
+
+    model: Any
+    inputs: tuple[np.ndarray, ...]
+    outputs: tuple[np.ndarray, ...]
+    scheduling: tuple[np.ndarray, ...]
+    free_filter: bool
+
+    @abstractmethod
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterable[Piece]:
         """(n,) errors ŷ − y and (n, k) ∂ŷ/∂x of every record; an error that is not finite marks divergence.
 
@@ -42,7 +70,122 @@ class FreeRunProblem(Protocol):
         iterable of ((n,) array, (n, k) array or None)
             One pair per record, in the unit of the output.
         """
-        ...
+
+    @abstractmethod
+    def model_at(self, x: np.ndarray) -> Any:
+        """The model at a parameter vector.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters in the order of the class.
+
+        Returns
+        -------
+        SelfScheduled
+        """
+
+    @abstractmethod
+    def run(self, model: Any, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The unbounded free run of a model along one record.
+
+        Parameters
+        ----------
+        model : SelfScheduled
+            Of this problem.
+        u, p : (n, inputs) and (n, scheduling) arrays
+            Inputs, and scheduling as logged.
+        y : (n,) array
+            Measured output, from whose first samples the run starts.
+
+        Returns
+        -------
+        (n,) array
+        """
+
+    @staticmethod
+    def columns(records: Sequence[Record], model: SelfScheduled) -> tuple[Columns, Columns, Columns]:
+        """Inputs, outputs and scheduling of the records, each read once.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        model : SelfScheduled
+            Names the channels.
+
+        Returns
+        -------
+        three tuples of arrays
+        """
+        return (tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
+                tuple(np.array(r[model.outputs[0].name]) for r in records),
+                tuple(r.matrix(list(model.box.names)) for r in records))
+
+    @property
+    def filter_scales(self) -> np.ndarray:
+        """Search steps of the filter's parameters; empty where it is not fitted."""
+        stage = self.model.scheduling_stage
+        return np.zeros(0) if stage is None or not self.free_filter else FILTER_SHARE * stage.scales()
+
+    def filtered(self, model: Any, p: np.ndarray) -> np.ndarray:
+        """The scheduling behind a model's filter.
+
+        Parameters
+        ----------
+        model : SelfScheduled
+            Of this problem.
+        p : (n, scheduling) array
+            As logged.
+
+        Returns
+        -------
+        (n, scheduling) array
+        """
+        return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
+
+    def with_filter(self, model: Any, values: np.ndarray) -> Any:
+        """The model with the fitted parameters of its filter.
+
+        Parameters
+        ----------
+        model : SelfScheduled
+            Of this problem.
+        values : (s,) array
+            Empty where the filter is not fitted.
+
+        Returns
+        -------
+        SelfScheduled
+        """
+        if not values.size:
+            return model
+        return model.replace(scheduling_stage=model.scheduling_stage.with_vector(values))
+
+    def filter_slopes(self, x: np.ndarray, u: np.ndarray, p: np.ndarray, y: np.ndarray,
+                      out: np.ndarray) -> list[np.ndarray]:
+        """Difference quotients of the free run by the filter's parameters, the last of x.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Parameters.
+        u, p, y : arrays
+            Of one record, as in `run`.
+        out : (n,) array
+            The free run at x.
+
+        Returns
+        -------
+        list of (n,) arrays
+        """
+        found = []
+        for place, scale in enumerate(self.filter_scales, start=x.size - self.filter_scales.size):
+            step = NUDGE * max(abs(x[place]), float(scale))
+            shifted = x.copy()
+            shifted[place] += step
+            found.append((self.run(self.model_at(shifted), u, p, y) - out) / step)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,19 +486,3 @@ def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: fl
         starts = FITTED[schedule_filter].starts(sample_time)
         return starts[place % len(starts)]
     return schedule_filter
-
-
-def filter_scales(stage: SchedulingStage | None) -> np.ndarray:
-    """Scales of a fitted filter's parameters, so short that no single step takes a time constant to zero.
-
-    Parameters
-    ----------
-    stage : SchedulingStage or None
-        The fitted filter.
-
-    Returns
-    -------
-    (s,) array
-        In the units of the filter's parameters; empty without a filter.
-    """
-    return np.zeros(0) if stage is None else 0.4 * stage.scales()

@@ -194,8 +194,9 @@ class Passive(Structure):
         sector = "a" if certificate.multiplier.size else "no"
         notes = [f"passive: {reached.steps} steps from a static damper, {aim} minimised; storage function of degree "
                  f"{certificate.basis.degree} and {sector} multiplier of the input stage's sector"]
+        stages = [f"fitted along with the passive model: {stated}" for stated in fitted_stages(model, self.arx)]
         return Identification(model, structure, layout, covariance, condition, condition, rows,
-                              notes=(*_stage_notes(model, self.arx), *notes), covariance_kind=kind,
+                              notes=(*stages, *notes), covariance_kind=kind,
                               unconstrained=first.model)
 
     def to_dict(self) -> dict:
@@ -226,9 +227,3 @@ def _offset(model: LPVTransferFunction) -> float:
         return known
     a, _, c = model.coefficients(model.box.centre)
     return float(c.sum() / (1 + a[:, 0, 0].sum()))
-
-
-def _stage_notes(model: LPVTransferFunction, given: ARX) -> list[str]:
-    return [f"fitted along with the passive model: {stated}" for stated in fitted_stages(model, given)]
-
-

@@ -222,7 +222,7 @@ class QuasiLPV(Structure):
             for keep, sign in ((constant, 1.0), (np.eye(e * r) - constant, -1.0)):
                 blocks.append(np.sqrt(self.oddness) * 0.5 * np.kron(np.eye(m) + sign * mirror, keep @ unit))
         rows = np.vstack(blocks)
-        extra = model.kappa.size + problem.filter_size
+        extra = model.kappa.size + problem.filter_scales.size
         scales = np.tile(float(np.std(np.concatenate(problem.outputs))) / size, m * e)
         trial = np.full(model.kappa.size, float(np.std(problem.outputs[0])) * 0.1 / size[self.na])
         own = problem.filter_scales

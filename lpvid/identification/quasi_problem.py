@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.identification.free_run_search import NUDGE, Piece, Prior, filter_scales
+from lpvid.identification.free_run_search import FreeRunProblem, Piece, Prior
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.record import Record
 
@@ -16,10 +16,10 @@ DIVERGED = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class QuasiProblem:
+class QuasiProblem(FreeRunProblem):
     """Free-run errors of a quasi-LPV model over records, and their exact Jacobian.
 
-    The parameter vector is the model's, then the filter's where that is fitted (its columns are difference quotients).
+    The parameter vector is the model's, then the filter's where that is fitted.
 
     Attributes
     ----------
@@ -30,16 +30,12 @@ class QuasiProblem:
     outputs : tuple of (n,) arrays
         Measured output of every record.
     scheduling : tuple of (n, n_scheduling) arrays
-        External scheduling as logged, before any filter.
+        As logged, before any filter.
     free_filter : bool
         Whether the parameters of the scheduling filter are fitted along.
     """
 
     model: QuasiLPVModel
-    inputs: tuple[np.ndarray, ...]
-    outputs: tuple[np.ndarray, ...]
-    scheduling: tuple[np.ndarray, ...]
-    free_filter: bool
 
     @classmethod
     def of(cls, records: Sequence[Record], model: QuasiLPVModel, free_filter: bool) -> QuasiProblem:
@@ -58,20 +54,7 @@ class QuasiProblem:
         -------
         QuasiProblem
         """
-        return cls(model, tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
-                   tuple(np.array(r[model.outputs[0].name]) for r in records),
-                   tuple(r.matrix(list(model.box.names)) for r in records), free_filter)
-
-    @property
-    def filter_size(self) -> int:
-        """Number of fitted filter parameters."""
-        return self.filter_scales.size
-
-    @property
-    def filter_scales(self) -> np.ndarray:
-        """Search steps of the filter's parameters."""
-        stage = self.model.scheduling_stage
-        return filter_scales(stage) if self.free_filter else np.zeros(0)
+        return cls(model, *cls.columns(records, model), free_filter)
 
     def model_at(self, x: np.ndarray) -> QuasiLPVModel:
         """The model at a parameter vector.
@@ -85,15 +68,8 @@ class QuasiProblem:
         -------
         QuasiLPVModel
         """
-        cut = x.size - self.filter_size
-        model = self.model.with_vector(x[:cut])
-        if self.filter_size:
-            assert model.scheduling_stage is not None
-            model = model.replace(scheduling_stage=model.scheduling_stage.with_vector(x[cut:]))
-        return model
-
-    def _scheduling(self, model: QuasiLPVModel, p: np.ndarray) -> np.ndarray:
-        return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
+        cut = x.size - self.filter_scales.size
+        return self.with_filter(self.model.with_vector(x[:cut]), x[cut:])
 
     def measured_rows(self) -> Iterator[np.ndarray]:
         """Regressors with measured outputs in the output columns.
@@ -127,7 +103,7 @@ class QuasiProblem:
         gram, right = gram[: model.theta.size, : model.theta.size], right[: model.theta.size]
         weights = np.ones(1) if model.on == "input" else model.kappa
         for u, y, p, rows in zip(self.inputs, self.outputs, self.scheduling, self.measured_rows(), strict=True):
-            phi, _, drive = model.arrays(u, self._scheduling(model, p))
+            phi, _, drive = model.arrays(u, self.filtered(model, p))
             rho = drive @ weights
             if model.on != "input":
                 rho[1:] += y[:-1]
@@ -163,7 +139,7 @@ class QuasiProblem:
         start, size = model.start, model.vector.size
         for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
             limit = DIVERGED * float(np.abs(y).max())
-            arrays = model.arrays(u, self._scheduling(model, p))
+            arrays = model.arrays(u, self.filtered(model, p))
             out = np.array(y)
             if not jacobian:
                 code = free_run_quasi(*model.kernel_settings, *arrays, out, start, limit)
@@ -172,17 +148,12 @@ class QuasiProblem:
             columns = size if model.on != "input" else size + 1  # the kernel also gives the fixed weight's column
             slopes = np.zeros((len(y), columns))
             sensitivity_quasi(*model.kernel_settings, *arrays, out, start, limit, slopes)
-            moved = [self._filter_slope(x, size + j, u, y, p, out) for j in range(self.filter_size)]
+            moved = self.filter_slopes(x, u, p, y, out)
             yield (out - y)[start:], np.column_stack([slopes[:, :size], *moved])[start:]
 
-    def _filter_slope(self, x: np.ndarray, place: int, u: np.ndarray, y: np.ndarray, p: np.ndarray,
-                      out: np.ndarray) -> np.ndarray:
+    def run(self, model: QuasiLPVModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         from lpvid._quasi_kernels import free_run_quasi
 
-        step = NUDGE * max(abs(x[place]), float(self.filter_scales[place - x.size + self.filter_size]))
-        shifted = x.copy()
-        shifted[place] += step
-        model = self.model_at(shifted)
-        near = np.array(y)
-        free_run_quasi(*model.kernel_settings, *model.arrays(u, self._scheduling(model, p)), near, model.start, np.inf)
-        return (near - out) / step
+        out = np.array(y)
+        free_run_quasi(*model.kernel_settings, *model.arrays(u, self.filtered(model, p)), out, model.start, np.inf)
+        return out

@@ -227,6 +227,8 @@ def _refuse_coupling(singles: Sequence[_Single], outputs: Sequence[str]) -> None
 def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identification,
                singles: Sequence[_Single]) -> Identification:
     """One model and one covariance from the outputs' own."""
+    from scipy.linalg import block_diag
+
     ny, m = len(structure.output), structure.basis.size  # type: ignore[arg-type]
     nc, nd = structure.nc, structure.nd
     tables, theta, blocks, variances = [], [], [], []
@@ -244,13 +246,14 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
         else:
             block, variance, colour = covariance(single.problem, single.found, structure.noise == "box-jenkins")
             if colour.d.size:
-                notes.append(f"the output error{_to(structure, o)} is coloured: standard errors allow for an "
+                of_output = f" of '{structure.output[o]}'" if ny > 1 else ""
+                notes.append(f"the output error{of_output} is coloured: standard errors allow for an "
                              f'autoregression of order {colour.d.size}; noise="box-jenkins" would use the colour')
             theta.append(single.found.theta)
             blocks.append(block)
             variances.append(variance)
             c[:, o, 0], d[:, o] = _orders(single.found.noise.c, nc), _orders(single.found.noise.d, nd)
-    layout, matrix = ParameterLayout(np.vstack(tables)), _block_diagonal(blocks)
+    layout, matrix = ParameterLayout(np.vstack(tables)), np.asarray(block_diag(*blocks))
     metadata: dict = {"structure": structure.to_dict(), "training": whole.model.metadata["training"],
                       "refined_iv": [None if s.found is None else
                                      {"iterations": s.found.iterations, "relative_change": s.found.change,
@@ -265,10 +268,6 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
                           max(w[0] for w in worst), max(w[1] for w in worst), whole.n_samples,
                           notes=(*whole.notes, *(n for s in singles for n in s.notes), *notes),
                           covariance_kind="refined IV, " + ("coloured output error" if notes else "white innovations"))
-
-
-def _to(structure: RefinedIV, output: int) -> str:
-    return f" of '{structure.output[output]}'" if len(structure.output) > 1 else ""
 
 
 def _orders(tail: np.ndarray, order: int) -> np.ndarray:
@@ -286,13 +285,4 @@ def _noise_covariance(singles: Sequence[_Single], variances: Sequence[float]) ->
         for j in range(i):
             out[i, j] = out[j, i] = (float(series[i] @ series[j]) / np.sqrt(power[i] * power[j])
                                      * np.sqrt(variances[i] * variances[j]))
-    return out
-
-
-def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    size = sum(len(b) for b in blocks)
-    out, place = np.zeros((size, size)), 0
-    for block in blocks:
-        out[place: place + len(block), place: place + len(block)] = block
-        place += len(block)
     return out

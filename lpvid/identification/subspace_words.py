@@ -219,7 +219,7 @@ class KernelWords(Words):
         values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
         values = np.maximum(values, 0.0)
         target = vectors.T @ y
-        penalty = _cross_validated_dual(values, target)
+        penalty = _cross_validated(values, target, 0.0, values.size)
         return cls(past, chosen, vectors @ (target / (values + penalty)[:, None]), penalty)
 
     def rows(self, trace: Trace, letter: np.ndarray, future: int) -> np.ndarray:
@@ -269,7 +269,3 @@ def _cross_validated(squares: np.ndarray, target: np.ndarray, rest: float, count
         if freedom > 0:
             best = min(best, ((float(shrunk**2 @ power) + rest) / freedom**2, float(penalty)))
     return best[1]
-
-
-def _cross_validated_dual(values: np.ndarray, target: np.ndarray) -> float:
-    return _cross_validated(values, target, 0.0, values.size)

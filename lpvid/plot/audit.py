@@ -6,20 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_outside,
-    look,
-    panels,
-    robust_limits,
-    thinned,
-)
+from lpvid.plot.colours import BLUE, CYCLE, INK
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, robust_limits, thinned, zero_lines
 from lpvid.record import Record
 
 MOST_CHANNELS = 6
@@ -121,8 +109,7 @@ def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]], ax:
         for ax, stated in zip(axes[0], (label("velocity", "m/s"), label("displacement", "m")), strict=True):
             ax.set_xlabel(stated)
             ax.set_ylabel(label("force", "N"))
-            ax.axhline(0, color=INK, linewidth=0.5)
-            ax.axvline(0, color=INK, linewidth=0.5)
+            zero_lines(ax)
         if len(shown) > 1:
             legend_outside(figure, axes[0, 0], foreign, 6, markerscale=4)
     return drawn(axes)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.analysis.bands import Band
+from lpvid.plot.colours import MEASURED, MODEL
 from lpvid.plot.comparison import Comparison
-from lpvid.plot.style import MEASURED, MODEL, Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.plot.style import Ax, Drawn, drawn, label, largest_window, legend_above, look, panels
 
 CLOSE_UP = 400
 """Samples of the free run that are drawn."""
@@ -28,10 +29,7 @@ def free_run_band(shown: Comparison, band: Band, ax: Ax = None) -> Drawn:
     (2,) array of matplotlib.axes.Axes
     """
     width = (band.high - band.low)[:, 0]
-    size = min(CLOSE_UP, width.size)
-    sums = np.cumsum(np.insert(width, 0, 0.0))
-    first = int(np.argmax(sums[size:] - sums[:-size])) if width.size > size else 0
-    window = slice(first, first + size)
+    window = largest_window(width, CLOSE_UP)
     with look():
         axes = panels(2, heights=[2.6, 1.3], sharex=True, ax=ax)[1]
         ax = axes[0, 0]

@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.plot.colours import BLUE, CYCLE, MEASURED, MODEL, MUTED
 from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
     WIDTH,
     Ax,
     Drawn,
     drawn,
+    finish_cloud,
     label,
+    largest_window,
     legend_above,
     limits_of,
     look,
@@ -232,16 +229,9 @@ def loops(shown: Sequence[Comparison], against: Sequence[str], ax: Ax = None) ->
                                              (c.free_run.output[:, 0], MODEL, "free run")):
                     ax.plot(c.record[name][keep], values[keep], ".", color=colour, markersize=1.8, alpha=0.5,
                             rasterized=True, label=stated if i == 0 else None)
-            ax.set_xlabel(label(name, shown[0].record.unit(name)))
-            ax.set_ylabel(label(shown[0].output, shown[0].unit))
-            ax.axhline(0, color=INK, linewidth=0.5)
-            ax.axvline(0, color=INK, linewidth=0.5)
-            ax.set_ylim(*limits_of(np.concatenate([c.measured for c in shown]),
-                                 np.concatenate([c.free_run.output[:, 0] for c in shown]), 0.1))
-            legend_above(ax, 2)
-            for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
-                handle.set_markersize(6)  # type: ignore[union-attr]
-                handle.set_alpha(1.0)  # type: ignore[union-attr]
+            limits = limits_of(np.concatenate([c.measured for c in shown]),
+                               np.concatenate([c.free_run.output[:, 0] for c in shown]), 0.1)
+            finish_cloud(ax, label(name, shown[0].record.unit(name)), label(shown[0].output, shown[0].unit), limits)
     return drawn(axes)
 
 
@@ -258,12 +248,9 @@ def worst_stretch(error: np.ndarray) -> slice:
     slice
         The whole error, where it is shorter than the window.
     """
-    size = min(WINDOW, error.size)
-    squares = np.where(np.isfinite(error), error, 0.0) ** 2
     if not np.isfinite(error[-1]):
+        size = min(WINDOW, error.size)
         diverged = int(np.flatnonzero(np.isfinite(error))[-1]) if np.isfinite(error).any() else 0
         first = max(0, min(diverged - size // 2, error.size - size))
         return slice(first, first + size)
-    sums = np.cumsum(np.insert(squares, 0, 0.0))
-    first = int(np.argmax(sums[size:] - sums[:-size]))
-    return slice(first, first + size)
+    return largest_window(np.where(np.isfinite(error), error, 0.0) ** 2, WINDOW)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import CYCLE, SCALE, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades
 from lpvid.plot.synthesis import frequencies_of, line_of, responses
 
 if TYPE_CHECKING:
@@ -36,16 +37,13 @@ def controller_gains(controller: LPVStateSpace, ax: Ax = None) -> Drawn:
     -------
     matplotlib.axes.Axes, or array of them
     """
-    from matplotlib import colormaps
-
     omega = frequencies_of(controller)
     points, pairs = line_of(controller), _pairs(controller)
     box = controller.box
     with look():
         foreign = ax is not None
         figure, axes = panels(len(pairs), 2 if box.names else 1, height=2.4, ax=ax)
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
-        for p, shade in zip(points, shades, strict=True):
+        for p, shade in zip(points, shades(len(points)), strict=True):
             gains = np.abs(responses(controller, p, omega))
             name = f"{box.names[0]} = {p[0]:.4g}" if box.names else None
             for row, (i, j) in zip(axes, pairs, strict=True):
@@ -94,15 +92,11 @@ def _over_scheduling(ax, controller: LPVStateSpace, omega: np.ndarray, i: int, j
     share = np.linspace(0, 1, LEVELS)[:, None]
     points = np.array(box.lower) * (1 - share) + np.array(box.upper) * share
     gains = np.array([np.abs(responses(controller, p, omega))[:, i, j] for p in points])
-    for k, w in enumerate(omega):
-        ax.semilogy(points[:, 0], np.maximum(gains[:, k], 1e-300), color=CYCLE[k], label=_hertz(w))
+    for k, hertz in enumerate(omega / (2 * np.pi)):
+        ax.semilogy(points[:, 0], np.maximum(gains[:, k], 1e-300), color=CYCLE[k],
+                    label=f"{hertz:.0f} Hz" if hertz >= 100 else f"{hertz:.3g} Hz")
     ax.set_title("over the scheduling")
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-
-
-def _hertz(omega: float) -> str:
-    frequency = omega / (2 * np.pi)
-    return f"{frequency:.0f} Hz" if frequency >= 100 else f"{frequency:.3g} Hz"
 
 
 def _pairs(controller: LPVStateSpace) -> list[tuple[int, int]]:

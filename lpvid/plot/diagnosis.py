@@ -9,20 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.condition.resampling import finite_runs
+from lpvid.plot.colours import BLUE, GREEN, INK, MEASURED, MODEL, MUTED, ORANGE, VERMILION
 from lpvid.plot.style import (
-    BLUE,
-    GREEN,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
-    ORANGE,
-    VERMILION,
     WIDTH,
     Ax,
     Drawn,
     drawn,
+    finish_cloud,
     label,
+    largest_window,
     legend_above,
     limits_of,
     look,
@@ -31,7 +26,7 @@ from lpvid.plot.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 BINS = 24
 """cells of a map in each direction"""
@@ -360,20 +355,8 @@ def loops(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn 
                 for y, colour, name in ((s.measured, MEASURED, s.origin), (run, (BEFORE, AFTER)[k], stated)):
                     ax.plot(s.channels["velocity"][::step], y[::step], ".", color=colour, markersize=1.8, alpha=0.45,
                             rasterized=True, label=name if i == 0 else None)
-            _loop_axes(ax, having[0], limits)
+            finish_cloud(ax, label("velocity", "m/s"), label(having[0].output, having[0].unit), limits)
     return drawn(axes)
-
-
-def _loop_axes(ax: Axes, s: BeforeAfter, limits: tuple[float, float]) -> None:
-    ax.set_xlabel(label("velocity", "m/s"))
-    ax.set_ylabel(label(s.output, s.unit))
-    ax.axhline(0, color=INK, linewidth=0.5)
-    ax.axvline(0, color=INK, linewidth=0.5)
-    ax.set_ylim(*limits)
-    legend_above(ax, 2)
-    for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
-        handle.set_markersize(6)  # type: ignore[union-attr]
-        handle.set_alpha(1.0)  # type: ignore[union-attr]
 
 
 def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Drawn:
@@ -423,8 +406,5 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Dra
 
 
 def _worst(error: np.ndarray) -> slice:
-    size = min(WINDOW, error.size)
-    sums = np.cumsum(np.insert(np.where(np.isfinite(error), error, 0.0) ** 2, 0, 0.0))
-    head = min(error.size // 20, error.size - size)
-    first = head + int(np.argmax((sums[size:] - sums[:-size])[head:]))
-    return slice(first, first + size)
+    head = min(error.size // 20, error.size - min(WINDOW, error.size))
+    return largest_window(np.where(np.isfinite(error), error, 0.0) ** 2, WINDOW, head)

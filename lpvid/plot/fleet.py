@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.style import BLUE, VERMILION, Ax, Drawn, drawn, label, look, panels
+from lpvid.plot.colours import BLUE, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, look, panels
 
 if TYPE_CHECKING:
 

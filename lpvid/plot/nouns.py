@@ -18,7 +18,8 @@ from lpvid.identification.result import Identification
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot.audit import MOST_CHANNELS
-from lpvid.plot.style import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION, label, look, panels, robust_limits, thinned
+from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION
+from lpvid.plot.style import label, look, panels, robust_limits, shades, thinned
 from lpvid.record import Record
 from lpvid.synthesis.result import Synthesis
 
@@ -209,11 +210,8 @@ def _gains(loop: LPVStateSpace, level: float | None) -> Drawing:
     from lpvid.plot.synthesis import _singular_values, frequencies_of, line_of
 
     def draw(axes: Sequence[Axes]) -> None:
-        from matplotlib import colormaps
-
         frequencies, points = frequencies_of(loop), line_of(loop)
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
-        for shade, p in zip(shades, points, strict=True):
+        for shade, p in zip(shades(len(points)), points, strict=True):
             axes[0].loglog(frequencies / (2 * np.pi), _singular_values(loop, p, frequencies)[:, 0], color=shade)
         if level is not None:
             axes[0].axhline(level, color=VERMILION, linestyle="--", label="verified bound")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.analysis.passivity_margin import BAND, PassivityMargin
-from lpvid.plot.style import CYCLE, INK, VERMILION, Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.plot.colours import CYCLE, INK, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

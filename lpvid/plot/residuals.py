@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.plot.colours import BLUE, INK, MODEL
 from lpvid.plot.comparison import Comparison
-from lpvid.plot.style import BLUE, INK, MODEL, Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.validation.residuals import lagged_means
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +78,7 @@ def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
 
 
 def _autocorrelation(ax: Axes, shown: Sequence[Comparison], lags: int) -> None:
-    products = _covariances([(e, e) for e in _centred(shown)], lags)
+    products = lagged_means([(e, e) for e in _centred(shown)], lags)
     ratio = products / (products[0] or 1.0)
     _bars(ax, np.arange(1, lags + 1), ratio[1:], NORMAL_99 / np.sqrt(sum(c.innovation.size for c in shown)))
     ax.set_title("autocorrelation, 99 % limits")
@@ -86,10 +88,10 @@ def _cross_correlation(ax: Axes, shown: Sequence[Comparison], name: str, lags: i
     errors, drives = _centred(shown), [c.record[name][c.one_step.start:] for c in shown]
     drives = [u - u.mean() for u in drives]
     reach = min(4 * lags, min(e.size for e in errors) - 1)
-    own, driven = (_covariances([(x, x) for x in xs], reach) for xs in (errors, drives))
+    own, driven = (lagged_means([(x, x) for x in xs], reach) for xs in (errors, drives))
     scale = np.sqrt(own[0] * driven[0]) or 1.0
     pairs = list(zip(errors, drives, strict=True))
-    later, earlier = _covariances(pairs, lags), _covariances([(u, e) for e, u in pairs], lags)
+    later, earlier = lagged_means(pairs, lags), lagged_means([(u, e) for e, u in pairs], lags)
     taper = 1 - np.arange(reach + 1) / (reach + 1)
     both = taper * own * driven
     count = sum(e.size for e in errors)
@@ -101,12 +103,6 @@ def _cross_correlation(ax: Axes, shown: Sequence[Comparison], name: str, lags: i
 
 def _centred(shown: Sequence[Comparison]) -> list[np.ndarray]:
     return [c.innovation - c.innovation.mean() for c in shown]
-
-
-def _covariances(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> np.ndarray:
-    """Mean of x(t) u(t−k) over all records, k = 0 … lags."""
-    count = sum(x.size for x, _ in pairs)
-    return np.array([sum(float(x[k:] @ u[: u.size - k]) for x, u in pairs) / count for k in range(lags + 1)])
 
 
 def _bars(ax: Axes, lags: np.ndarray, values: np.ndarray, limit: float) -> None:

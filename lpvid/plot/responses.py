@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, MUTED, WIDTH, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE, MUTED
+from lpvid.plot.style import WIDTH, Ax, Drawn, drawn, label, legend_outside, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

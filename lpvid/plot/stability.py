@@ -9,7 +9,8 @@ import numpy as np
 from lpvid.analysis.critical import CriticalScheduling
 from lpvid.analysis.pole_locus import PoleLocus
 from lpvid.analysis.uncertainty import PoleBand
-from lpvid.plot.style import BLUE, INK, MUTED, SCALE, VERMILION, Ax, Drawn, drawn, label, look, panels
+from lpvid.plot.colours import BLUE, INK, MUTED, SCALE, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, look, panels
 
 CROWD = 400
 """Poles of a locus above which they are drawn as pixels: a mark of its own for each would fill the page."""

@@ -1,4 +1,4 @@
-"""One look for all figures: a palette that colour-blind readers can separate, thin axes, labels with units."""
+"""One look for all figures: thin axes, labels with units, legends beside the data."""
 
 from __future__ import annotations
 
@@ -9,18 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.plot.colours import FAINT, INK, MUTED, SCALE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, MUTED, FAINT = "#22262b", "#6b7480", "#d8dde3"
-BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#cc79a7"
-"""Okabe & Ito's colours, distinguishable with every common colour vision."""
-CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-MEASURED, MODEL = INK, VERMILION
-SCALE = "viridis"
-"""Colour map for a scheduling variable: rises in lightness, so that it survives a grey print."""
 Ax = Any
 """Where a figure is drawn: one `matplotlib.axes.Axes`, an array or a sequence of them, or None for a new figure."""
 Drawn = Any
@@ -157,6 +151,56 @@ def label(name: str, unit: str) -> str:
     return f"{name} [{unit or '1'}]"
 
 
+def shades(count: int, first: float = 0.1, last: float = 0.9) -> np.ndarray:
+    """Colours along `SCALE`, evenly spread.
+
+    Parameters
+    ----------
+    count : int
+    first, last : float
+        Shares of the map at which they begin and end.
+
+    Returns
+    -------
+    (count, 4) array
+    """
+    from matplotlib import colormaps
+
+    return colormaps[SCALE](np.linspace(first, last, count))
+
+
+def zero_lines(axes: Axes) -> None:
+    """Thin lines where x and y are zero.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    """
+    axes.axhline(0, color=INK, linewidth=0.5)
+    axes.axvline(0, color=INK, linewidth=0.5)
+
+
+def finish_cloud(axes: Axes, across: str, up: str, limits: tuple[float, float]) -> None:
+    """Labels, zero lines, limits and legend of axes full of points, which the legend shows large and opaque.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    across, up : str
+        Labels.
+    limits : (float, float)
+        Of the vertical axis.
+    """
+    axes.set_xlabel(across)
+    axes.set_ylabel(up)
+    zero_lines(axes)
+    axes.set_ylim(*limits)
+    legend_above(axes, 2)
+    for handle in axes.get_legend().legend_handles:  # type: ignore[union-attr]
+        handle.set_markersize(6)  # type: ignore[union-attr]
+        handle.set_alpha(1.0)  # type: ignore[union-attr]
+
+
 def legend_above(axes: Axes, columns: int = 4) -> None:
     """A legend between title and plot, right-aligned: it never covers data.
 
@@ -213,17 +257,63 @@ def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray
     >>> x.size, bool(y.max() == np.sin(np.arange(1000.0)).max())
     (100, True)
     """
-    if x.size <= most:
-        return x, y
-    size = -(-2 * x.size // most)
-    bins = -(-x.size // size)
-    padded = np.concatenate([np.asarray(y, dtype=float), np.full(bins * size - x.size, np.nan)]).reshape(bins, size)
+    values = np.asarray(y, dtype=float)
+    keep, _ = extremes(values, most)
+    return x[keep], values[keep]
+
+
+def extremes(values: np.ndarray, most: int) -> tuple[np.ndarray, int]:
+    """Places of the lowest and the highest sample of every bin, in order, and the samples in a bin.
+
+    Parameters
+    ----------
+    values : (n,) array
+    most : int
+        Places at most, about.
+
+    Returns
+    -------
+    places : (m,) int array
+        Two for each bin; all n where they are no more than `most`.
+    size : int
+        1 where nothing is left out.
+
+    Examples
+    --------
+    >>> extremes(np.array([0.0, 5.0, 1.0, -2.0, 7.0, 3.0]), most=4)
+    (array([0, 1, 3, 4]), 3)
+    """
+    if values.size <= most or values.size < 4:
+        return np.arange(values.size), 1
+    size = -(-2 * values.size // max(most, 2))
+    bins = -(-values.size // size)
+    padded = np.concatenate([values, np.full(bins * size - values.size, np.nan)]).reshape(bins, size)
     finite = np.isfinite(padded)
     low = np.argmin(np.where(finite, padded, np.inf), axis=1)
     high = np.argmax(np.where(finite, padded, -np.inf), axis=1)
-    low, high = (np.where(finite.any(axis=1), place, 0) for place in (low, high))
-    keep = np.sort(np.column_stack([low, high]) + size * np.arange(bins)[:, None], axis=1).ravel()
-    return x[keep], np.asarray(y, dtype=float)[keep]
+    places = np.sort(np.column_stack([low, high]) + size * np.arange(bins)[:, None], axis=1).ravel()
+    return np.minimum(places, values.size - 1), size
+
+
+def largest_window(values: np.ndarray, most: int, first: int = 0) -> slice:
+    """The stretch of `most` samples, or of all where there are fewer, with the largest sum.
+
+    Parameters
+    ----------
+    values : (n,) array
+    most : int
+        Samples of the stretch.
+    first : int
+        Where it begins at the earliest.
+
+    Returns
+    -------
+    slice
+    """
+    size = min(most, values.size)
+    sums = np.cumsum(np.insert(values, 0, 0.0))
+    begin = first + int(np.argmax((sums[size:] - sums[:-size])[first:]))
+    return slice(begin, begin + size)
 
 
 def robust_limits(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:

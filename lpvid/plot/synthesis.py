@@ -7,21 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    MUTED,
-    SCALE,
-    VERMILION,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_outside,
-    look,
-    panels,
-)
+from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades
 
 FREQUENCIES = 160
 CURVES = 7
@@ -47,18 +34,15 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None, ax: Ax = None)
         Left over frequency, right the peak over the first scheduling variable (or the singular values, where nothing
         varies).
     """
-    from matplotlib import colormaps
-
     points, frequencies = line_of(loop), frequencies_of(loop)
     values = np.array([_singular_values(loop, p, frequencies) for p in points])
     hertz = frequencies / (2 * np.pi)
     with look():
         axes = panels(1, 2, height=3.6, ax=ax)[1]
         left, right = axes[0]
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
-        for k, p in enumerate(points):
+        for p, gains, shade in zip(points, values, shades(len(points)), strict=True):
             name = f"{loop.box.names[0]} = {p[0]:.4g}" if loop.box.names else "closed loop"
-            left.loglog(hertz, values[k, :, 0], color=shades[k], linewidth=1.4, label=name)
+            left.loglog(hertz, gains[:, 0], color=shade, linewidth=1.4, label=name)
         left.set_title("Largest singular value, frozen")
         if loop.box.names:
             right.plot(points[:, 0], values[:, :, 0].max(axis=1), "o-", color=BLUE, markersize=4)
@@ -104,21 +88,19 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
     -------
     matplotlib.axes.Axes, or array of them
     """
-    from matplotlib import colormaps
-
     points, frequencies = line_of(loop), frequencies_of(loop)
     hertz = frequencies / (2 * np.pi)
     names = [s.name for s in loop.outputs]
     shown = [n for n in names if n in weights][:6]
-    rows = [(p, np.linalg.norm(responses(loop, p, frequencies), axis=2)) for p in points]
+    rows = [np.linalg.norm(responses(loop, p, frequencies), axis=2) for p in points]
     with look():
         foreign = ax is not None
         figure, axes = panels(-(-len(shown) // 3), min(3, len(shown)), height=2.7, ax=ax, count=len(shown))
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
+        colours = shades(len(points))
         for ax, name in zip(axes.ravel(), shown, strict=False):
             weight = np.maximum(_weight_gain(weights[name], frequencies), 1e-300)
-            for (_, gains), shade in zip(rows, shades, strict=True):
-                ax.loglog(hertz, gains[:, names.index(name)] / weight, color=shade, linewidth=1.2)
+            for gains, colour in zip(rows, colours, strict=True):
+                ax.loglog(hertz, gains[:, names.index(name)] / weight, color=colour, linewidth=1.2)
             ax.loglog(hertz, level / weight, color=VERMILION, linestyle="--", linewidth=1.3,
                       label="verified bound over the weight")
             ax.set_title(name)
@@ -147,20 +129,17 @@ def step_responses(loop: LPVStateSpace, ax: Ax = None) -> Drawn:
     matplotlib.axes.Axes or array of them
         One row per performance signal, one column per disturbance.
     """
-    from matplotlib import colormaps
-
     points, time = _corners(loop), _times(loop)
     nz, nw = min(len(loop.outputs), 6), min(len(loop.inputs), 4)
     with look():
         foreign = ax is not None
         figure, axes = panels(nz, nw, height=1.9, sharex=True, ax=ax)
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
-        for k, p in enumerate(points):
+        for p, shade in zip(points, shades(len(points)), strict=True):
             response = _steps(loop, p, time)
             name = ", ".join(f"{n} = {v:.3g}" for n, v in zip(loop.box.names, p, strict=True))
             for i in range(nz):
                 for j in range(nw):
-                    axes[i, j].plot(time, response[:, i, j], color=shades[k], linewidth=1.2, label=name)
+                    axes[i, j].plot(time, response[:, i, j], color=shade, linewidth=1.2, label=name)
         for i in range(nz):
             axes[i, 0].set_ylabel(f"{loop.outputs[i].name} [{loop.outputs[i].unit or '1'}]")
         for j in range(nw):

@@ -11,7 +11,8 @@ from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import overlay_traces
 from lpvid.report.figures import comparisons, grade, verdict_grade
-from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section, number
+from lpvid.report.formatting import number
+from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section
 from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison

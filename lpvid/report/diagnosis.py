@@ -14,20 +14,9 @@ from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.plot.style import label
 from lpvid.report.courses import signal_traces
+from lpvid.report.formatting import number, percent
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import (
-    Item,
-    Mark,
-    Notes,
-    Page,
-    PageFigure,
-    PageTable,
-    Paragraph,
-    Section,
-    Traces,
-    number,
-    percent,
-)
+from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces
 from lpvid.validation.residuals import probability
 
 SIGNIFICANT = 0.05

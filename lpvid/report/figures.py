@@ -10,7 +10,8 @@ from lpvid import plot
 from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import free_run_traces
-from lpvid.report.page import Item, Mark, PageFigure, PageTable, number, percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import Item, Mark, PageFigure, PageTable, Section
 from lpvid.simulation import Model
 from lpvid.validation import Validation
 from lpvid.validation.report import along
@@ -240,6 +241,28 @@ def driving(model: Model) -> tuple[str, ...]:
         Names, each once.
     """
     return tuple(dict.fromkeys((*model.box.names, *(s.name for s in model.inputs))))
+
+
+def judged_sections(found: Sequence[Validation], shown: Sequence[Comparison], model: Model) -> list[Section]:
+    """What a page states first of a model on data: figures, where the error lies, measured and simulated.
+
+    Parameters
+    ----------
+    found : sequence of Validation
+        What counts most comes first.
+    shown : sequence of Comparison
+        Runs to draw.
+    model : LPVTransferFunction, LPVStateSpace or self-scheduled model
+
+    Returns
+    -------
+    list of Section
+    """
+    tables: list[Item] = [overall_table(found), *(records_table(v) for v in found)]
+    regimes = regimes_table(found[0])
+    return [Section("Figures", tuple(tables)),
+            *([] if regimes is None else [Section("Where the error lies", (regimes,))]),
+            Section("Measured and simulated", tuple(run_figures(shown, driving(model))))]
 
 
 def _relative_error(c: Comparison) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 
 from lpvid.fleet.running import FleetResult
 from lpvid.plot.fleet import departures
-from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
+from lpvid.report.formatting import number
+from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section
 
 if TYPE_CHECKING:
     from lpvid.fleet.plan import Job

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.report.page import Mark, PageTable, Paragraph, Section, listing, number
+from lpvid.report.formatting import listing, number
+from lpvid.report.page import Mark, PageTable, Paragraph, Section
 
 if TYPE_CHECKING:
     from lpvid.identification.form_refit import FormRefit

@@ -9,19 +9,11 @@ from lpvid.identification.result import Identification
 from lpvid.model.quasi import SelfScheduled
 from lpvid.plot import Comparison
 from lpvid.report import validation
-from lpvid.report.figures import (
-    driving,
-    grade,
-    overall_table,
-    records_table,
-    regimes_table,
-    residual_items,
-    run_figures,
-    verdict_grade,
-)
+from lpvid.report.figures import grade, judged_sections, residual_items, verdict_grade
+from lpvid.report.formatting import number
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import OUT, Item, NextStep, Notes, Page, PageTable, Paragraph, Section, number
+from lpvid.report.page import OUT, Item, NextStep, Notes, Page, PageTable, Paragraph, Section
 from lpvid.report.stability import locus_items
 from lpvid.validation import Validation
 
@@ -54,12 +46,9 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     """
     model, figures = found.model, [v for v in (found.held_out, found.training) if v is not None]
     best = figures[0]
-    tables: list[Item] = [overall_table(figures), *(records_table(v) for v in figures)]
-    regimes = regimes_table(best)
-    sections = [Section("Figures", tuple(tables)),
-                Section("Where the error lies", () if regimes is None else (regimes,)),
-                Section("Measured and simulated", tuple(run_figures(shown, driving(model)))),
-                Section("What is left in the residuals", tuple(residual_items(shown, figures, _inputs(found)))),
+    left = residual_items(shown, figures, [s.name for s in model.inputs])
+    sections = [*judged_sections(figures, shown, model),
+                Section("What is left in the residuals", tuple(left)),
                 Section("Frozen poles", tuple(locus_items(model))),
                 *more,
                 Section("State-space forms", (Paragraph("What each form costs on these data, against the transfer "
@@ -69,10 +58,6 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}", validation.verdict(best),
                 verdict_grade(best), _facts(found, best), _caveats(found),
                 tuple(s for s in sections if s.items and s.items != (Notes(()),)), _steps(found, best))
-
-
-def _inputs(found: Identification) -> list[str]:
-    return [s.name for s in found.model.inputs]
 
 
 def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:

@@ -10,7 +10,8 @@ from lpvid.auditing.view import view
 from lpvid.plot.audit import MOST_CHANNELS, MOST_RECORDS
 from lpvid.record import Record
 from lpvid.report.courses import record_traces
-from lpvid.report.page import Item, Mark, NextStep, Page, PageFigure, PageTable, Paragraph, Section, listing, number
+from lpvid.report.formatting import listing, number
+from lpvid.report.page import Item, Mark, NextStep, Page, PageFigure, PageTable, Paragraph, Section
 
 MOST_DRAWN = 60
 """Records drawn over time; more would leave too few points for each within the size of a page."""

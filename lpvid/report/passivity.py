@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.report.page import Item, Notes, PageFigure, PageTable, Paragraph, Section, number
+from lpvid.report.formatting import number
+from lpvid.report.page import Item, Notes, PageFigure, PageTable, Paragraph, Section
 
 if TYPE_CHECKING:
     from lpvid.analysis.passivity_margin import PassivityMargin

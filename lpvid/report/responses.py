@@ -15,7 +15,8 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
 from lpvid.plot.responses import FrozenResponse
-from lpvid.report.page import Item, PageFigure, number
+from lpvid.report.formatting import number
+from lpvid.report.page import Item, PageFigure
 from lpvid.scheduling import Scheduling
 
 Linear = LPVTransferFunction | LPVStateSpace

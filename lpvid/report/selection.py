@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from lpvid.identification.selection import Selection
-from lpvid.report.page import Mark, Notes, PageTable, Paragraph, Section, number, percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import Mark, Notes, PageTable, Paragraph, Section
 
 ROWS = 40
 """Rows of the ranking in a report; all stand in selection.json."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
-from lpvid.report.page import Mark, Page, PageTable, Paragraph, Section, number
+from lpvid.report.formatting import number
+from lpvid.report.page import Mark, Page, PageTable, Paragraph, Section
 from lpvid.report.stability import StabilityStudy, narrowed, stability_page, study_stability
 
 AMPLITUDES = (0.1, 1.0)

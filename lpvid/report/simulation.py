@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from lpvid.plot import Comparison
 from lpvid.report.figures import driving, grade, run_figures
-from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section, number, percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section
 from lpvid.simulation import predict
 from lpvid.validation.free_runs import FreeRuns
 

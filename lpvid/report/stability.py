@@ -17,20 +17,8 @@ from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import PoleBand, StabilityProbability, pole_band, stability_probability
 from lpvid.identification.layout import ParameterCloud
 from lpvid.model.quasi import SelfScheduled
-from lpvid.report.page import (
-    OUT,
-    Item,
-    Mark,
-    NextStep,
-    Notes,
-    Page,
-    PageFigure,
-    PageTable,
-    Paragraph,
-    Section,
-    number,
-    percent,
-)
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
 from lpvid.report.stability_reach import NOTHING, Questions, StabilityAnswers, reach
 from lpvid.scheduling import Scheduling
 

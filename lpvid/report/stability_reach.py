@@ -17,7 +17,8 @@ from lpvid.identification.layout import ParameterCloud
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import realize
-from lpvid.report.page import Item, Notes, PageTable, number, percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import Item, Notes, PageTable
 
 
 @dataclass(frozen=True)

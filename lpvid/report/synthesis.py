@@ -14,20 +14,8 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.controllers import controller_gains
 from lpvid.plot.controllers import worst_trajectory as trajectory
 from lpvid.plot.synthesis import frozen_gains, step_responses, weighted_channels
-from lpvid.report.page import (
-    OUT,
-    Item,
-    Mark,
-    NextStep,
-    Notes,
-    Page,
-    PageFigure,
-    PageTable,
-    Paragraph,
-    Section,
-    number,
-    percent,
-)
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
 from lpvid.synthesis.design_log import limiting, limits
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis

@@ -17,6 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lpvid.plot.style import extremes
+
 LEVELS = 65534
 """Steps of a panel's range that a 16-bit code separates; one code more stands for a missing sample."""
 MISSING = -32768
@@ -182,39 +184,6 @@ def _clock(times: np.ndarray) -> tuple[float, float] | None:
         return None
     off = np.abs(times - times[0] - period * np.arange(times.size))
     return (float(times[0]), period) if float(off.max()) < UNEVEN * period else None
-
-
-def extremes(values: np.ndarray, most: int) -> tuple[np.ndarray, int]:
-    """Places of the lowest and the highest sample of every bin, in order, and the samples in a bin.
-
-    Parameters
-    ----------
-    values : (n,) array
-    most : int
-        Places at most, about.
-
-    Returns
-    -------
-    places : (m,) int array
-        Two for each bin; all n where they are no more than `most`.
-    size : int
-        1 where nothing is left out.
-
-    Examples
-    --------
-    >>> extremes(np.array([0.0, 5.0, 1.0, -2.0, 7.0, 3.0]), most=4)
-    (array([0, 1, 3, 4]), 3)
-    """
-    if values.size <= most or values.size < 4:
-        return np.arange(values.size), 1
-    size = -(-2 * values.size // max(most, 2))
-    bins = -(-values.size // size)
-    padded = np.concatenate([values, np.full(bins * size - values.size, np.nan)]).reshape(bins, size)
-    finite = np.isfinite(padded)
-    low = np.argmin(np.where(finite, padded, np.inf), axis=1)
-    high = np.argmax(np.where(finite, padded, -np.inf), axis=1)
-    places = np.sort(np.column_stack([low, high]) + size * np.arange(bins)[:, None], axis=1).ravel()
-    return np.minimum(places, values.size - 1), size
 
 
 def _quantised(values: np.ndarray, low: float, high: float) -> np.ndarray:

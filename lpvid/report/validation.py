@@ -7,17 +7,9 @@ from collections.abc import Sequence
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
-from lpvid.report.figures import (
-    driving,
-    grade,
-    overall_table,
-    records_table,
-    regimes_table,
-    residual_items,
-    run_figures,
-    verdict_grade,
-)
-from lpvid.report.page import Item, NextStep, Notes, Page, Paragraph, Section, number, percent
+from lpvid.report.figures import grade, judged_sections, residual_items, verdict_grade
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import NextStep, Notes, Page, Paragraph, Section
 from lpvid.report.responses import drawn_models, frozen_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation import Validation
@@ -41,13 +33,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
     -------
     Page
     """
-    regimes = regimes_table(found)
-    figures: list[Item] = [overall_table([found]), records_table(found)]
-    sections = [Section("Figures", tuple(figures))]
-    if regimes is not None:
-        sections.append(Section("Where the error lies", (regimes,)))
-    sections.append(Section("Measured and simulated", tuple(run_figures(shown, driving(model)))))
-    sections += more
+    sections = [*judged_sections([found], shown, model), *more]
     left = residual_items(shown, [found], [s.name for s in model.inputs])
     if left:
         sections.append(Section("What is left in the residuals", tuple(left)))

@@ -6,16 +6,5 @@ from lpvid.validation.report import acting_model, figures, validate
 from lpvid.validation.residuals import LAGS, ResidualTest, residual_tests
 from lpvid.validation.result import Validation
 
-__all__ = [
-           "LAGS",
-           "FigurePair",
-           "Figures",
-           "RecordFigures",
-           "Regime",
-           "ResidualTest",
-           "Validation",
-           "acting_model",
-           "figures",
-           "residual_tests",
-           "validate",
-]
+__all__ = ["LAGS", "FigurePair", "Figures", "RecordFigures", "Regime", "ResidualTest", "Validation", "acting_model",
+           "figures", "residual_tests", "validate"]

@@ -97,9 +97,21 @@ def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray 
     return tuple(tests)
 
 
-def _autocovariance(pieces: Sequence[np.ndarray], lags: int) -> np.ndarray:
-    n = sum(len(x) for x in pieces)
-    return np.array([sum(float(x[: len(x) - k] @ x[k:]) for x in pieces if len(x) > k) / n for k in range(lags + 1)])
+def lagged_means(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> np.ndarray:
+    """Mean of x(t) u(t−k) over all records, k = 0 … lags.
+
+    Parameters
+    ----------
+    pairs : sequence of ((n,) array, (n,) array)
+        x and u of each record.
+    lags : int
+
+    Returns
+    -------
+    (lags + 1,) array
+    """
+    n = sum(len(x) for x, _ in pairs)
+    return np.array([sum(float(x[k:] @ u[: len(u) - k]) for x, u in pairs if len(x) > k) / n for k in range(lags + 1)])
 
 
 def probability(p: float) -> str:
@@ -124,7 +136,7 @@ def probability(p: float) -> str:
 
 
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
-    return whiteness(_autocovariance(residuals, lags), sum(len(e) for e in residuals), lags)
+    return whiteness(lagged_means([(e, e) for e in residuals], lags), sum(len(e) for e in residuals), lags)
 
 
 def whiteness(r: np.ndarray, n: int, lags: int) -> ResidualTest:
@@ -160,11 +172,10 @@ def whiteness(r: np.ndarray, n: int, lags: int) -> ResidualTest:
 
 def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> ResidualTest:
     n = sum(len(e) for e, _ in pairs)
-    cross = np.array([sum(float(e[k:] @ u[: len(u) - k]) for e, u in pairs) / n for k in range(lags)])
     reach = 4 * lags
-    re = _autocovariance([e for e, _ in pairs], reach)
-    ru = _autocovariance([u for _, u in pairs], reach + lags)
-    return independence(cross, re, ru, n)
+    re = lagged_means([(e, e) for e, _ in pairs], reach)
+    ru = lagged_means([(u, u) for _, u in pairs], reach + lags)
+    return independence(lagged_means(pairs, lags - 1), re, ru, n)
 
 
 def independence(cross: np.ndarray, re: np.ndarray, ru: np.ndarray, n: int) -> ResidualTest:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, FAINT, INK, MUTED, PURPLE, SCALE, VERMILION, look, panels
+from lpvid.plot.colours import CYCLE, FAINT, INK, MUTED, PURPLE, SCALE, VERMILION
+from lpvid.plot.style import look, panels
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.points import DIRECTIONS, peak_point
 from quartercar.characterisation.wording import amps, shortened, speed_said

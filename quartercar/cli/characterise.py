@@ -115,7 +115,6 @@ def _deliver(results: Results, found: Characterisation, report_progress) -> None
     """Queue characterisation.json, the tables, the figures and the report."""
     if not results.kept:
         return
-    from lpvid.plot import png
     from quartercar.characterisation.figures import figures_of
     from quartercar.characterisation.page import characterisation_page
     from quartercar.characterisation.tables import named_tables
@@ -125,6 +124,5 @@ def _deliver(results: Results, found: Characterisation, report_progress) -> None
     for name, text in named_tables(found).items():
         results.bytes(name, text.encode("utf-8"))
     figures = figures_of(found)
-    for drawn in figures:
-        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    results.figures(figures)
     results.report(characterisation_page(found, figures))

@@ -37,21 +37,20 @@ def demo(out: options.Out = DEMO_FOLDER,
 
 def _deliver(results: Results, found: Demo) -> None:
     from lpvid import plot as lpv_plot
-    from lpvid.export.serialise import save
     from quartercar import plot
     from quartercar.demo.page import demo_page
     from quartercar.demo.run import TARGET
     from quartercar.rig import write_csv
 
     shown = found.drawn.shown
-    results.add("model.json", lambda path: save(found.found.model, path))
+    results.save("model.json", found.found.model)
     results.json("identification.json", found.found.to_dict())
     results.json("stability.json", found.study.to_dict())
     results.json("demo.json", found.to_dict())
     if found.diagnosis.found.extended is not None:
-        results.add("extended_model.json", lambda path: save(found.diagnosis.found.extended, path))
+        results.save("extended_model.json", found.diagnosis.found.extended)
     if found.ride.design.synthesis.solved:
-        results.add("controller.json", lambda path: save(found.ride.design.controller, path))
+        results.save("controller.json", found.ride.design.controller)
     results.json("ride.json", found.ride.rides.to_dict())
     sample = next(r for r in found.held_out if r.name.startswith("test-1-"))
     results.add(f"{sample.name}.csv", writer(write_csv, sample))

@@ -103,24 +103,21 @@ def _deliver(results: Results, found: Design | IdentifiedDesign, report_progress
     """Queue the controller, the synthesis, the figures and the report."""
     if not results.kept:
         return
-    from lpvid.export.serialise import save
-    from lpvid.plot import png
     from quartercar.design.report import design_figures, design_page
 
     report_progress("riding over a bump")
     rides = found.bump() if found.synthesis.solved else None
     report_progress("drawing")
     if found.synthesis.solved:
-        results.add("controller.json", lambda path: save(found.controller, path))
+        results.save("controller.json", found.controller)
     else:
         results.without("controller.json")
     for name, part in (("closed_loop", found.synthesis.closed_loop), ("certificate", found.synthesis.certificate)):
         if part is None:
             results.without(f"{name}.json")
         else:
-            results.add(f"{name}.json", lambda path, part=part: save(part, path))
+            results.save(f"{name}.json", part)
     results.json("synthesis.json", found.to_dict())
     figures = design_figures(found, rides)
-    for drawn in figures:
-        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    results.figures(figures)
     results.report(design_page(found, figures, rides))

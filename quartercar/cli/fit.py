@@ -134,16 +134,13 @@ def _deliver(results: Results, found: Comparison, report_progress: Callable[[str
     """Queue comparison.json, the models, the figures and the report."""
     if not results.kept:
         return
-    from lpvid.export.serialise import save
-    from lpvid.plot import png
     from quartercar.report.fit import comparison_figures, comparison_page
 
     report_progress("drawing")
     results.json("comparison.json", found.to_dict())
     for row in found.rows:
         if row.fit is not None:
-            results.add(f"{row.name}.json", lambda path, damper=row.damper: save(damper, path))
+            results.save(f"{row.name}.json", row.damper)
     figures = comparison_figures(found)
-    for drawn in figures:
-        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    results.figures(figures)
     results.report(comparison_page(found, figures))

@@ -66,8 +66,7 @@ def ride(
     with working("reading") as report_progress:
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune, preview)
         chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)
-        _check_bound(chosen)
-        _check_preview(chosen)
+        _check(chosen)
         try:
             with solver_output_suppressed():
                 laws, tuned = _tuned(chosen, report_progress)
@@ -142,16 +141,12 @@ def _tuned(chosen: RideConfig, report_progress: Callable[[str], None]) -> tuple[
     return {n: t.controller for n, t in tuned.items()}, tuned
 
 
-def _check_bound(chosen: RideConfig) -> None:
-    """Refuse a bound that cannot be had before anything is computed."""
+def _check(chosen: RideConfig) -> None:
+    """Refuse what cannot be had before anything is computed: a bound, too long a preview, or a road without a speed."""
     if chosen.bound:
         from quartercar.vehicle.adjoint import refuse_without_gradient
 
         refuse_without_gradient(chosen.car.damper)
-
-
-def _check_preview(chosen: RideConfig) -> None:
-    """Refuse a road without a speed, or too long a preview, before anything is computed."""
     if chosen.settings.preview is not None:
         for road in chosen.roads:
             chosen.settings.preview.delay(road)
@@ -192,17 +187,14 @@ def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideCo
     """Queue ride.json, the laws, the figures and the report."""
     if not results.kept:
         return
-    from lpvid.export.serialise import save
-    from lpvid.plot import png
     from quartercar.report.rides import ride_figures, ride_page
 
     report_progress("drawing")
     results.json("ride.json", data)
     for row in found.on(found.roads[0]):
-        results.add(f"{row.name}.json", lambda path, law=row.controller: save(law, path))
+        results.save(f"{row.name}.json", row.controller)
     figures = ride_figures(found, bounds)
-    for drawn in figures:
-        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    results.figures(figures)
     car = chosen.car
     facts = [("car", (car.parameters.source or "given").split(",")[0]),
              ("damper", "viscous" if car.damper is None else car.damper.title),

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.synthesis.result import Synthesis
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.designed.damper_design import DamperTask, feasible, gain_vector, synthesized_gain
-from quartercar.controllers.designed.lpv_hinf_identified import IdentifiedController, LpvHinfIdentified
+from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
 from quartercar.controllers.designed.suspension_design import nominal_damping, to_the_end
-from quartercar.design.figures import FREQUENCIES, SHOWN, names_of, over_bump
+from quartercar.design.figures import FREQUENCIES, SHOWN, SuspensionDesign, names_of
 from quartercar.lpv_models.identified_study import BAND, EmbeddedDamper
-from quartercar.rides.simulation import Ride, RideSettings
-from quartercar.roads.ride_roads import Bump
 from quartercar.vehicle.nonlinear import QuarterCar
 
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -26,7 +23,7 @@ SPEED = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class IdentifiedDesign:
+class IdentifiedDesign(SuspensionDesign):
     """A designed controller on the identified plant, or why there is none.
 
     Attributes
@@ -39,11 +36,8 @@ class IdentifiedDesign:
     setting : Setting
     """
 
-    car: QuarterCar
     law: LpvHinfIdentified
     task: DamperTask
-    synthesis: Synthesis
-    setting: Setting
 
     baseline = "nothing given"
     shares = "Share of the demand frozen at values from 0 to 1, the secant of the shaped velocity at 0.2 m/s; " \
@@ -53,11 +47,6 @@ class IdentifiedDesign:
     def plant(self) -> EmbeddedDamper:
         """The damper in the car, with what reduction, conversion and embedding cost."""
         return self.task.embedded
-
-    @cached_property
-    def controller(self) -> IdentifiedController:
-        """As it runs, at the loop's rate; NumericalError where the synthesis failed."""
-        return self.law.designed(self.setting)
 
     @cached_property
     def gains(self) -> tuple[tuple[float, dict[str, np.ndarray]], ...]:
@@ -85,40 +74,14 @@ class IdentifiedDesign:
         found = np.abs(s * (found + d[rows][:, :1]))[:, :, 0]
         return dict(zip(SHOWN, found.T, strict=True))
 
-    def bump(self, settings: RideSettings | None = None, road: Bump | None = None) -> tuple[Ride, Ride]:
-        """The nonlinear car over a bump: under the controller, and passive at the lowest current.
-
-        Parameters
-        ----------
-        settings : RideSettings, optional
-            Sensors, observer and inverse; the defaults where left out.
-        road : Bump, optional
-            The default bump over 2.5 s where left out.
-
-        Returns
-        -------
-        (Ride, Ride)
-            Under the controller, and passive; same seed.
-
-        Raises
-        ------
-        NumericalError
-            A synthesis that failed.
-        """
-        return over_bump(self.car, self.controller, settings, road)
-
     @property
-    def verdict(self) -> str:
-        """In a sentence."""
+    def promise(self) -> str:
         s = self.synthesis
-        if not s.solved:
-            return f"No controller: {s.why}. Mend: {s.mend}."
-        where = "on the whole scheduling box" if s.between_grid else "at grid points only"
         slow = f", velocities above {self.plant.slowest(self.task.slow):.3g} m/s" if self.task.slow else ""
         return (f"{self.law.title}: weighted gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
-                f"{s.gamma_verified:.4g} whatever share of the demand is given, verified {where}. The plant holds the "
-                f"damper about {self.plant.centre:.3g} A with {self.plant.order} of its {self.plant.full_order} "
-                f"states{slow}.")
+                f"{s.gamma_verified:.4g} whatever share of the demand is given, verified {self.verified_where}. The "
+                f"plant holds the damper about {self.plant.centre:.3g} A with {self.plant.order} of its "
+                f"{self.plant.full_order} states{slow}.")
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
@@ -156,20 +119,10 @@ class IdentifiedDesign:
                 ("scheduling ρ_v", box), ("force per current r on the runs",
                                           f"{p.authority[0]:.4g} to {p.authority[1]:.4g} N/A"))
 
-    def to_dict(self) -> dict[str, Any]:
-        """synthesis.json.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        data = self.synthesis.to_dict()
+    def plant_facts(self) -> dict[str, Any]:
         plant = {**self.plant.to_dict(), "designed_secant": self.task.embedding.limits,
                  "slow_share_left_out": self.task.slow}
-        return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
-                "plant": plant, "sample_time": self.setting.sample_time, "measured": "observed",
-                "criterion": "hinf"}
+        return {"plant": plant, "sample_time": self.setting.sample_time, "measured": "observed", "criterion": "hinf"}
 
     def __str__(self) -> str:
         return f"{self.verdict}\n{self.plant}\n{self.synthesis!r}\n{self.law!r}"

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, overload
+from typing import Any, overload
 
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.synthesis.result import Synthesis
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
-from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.designed.suspension_design import (
     Task,
     admissible,
@@ -24,17 +22,16 @@ from quartercar.controllers.designed.suspension_design import (
     to_the_end,
 )
 from quartercar.dampers.contract import Damper
-from quartercar.design.figures import FREQUENCIES, SHOWN, names_of, over_bump
+from quartercar.design.figures import FREQUENCIES, SHOWN, SuspensionDesign, names_of
 from quartercar.design.identified import IdentifiedDesign, design_identified
 from quartercar.lpv_models.car_part import passive_sense
-from quartercar.rides.simulation import Ride, RideSettings
-from quartercar.roads.ride_roads import Bump
+from quartercar.rides.simulation import RideSettings
 from quartercar.vehicle.linear import LinearCar
 from quartercar.vehicle.nonlinear import QuarterCar
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(SuspensionDesign):
     """A designed controller, or why there is none.
 
     Attributes
@@ -47,21 +44,13 @@ class Design:
     setting : Setting
     """
 
-    car: QuarterCar
     law: LpvHinf | LpvHinfClipped
     task: Task
-    synthesis: Synthesis
-    setting: Setting
 
     baseline = "c_nom alone"
+    plant_rows = ()
     shares = "The share ρ of the demand that the damper gives frozen at values over its range; dashed: the nominal " \
              "damping alone."
-    plant_rows: ClassVar[tuple[tuple[str, str], ...]] = ()
-
-    @cached_property
-    def controller(self) -> ScheduledController:
-        """As it runs, at the loop's rate; NumericalError where the synthesis failed."""
-        return self.law.designed(self.setting)
 
     @cached_property
     def gains(self) -> tuple[tuple[float, dict[str, np.ndarray]], ...]:
@@ -94,43 +83,12 @@ class Design:
                             + system.D[:, :1]))[:, :, 0]
         return {n: found[:, system.outputs.index(n)] for n in SHOWN}
 
-    def bump(self, settings: RideSettings | None = None, road: Bump | None = None) -> tuple[Ride, Ride]:
-        """The nonlinear car over a bump: under the controller, and passive at the lowest current.
-
-        Parameters
-        ----------
-        settings : RideSettings, optional
-            Sensors, observer and inverse; the defaults where left out.
-        road : Bump, optional
-            The default bump over 2.5 s where left out.
-
-        Returns
-        -------
-        (Ride, Ride)
-            Under the controller, and passive; same seed.
-
-        Raises
-        ------
-        NumericalError
-            A synthesis that failed.
-        """
-        return over_bump(self.car, self.controller, settings, road)
-
     @property
-    def verdict(self) -> str:
-        """In a sentence."""
+    def promise(self) -> str:
         s = self.synthesis
-        if not s.solved:
-            return f"No controller: {s.why}. Mend: {s.mend}."
-        where = "on the whole scheduling box" if s.between_grid else "at grid points only"
         return (f"{self.law.title}: gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
-                f"{s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m, command "
-                f"{self.car.coil.lowest:g} to {self.car.coil.highest:g} {self._unit}.")
-
-    @property
-    def _command(self) -> dict[str, Any]:
-        coil = self.car.coil
-        return {"lowest": coil.lowest, "highest": coil.highest, "unit": self._unit}
+                f"{s.gamma_verified:.4g}, verified {self.verified_where}; c_nom {self.task.nominal_damping:.0f} N*s/m, "
+                f"command {self.car.coil.lowest:g} to {self.car.coil.highest:g} {self._unit}.")
 
     @property
     def _unit(self) -> str:
@@ -157,23 +115,13 @@ class Design:
             lines.append(f"The bound holds while the damper gives at least {self.task.least_share:.0%} of each demand.")
         return tuple(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """synthesis.json.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        data = self.synthesis.to_dict()
-        return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
-                "plant": {"kind": "nominal", "nominal_damping": self.task.nominal_damping},
-                "nominal_damping": self.task.nominal_damping, "command": self._command,
+    def plant_facts(self) -> dict[str, Any]:
+        coil = self.car.coil
+        return {"plant": {"kind": "nominal", "nominal_damping": self.task.nominal_damping},
+                "nominal_damping": self.task.nominal_damping,
+                "command": {"lowest": coil.lowest, "highest": coil.highest, "unit": self._unit},
                 "sample_time": self.setting.sample_time, "measured": self.law.measured,
                 "criterion": self.law.criterion}
-
-    def __str__(self) -> str:
-        return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"
 
 
 @overload

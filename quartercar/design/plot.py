@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, INK, SCALE, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import CYCLE, INK
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades, zero_lines
 from quartercar.design.figures import FREQUENCIES, SHOWN
+from quartercar.plot.rides import SIGNALS, draw_signals
 
 if TYPE_CHECKING:
     from quartercar.design.identified import IdentifiedDesign
@@ -56,12 +58,10 @@ def gains(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     -------
     array of matplotlib.axes.Axes
     """
-    from matplotlib import colormaps
-
     with look():
         foreign = ax is not None
         figure, axes = panels(1, 3, height=3.0, ax=ax)
-        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        colours = shades(len(found.gains), 0.05, 0.85)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label=found.baseline)
             for colour, (share, curves) in zip(colours, found.gains, strict=True):
@@ -90,12 +90,10 @@ def sensitivity(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     -------
     array of matplotlib.axes.Axes
     """
-    from matplotlib import colormaps
-
     with look():
         foreign = ax is not None
         figure, axes = panels(1, 3, height=2.8, ax=ax)
-        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        colours = shades(len(found.gains), 0.05, 0.85)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             passive = np.maximum(found.passive_gains[signal], 1e-300)
             for colour, (share, curves) in zip(colours, found.gains, strict=True):
@@ -137,8 +135,7 @@ def actuator_use(found: Design | IdentifiedDesign, controlled: Ride, ax: Ax = No
                 if np.isfinite(level):
                     left.plot(grid, car.damper.static_force(grid, level, 0.0), color=INK, linewidth=1.1, linestyle=dash,
                               label=f"at {level:g} {unit}")
-        left.axhline(0, color=INK, linewidth=0.5)
-        left.axvline(0, color=INK, linewidth=0.5)
+        zero_lines(left)
         left.set_xlabel(label("velocity of the damper", "m/s"))
         left.set_ylabel(label("damper force", "N"))
         left.legend(loc="upper left")
@@ -165,16 +162,10 @@ def bump(rides: tuple[Ride, Ride], ax: Ax = None) -> Drawn:
     -------
     array of matplotlib.axes.Axes
     """
-    unit = rides[0].run.units["current"]
-    signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
-               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
-        axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
+        axes = panels(len(SIGNALS), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
         for found, name, colour in zip(rides, ("controlled", "passive, lowest current"), (CYCLE[1], INK), strict=True):
-            inside = found.run.time >= 0.9
-            for ax, (signal, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
-                ax.plot(found.run.time[inside], scale * found.run[signal][inside], color=colour, label=name)
-                ax.set_ylabel(label(title, unit))
+            draw_signals(axes[:, 0], found.run, found.run.time >= 0.9, color=colour, label=name)
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, borderaxespad=0.0)
         axes[-1, 0].set_xlabel(label("time", "s"))
     return drawn(axes)

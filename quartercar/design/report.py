@@ -9,11 +9,12 @@ import numpy as np
 from lpvid.export.exportable import has_step
 from lpvid.report import OUT, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces, number
 from lpvid.report.courses import signal_traces
-from lpvid.report.page import percent
+from lpvid.report.formatting import percent
 from lpvid.report.synthesis import gains_item, limit_items
 from quartercar.design import plot
 from quartercar.design.identified import IdentifiedDesign
 from quartercar.design.nominal import Design
+from quartercar.plot.rides import signal_panels
 from quartercar.report.fit import Drawn
 from quartercar.rides.simulation import Ride
 
@@ -115,12 +116,8 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
 
 def _bump(rides: tuple[Ride, Ride]) -> Traces:
     """The whole ride over the bump, controlled and passive."""
-    runs = dict(zip(("controlled", "passive, lowest current"), (r.run for r in rides), strict=True))
-    first = rides[0].run
-    panels = {"body [m/s²]": ("body_acceleration", 1.0), "tyre load [kN]": ("tyre_load", 1e-3),
-              "stroke [mm]": ("suspension_deflection", 1e3), f"current [{first.units['current']}]": ("current", 1.0)}
-    return signal_traces(first.time, {stated: {n: scale * run[signal] for n, run in runs.items()}
-                                      for stated, (signal, scale) in panels.items()},
+    runs = {"controlled": rides[0].run, "passive, lowest current": rides[1].run}
+    return signal_traces(rides[0].run.time, signal_panels(runs),
                          f"The nonlinear car over {rides[0].road}, with sensors, observer, inverse damper model and "
                          "coil in the loop.", roles=("other-2", "measured"))
 

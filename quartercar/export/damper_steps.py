@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,29 +46,48 @@ def prepare_damper(damper: Damper, options: Options) -> Exportable:
     period = options.sample_time or damper.period or PERIOD
     b = StepBuilder(options.name or damper.name, f"damper '{damper.title}' ({damper.source}): {', '.join(damper.reads)}"
                     " -> force", period)
-    description = {
-        "velocity": "velocity, positive in extension",
-        "displacement": "displacement",
-        "current": "coil current",
-    }
-    low, high = damper.current_range or (0.0, 1.0)
-    given: dict[str, Expr] = {}
-    for name in damper.reads:
-        unit = damper.current_unit if name == "current" else UNITS[name]
-        ends = (low, high) if name == "current" and damper.current_range else (-np.inf, np.inf)
-        given[name] = b.input(name, "" if unit == "1" else unit, description[name], *ends)
-    x, v, i = (given.get(n, RealConstant(0.0)) for n in ("displacement", "velocity", "current"))
-    if options.clamp and "current" in given and damper.current_range:
-        i = b.let("held_current", clipped(i, low, high))
-        b.note("The current is held inside the fitted range.")
-    if damper.centre and "displacement" in given:
-        x = b.let("from_centre", x - b.parameter("centre", damper.centre, "m", "displacement that counts as zero"))
+    description = {"velocity": "velocity, positive in extension", "displacement": "displacement",
+                   "current": "coil current"}
+    x, v, i = motion(b, damper, description, bool(options.clamp))
     force = damper.expression(b)(x, v, i)
     if damper.polarity < 0:
         b.note("The force has the sign of the records, which is against the motion.")
     b.output("force", -force if damper.polarity < 0 else force, "N", "damper force")
     return Exportable(b.program(), lambda u: _reference(damper, u, period, bool(options.clamp)),
                       lambda n, rng: excite(damper, n, rng, period, bool(options.clamp)), damper)
+
+
+def motion(b: StepBuilder, damper: Damper, description: Mapping[str, str], clamp: bool = False
+           ) -> tuple[Expr, Expr, Expr]:
+    """Inputs of a damper: displacement from its centre, velocity and current, zero where it does not read them.
+
+    Parameters
+    ----------
+    b : StepBuilder
+        Gets the inputs, in the order in which the damper reads them.
+    damper : Damper
+    description : mapping of str to str
+        Of each input, by name.
+    clamp : bool
+        Hold the current inside the fitted range.
+
+    Returns
+    -------
+    x, v, i : Expr
+    """
+    low, high = damper.current_range or (0.0, 1.0)
+    given: dict[str, Expr] = {}
+    for name in damper.reads:
+        unit = damper.current_unit if name == "current" else UNITS[name]
+        ends = (low, high) if name == "current" and damper.current_range else (-np.inf, np.inf)
+        given[name] = b.input(name, "" if unit == "1" else unit, description.get(name, name), *ends)
+    x, v, i = (given.get(n, RealConstant(0.0)) for n in ("displacement", "velocity", "current"))
+    if clamp and "current" in given and damper.current_range:
+        i = b.let("held_current", clipped(i, low, high))
+        b.note("The current is held inside the fitted range.")
+    if damper.centre and "displacement" in given:
+        x = b.let("from_centre", x - b.parameter("centre", damper.centre, "m", "displacement that counts as zero"))
+    return x, v, i
 
 
 def _reference(damper: Damper, u: np.ndarray, period: float, clamp: bool) -> np.ndarray:

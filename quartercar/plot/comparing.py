@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.plot.colours import BLUE, CYCLE, INK, MEASURED, MODEL, MUTED, VERMILION
 from lpvid.plot.style import (
-    BLUE,
-    CYCLE,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
-    VERMILION,
     Ax,
     Drawn,
     drawn,
@@ -26,6 +20,7 @@ from lpvid.plot.style import (
     look,
     panels,
     robust_limits,
+    zero_lines,
 )
 from quartercar.dampers.contract import ExtrapolationWarning
 
@@ -252,8 +247,7 @@ def force_over_velocity(found: Comparison, ax: Ax = None) -> Drawn:
                     label="measured")
             ax.plot(v[::step], model[::step], ".", markersize=2.0, color=MODEL, alpha=0.45, rasterized=True,
                     label=row.name)
-            ax.axhline(0, color=INK, linewidth=0.5)
-            ax.axvline(0, color=INK, linewidth=0.5)
+            zero_lines(ax)
             ax.set_xlim(-1.05 * speed, 1.05 * speed)
             ax.set_ylim(*limits_of(forces, np.concatenate([run for _, run in runs]), 0.06))
             ax.set_xlabel(label("velocity", "m/s"))

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import INK, MUTED, SCALE, Ax, Drawn, drawn, label, limits_of, look, panels
+from lpvid.plot.colours import INK, MUTED, SCALE
+from lpvid.plot.style import Ax, Drawn, drawn, label, limits_of, look, panels, zero_lines
 from quartercar.plot.comparing import current_levels, current_span
 
 if TYPE_CHECKING:
@@ -67,8 +68,7 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
             for level, law in zip(levels or (0.0,), laws, strict=True):
                 ax.plot(grid, law, color="white", linewidth=3.2, zorder=2)
                 ax.plot(grid, law, color=colours(scale(level)) if levels else INK, linewidth=1.8, zorder=3)
-            ax.axhline(0, color=INK, linewidth=0.5)
-            ax.axvline(0, color=INK, linewidth=0.5)
+            zero_lines(ax)
             ax.set_ylim(*limits_of(force, np.concatenate(laws), 0.12))
             ax.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
             ax.set_xlabel(label("velocity", "m/s"))

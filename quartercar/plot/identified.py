@@ -7,24 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.plot import Comparison
-from lpvid.plot.style import (
-    BLUE,
-    INK,
-    MEASURED,
-    MODEL,
-    MUTED,
-    SCALE,
-    VERMILION,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_above,
-    legend_outside,
-    limits_of,
-    look,
-    panels,
-)
+from lpvid.plot.colours import BLUE, MEASURED, MODEL, MUTED, SCALE, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, legend_outside, limits_of, look, panels, zero_lines
 
 PANELS = 4
 """Currents shown side by side."""
@@ -100,8 +84,7 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
                     label=c.origin)
             ax.plot(v, c.free_run.output[keep, 0], ".", markersize=1.8, color=MODEL, alpha=0.5, rasterized=True,
                     label="free run")
-            ax.axhline(0, color=INK, linewidth=0.5)
-            ax.axvline(0, color=INK, linewidth=0.5)
+            zero_lines(ax)
             ax.set_ylim(*limits)
             ax.set_title(f"{round(level, 2) + 0.0:.2f} {c.record.unit(current)}")
             ax.set_xlabel(label(velocity, c.record.unit(velocity)))

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.plot import nouns
+from lpvid.plot.colours import BLUE, CYCLE
 from lpvid.plot.nouns import Drawing
-from lpvid.plot.style import BLUE, CYCLE, SCALE, label, thinned
+from lpvid.plot.style import label, shades, thinned
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.compared import Comparison
 from quartercar.dampers.fitting.result import DamperFit
@@ -99,10 +100,7 @@ def _(noun: Damper) -> Drawing:
     unit = "" if noun.current_unit == "1" else noun.current_unit
 
     def draw(axes: Sequence[Axes]) -> None:
-        from matplotlib import colormaps
-
-        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(levels)))
-        for shade, level in zip(shades, levels, strict=True):
+        for shade, level in zip(shades(len(levels)), levels, strict=True):
             record = Record({"displacement": Channel(x, "m"), "velocity": Channel(v, "m/s"),
                              "current": Channel(np.full(v.size, float(level)), unit)}, sample_time=period)
             force = noun.polarity * noun.simulate(record).output[:, 0]

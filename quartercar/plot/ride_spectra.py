@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import BLUE, CYCLE, INK, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.colours import BLUE, CYCLE, INK
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
 from quartercar.criteria import comfort_weighting
 
 if TYPE_CHECKING:

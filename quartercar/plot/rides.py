@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.style import (
-    CYCLE,
-    INK,
-    MUTED,
-    Ax,
-    Drawn,
-    drawn,
-    label,
-    legend_outside,
-    look,
-    panels,
-    robust_limits,
-    thinned,
-)
+from lpvid.plot.colours import CYCLE, INK, MUTED
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, robust_limits, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from quartercar.rides.bound import Bound
     from quartercar.rides.comparison import Interval, LawRow, RideComparison
+    from quartercar.vehicle.result import CarRun
 
 MARKERS = "osD^vP"
 EXCERPT = 2.0
@@ -37,6 +26,9 @@ SHOWN = 3
 """laws drawn over time"""
 LABELS = {"comfort": ("weighted acceleration", "m/s²", 1.0), "tyre_load": ("tyre load, rms", "N", 1.0),
           "stroke": ("stroke, rms", "mm", 1e3)}
+SIGNALS = {"body_acceleration": ("body", "m/s²", 1.0), "tyre_load": ("tyre load", "kN", 1e-3),
+           "suspension_deflection": ("stroke", "mm", 1e3), "current": ("current", "", 1.0)}
+"""What is drawn of a ride over time: title, unit (empty for the run's own) and scale."""
 
 
 def trade_offs(found: RideComparison, bounds: Sequence[Bound] = (), ax: Ax = None) -> Drawn:
@@ -156,22 +148,51 @@ def over_time(found: RideComparison, road: str, ax: Ax = None) -> Drawn:
     """
     rows = shown_laws(found, road)
     start = _liveliest(rows[0])
-    unit = rows[0].rides[0].run.units["current"]
-    signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
-               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
-        axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
+        axes = panels(len(SIGNALS), heights=[1.9, 1.6, 1.6, 1.4], sharex=True, ax=ax)[1]
         for k, row in enumerate(rows):
             run = row.rides[0].run
             inside = (run.time >= start) & (run.time <= start + EXCERPT)
-            for ax, (name, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
-                ax.plot(*thinned(run.time[inside], scale * run[name][inside]), label=row.name,
-                        color=(INK, *CYCLE)[k % 7], linewidth=1.0)
-                ax.set_ylabel(label(title, unit))
+            draw_signals(axes[:, 0], run, inside, label=row.name, color=(INK, *CYCLE)[k % 7], linewidth=1.0)
         axes[0, 0].set_title(f"{road}, seed {rows[0].rides[0].seed}")
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderaxespad=0.0)
         axes[-1, 0].set_xlabel(label("time", "s"))
     return drawn(axes)
+
+
+def draw_signals(axes: Iterable[Axes], run: CarRun, inside: np.ndarray, **drawing: Any) -> None:
+    """The `SIGNALS` of a run over time, one below the other.
+
+    Parameters
+    ----------
+    axes : iterable of matplotlib.axes.Axes
+        One for each signal.
+    run : CarRun
+    inside : (n,) bool array
+        Samples to draw.
+    **drawing
+        As for `Axes.plot`.
+    """
+    for ax, (name, (title, unit, scale)) in zip(axes, SIGNALS.items(), strict=True):
+        ax.plot(*thinned(run.time[inside], scale * run[name][inside]), **drawing)
+        ax.set_ylabel(label(title, unit or run.units[name]))
+
+
+def signal_panels(runs: Mapping[str, CarRun]) -> dict[str, dict[str, np.ndarray]]:
+    """The `SIGNALS` of several runs, by panel and by name of the run.
+
+    Parameters
+    ----------
+    runs : mapping of str to CarRun
+
+    Returns
+    -------
+    dict of str to dict of str to (n,) array
+        Panels by label, curves by the name of their run.
+    """
+    own = next(iter(runs.values())).units["current"]
+    return {label(title, unit or own): {n: scale * run[signal] for n, run in runs.items()}
+            for signal, (title, unit, scale) in SIGNALS.items()}
 
 
 def shown_laws(found: RideComparison, road: str) -> list[LawRow]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.report import Item, PageTable, Paragraph, number
-from lpvid.report.page import percent
+from lpvid.report.formatting import percent
 from quartercar.criteria import comfort_classes
 from quartercar.rides.bound import MEASURES, Bound, floor_text, obtained, share_text
 from quartercar.rides.comparison import Interval

@@ -10,25 +10,11 @@ import numpy as np
 
 from lpvid.export.exportable import has_step
 from lpvid.plot import passivity
-from lpvid.report import (
-    OUT,
-    Curve,
-    Item,
-    Mark,
-    NextStep,
-    Notes,
-    Page,
-    PageFigure,
-    PageTable,
-    Panel,
-    Paragraph,
-    Section,
-    Traces,
-    number,
-)
 from lpvid.report.courses import OTHERS, channel_panels
 from lpvid.report.figures import grade
-from lpvid.report.page import percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
+from lpvid.report.traces import Curve, Panel, Traces
 from quartercar import plot
 from quartercar.dampers.evaluation.compared import FLAGS, Compared, Comparison, energy_lines
 from quartercar.dampers.evaluation.sampled_passivity import margin_of

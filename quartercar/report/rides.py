@@ -6,22 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lpvid.report import (
-    OUT,
-    Item,
-    Mark,
-    NextStep,
-    Notes,
-    Page,
-    PageFigure,
-    PageTable,
-    Paragraph,
-    Section,
-    Traces,
-    number,
-)
 from lpvid.report.courses import signal_traces
-from lpvid.report.page import percent
+from lpvid.report.formatting import number, percent
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
+from lpvid.report.traces import Traces
 from quartercar.criteria import comfort_classes
 from quartercar.plot import rides as plot
 from quartercar.plot.ride_spectra import SEGMENT, SEGMENTS, sensitive_band, spectra
@@ -34,8 +22,6 @@ from quartercar.roads.ride_roads import LEAD
 
 CRITERIA = {"comfort": ("comfort", "m/s²", 1.0), "tyre_load": ("tyre load, rms", "N", 1.0),
             "stroke": ("stroke, rms", "mm", 1e3)}
-SIGNALS = {"body_acceleration": ("body", "m/s²", 1.0), "tyre_load": ("tyre load", "kN", 1e-3),
-           "suspension_deflection": ("stroke", "mm", 1e3), "current": ("current", "", 1.0)}
 
 
 def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[Drawn, ...]:
@@ -139,12 +125,9 @@ def _winners(found: RideComparison) -> PageTable:
 def _ride_traces(found: RideComparison, road: str) -> Traces:
     """Body acceleration, tyre load, stroke and current of a few laws over the whole ride of the first seed."""
     rows = plot.shown_laws(found, road)
-    time = rows[0].rides[0].run.time
-    own = rows[0].rides[0].run.units["current"]
-    panels = {f"{stated} [{unit or own}]": {r.name: scale * r.rides[0].run[signal] for r in rows}
-              for signal, (stated, unit, scale) in SIGNALS.items()}
-    return signal_traces(time, panels, f"{road}, seed {rows[0].rides[0].seed}: the whole ride under the reference, the "
-                         "passive car and the most comfortable law.")
+    runs = {r.name: r.rides[0].run for r in rows}
+    return signal_traces(rows[0].rides[0].run.time, plot.signal_panels(runs), f"{road}, seed {rows[0].rides[0].seed}: "
+                         "the whole ride under the reference, the passive car and the most comfortable law.")
 
 
 def _steps(found: RideComparison, bounded: bool, tuned: bool) -> tuple[NextStep, ...]:

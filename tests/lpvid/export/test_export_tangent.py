@@ -73,7 +73,7 @@ def test_directional_derivatives_are_the_matrices_of_the_model(version, tmp_path
 @pytest.mark.parametrize("name", BASES)
 def test_derivatives_with_respect_to_the_scheduling_agree_with_differences(name, rng):
     pytest.importorskip("fmpy", reason="the extra 'fmu' is not installed")
-    made = flow_content(flow_of(continuous(BASES[name], rng)), "fmu2")
+    made = flow_content(flow_of(continuous(BASES[name], rng)), 2)
     assert made.passed and float(made.checks[1].split()[-1]) < 1e-7, made.checks
 
 

@@ -10,7 +10,7 @@ import pytest
 from lpvid.export.c_build import find_compiler
 from lpvid.export.exportable import Options
 from lpvid.export.exporting import written
-from lpvid.export.fmu import fmi2_content
+from lpvid.export.fmu import step_content
 from quartercar.controllers import law_class
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.chain import ChainSettings, ControllerChain
@@ -34,7 +34,7 @@ class Slave:
         from fmpy.fmi2 import FMU2Slave
 
         found = EXPORTER.prepare(noun, Options())
-        path = str(written(fmi2_content(found), folder / "made").files[0])
+        path = str(written(step_content(found, 2), folder / "made").files[0])
         described = fmpy.read_model_description(path)
         fmpy.extract(path, str(folder))
         self._named = {v.name: v.valueReference for v in described.modelVariables}
