@@ -132,7 +132,7 @@ def short(view: View) -> Iterator[Finding]:
     """
     n = view.record.n_samples
     if n < 64:
-        yield Finding("few-samples", view.name, "", "fault" if n < 2 else "warning", f"{n} sample(s)",
+        yield Finding("few-samples", view.name, "", "fault" if n < 2 else "warning", f"{n} sample{'s' * (n != 1)}",
                       "a longer record", float(n))
 
 

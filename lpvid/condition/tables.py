@@ -12,7 +12,9 @@ from lpvid import _checks, units
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
-_MEND_TIME = "add a column 'time [s]', or state the rate: --sample-rate HZ, in Python read(..., sample_rate=HZ)"
+_MEND_TIME = ("add a column 'time [s]', name the one that is: --role time={0}, or state the rate: --sample-rate HZ, in "
+              "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
+TIME_ROLE = "time"
 NO_TIME_UNIT = "gives no unit: taken as s"
 """How the note of a record ends whose clock has no stated unit."""
 
@@ -70,7 +72,7 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     sample_rate : float or None
         Rate [Hz] of a file that has neither a time column nor a stated period.
     roles : mapping or None
-        Role name to channel name.
+        Role name to channel name; the role ``time`` names the time column.
 
     Returns
     -------
@@ -82,7 +84,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
         Names missing or used twice, unequal lengths, no samples, no usable time base.
     """
     _check_columns(table.columns, where)
-    clock = _time_column(table.columns)
+    signal_roles = dict(roles or {})
+    clock = _time_column(table.columns, signal_roles.pop(TIME_ROLE, None), where)
     signals = [c for c in table.columns if c is not clock]
     if not signals:
         raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
@@ -103,10 +106,11 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:
         if sample_rate is None:
-            raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals), mend=_MEND_TIME)
+            raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals),
+                             mend=_MEND_TIME.format(_like_time(signals)))
         period = 1.0 / sample_rate
     try:
-        return Record(channels, sample_time=period, time=time, roles=dict(roles or {}), name=name, notes=tuple(notes))
+        return Record(channels, sample_time=period, time=time, roles=signal_roles, name=name, notes=tuple(notes))
     except InputError as error:
         raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
 
@@ -150,7 +154,15 @@ def is_time_name(name: str) -> bool:
     return name.casefold() in ("time", "t")
 
 
-def _time_column(columns: Sequence[Column]) -> Column | None:
+def _like_time(columns: Sequence[Column]) -> str:
+    """Name of a column in a unit of time, else a placeholder."""
+    return next((c.name for c in columns if c.unit and units.to_si([0.0], c.unit).unit == "s"), "COLUMN")
+
+
+def _time_column(columns: Sequence[Column], named: str | None, where: str) -> Column | None:
+    if named is not None:
+        name = _checks.known_name(named, [c.name for c in columns], "column", f"--role {TIME_ROLE}=COLUMN", where)
+        return next(c for c in columns if c.name == name)
     for wanted in ("time", "t"):
         for column in columns:
             if column.name.casefold() == wanted:
@@ -161,7 +173,8 @@ def _time_column(columns: Sequence[Column]) -> Column | None:
 def _seconds(column: Column, where: str) -> np.ndarray:
     if column.fault:
         raise InputError(f"{where}: time column '{column.name}' holds {column.fault}",
-                         mend="write time as numbers, with its unit in the header: 'time [s]'")
+                         mend="write time as numbers, with its unit in the header: 'time [s]', or in csv as "
+                         "2026-11-26T10:12:13.5, 26.11.2026 10:12:13.5 or 10:12:13.5")
     values, unit, known = units.to_si(column.values, column.unit)
     if column.unit is not None and not (known and unit == "s"):
         raise InputError(f"{where}: time column '{column.name}' has the unit '{column.unit}'",

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.tables import ColumnTable, to_record
+from lpvid.condition.tables import TIME_ROLE, ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
@@ -119,7 +119,10 @@ class Chunks:
 
     def _columns(self) -> list[str] | None:
         """Names in the file of what is read."""
-        return None if self.channels is None else [self.roles.get(c, c) for c in self.channels]
+        if self.channels is None:
+            return None
+        clock = [self.roles[TIME_ROLE]] if TIME_ROLE in self.roles else []
+        return [self.roles.get(c, c) for c in self.channels] + clock
 
     def _record(self, table: ColumnTable, where: str, name: str) -> Record:
         """One part as a record; a role of a channel that is not read is left out."""
