@@ -66,7 +66,7 @@ def polarity(views: Sequence[View]) -> Iterator[Finding]:
         if sure > 4 and likeness < -0.05:
             yield Finding("reversed-polarity", view.name, str(view.force), "warning",
                           f"mean F·v = {power:.4g} W with {source} (correlation {likeness:.2f}, {sure:.0f} standard "
-                          "errors below zero): force and velocity have opposite signs; a passive damper's F·v is positive",
+                          "errors below zero): the signs of force and velocity differ, those of a passive damper agree",
                           f"--flip {_turning(view)}" if mixed else f"--flip {view.force}", power)
         elif sure <= 4:
             yield Finding("polarity-unclear", view.name, str(view.force), "note",

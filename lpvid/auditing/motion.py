@@ -164,7 +164,8 @@ def magnitude(views: Sequence[View]) -> Iterator[Finding]:
                   f"it moves over {stroke:.3g} m{where}, at up to {speed:.3g} m/s"
                   + (f", faster than sound in air ({SOUND:g} m/s)" if impossible else
                      "; without a velocity channel nothing in the data confirms its unit: is that the rig's stroke?"),
-                  "state the unit in the header, e.g. 'displacement [mm]'" if impossible else "", stroke)
+                  "state the unit in the header, e.g. 'displacement [mm]', or --role 'displacement=CHANNEL [mm]'"
+                  if impossible else "", stroke)
 
 
 def relation(view: View) -> Relation | None:

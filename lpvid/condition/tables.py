@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     sample_rate : float or None
         Rate [Hz] of a file that has neither a time column nor a stated period.
     roles : mapping or None
-        Role name to channel name; the role ``time`` names the time column.
+        Role name to channel name, with a unit where the file states none: ``{"displacement": "x [mm]"}``; the role
+        ``time`` names the time column.
 
     Returns
     -------
@@ -84,9 +85,9 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
         Names missing or used twice, unequal lengths, no samples, no usable time base.
     """
     _check_columns(table.columns, where)
-    signal_roles = dict(roles or {})
-    clock = _time_column(table.columns, signal_roles.pop(TIME_ROLE, None), where)
-    signals = [c for c in table.columns if c is not clock]
+    columns, signal_roles = _with_stated_units(table.columns, roles or {}, where)
+    clock = _time_column(columns, signal_roles.pop(TIME_ROLE, None), where)
+    signals = [c for c in columns if c is not clock]
     if not signals:
         raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
                          mend="export at least one channel")
@@ -152,6 +153,47 @@ def is_time_name(name: str) -> bool:
     bool
     """
     return name.casefold() in ("time", "t")
+
+
+def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
+    """Channel and unit that the right side of a role states: the unit counts where no channel is named like the whole.
+
+    Parameters
+    ----------
+    text : str
+        ``CHANNEL`` or ``CHANNEL [UNIT]``.
+    names : iterable of str
+        The channels that there are.
+
+    Returns
+    -------
+    str
+    str or None
+        None where no unit is stated.
+
+    Examples
+    --------
+    >>> channel_of("x [mm]", ["t", "x"]), channel_of("force (kN)", ["force (kN)"])
+    (('x', 'mm'), ('force (kN)', None))
+    """
+    return (text, None) if text in set(names) else units.parse_header(text)
+
+
+def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], where: str
+                       ) -> tuple[list[Column], dict[str, str]]:
+    """Columns with the units that roles state for them, and the roles without those."""
+    found, plain = {c.name: c for c in columns}, {}
+    for role, text in roles.items():
+        plain[role], unit = channel_of(text, found)
+        column = found.get(plain[role])
+        if column is None or unit is None:
+            continue
+        if column.unit is not None and column.unit != unit:
+            raise InputError(f"{where}: column '{column.name}' states its own unit",
+                             got=f"[{column.unit}] in the file, [{unit}] in --role {role}",
+                             mend="leave the unit out of --role, or correct the header")
+        found[column.name] = replace(column, unit=unit)
+    return list(found.values()), plain
 
 
 def _like_time(columns: Sequence[Column]) -> str:

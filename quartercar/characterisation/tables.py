@@ -71,10 +71,12 @@ def characteristics_csv(found: Characterisation) -> str:
                      f"{DIRECTIONS[p.direction]} force at {p.speed:.6g} m/s", sign * p.force, p.std, "N", ""])
     for s in found.static:
         remark = "" if s.creep else f"not creep: {s.speed:.4g} m/s"
+        gas = "" if s.creep else f"{remark}, with half of what the directions' damping differs by"
+        friction = "at the test's speed" if s.creep else f"{remark}, an upper bound"
         where = ["static", s.specimen, s.current, f"{s.record}: {s.test}"]
-        rows += [[*where, "gas force outwards at mid stroke", s.gas, s.gas_std, "N", remark],
+        rows += [[*where, "gas force outwards at mid stroke", s.gas, s.gas_std, "N", gas],
                  [*where, "spring rate", s.rate, s.rate_std, "N/m", remark],
-                 [*where, "friction", s.friction, s.friction_std, "N", remark or "at the test's speed"]]
+                 [*where, "friction", s.friction, s.friction_std, "N", friction]]
     for loop in found.loops:
         where = ["loop", loop.specimen, loop.current, f"{loop.record}: {loop.test}"]
         rows += [[*where, "energy per cycle", loop.energy, loop.energy_std, "J", ""],

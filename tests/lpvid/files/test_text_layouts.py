@@ -95,3 +95,18 @@ def test_a_line_below_the_data_is_named_as_such(tmp_path):
     path.write_text(PLAIN + rows() + "End of test\n")
     with pytest.raises(InputError, match=r"line 42 has 1 cell.*below the data"):
         lpv.read(path)
+
+
+@pytest.mark.parametrize("parts", [False, True], ids=["whole", "in parts"])
+def test_a_role_states_the_unit_that_a_file_does_not(tmp_path, parts):
+    path = tmp_path / "run.csv"
+    path.write_text("t,x,F [kN]\n" + rows(stamps=[f"{1e3 * t:.1f}" for t in TIMES]))
+    roles = {"time": "t [ms]", "displacement": "x [mm]", "force": "F"}
+    records = list(read_chunks(path, 16, roles=roles).only(("displacement", "force"))) if parts else \
+        lpv.read(path, roles=roles)
+    np.testing.assert_allclose(np.concatenate([r["displacement"] for r in records]), STROKE / 1e3, rtol=1e-12)
+    np.testing.assert_allclose(np.concatenate([r["force"] for r in records]), FORCE, rtol=1e-12)
+    assert records[0].unit("x") == "m"
+    assert records[0].sample_time == pytest.approx(1 / 500, rel=1e-9)
+    with pytest.raises(InputError, match="states its own unit"):
+        lpv.read(path, roles={"force": "F [N]"})

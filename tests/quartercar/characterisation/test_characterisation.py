@@ -85,6 +85,22 @@ def test_peak_velocity_points(dyno):
             assert p.force == pytest.approx(wanted, abs=max(1.5, 4 * p.std)), p
 
 
+def test_half_the_unequal_damping_of_a_fast_run_is_not_printed_as_gas_force():
+    """Rebound three times compression at 50 mm/s: the mean of the directions is 180 N less half the difference."""
+    t = np.arange(0, 12.0, 2e-3)
+    x, v = 0.02 * np.sin(2.5 * t), 0.05 * np.cos(2.5 * t)
+    force = np.where(v > 0, 1800.0, 600.0) * v - 180.0 + np.random.default_rng(1).normal(0.0, 0.1, t.size)
+    found = qc.characterise([lpv.Record({"displacement": x, "force": force}, sample_time=2e-3,
+                                        units={"displacement": "m", "force": "N"})])
+    (slow,) = found.static
+    speed = 0.05 * (np.arcsin(0.8) + 0.8 * 0.6) / 1.6  # mean of √(1 − u²) over the inner 80 % of the stroke
+    assert slow.gas == pytest.approx(180.0 - 0.5 * (1800.0 - 600.0) * speed, abs=0.2)
+    stated = next(line for line in str(found).splitlines() if "50 mm/s, no creep" in line)
+    assert f"gas force and half of what the directions' damping differs by {slow.gas:.4g} N" in stated
+    assert f"friction at most {slow.friction:.4g} N" in stated
+    assert not any(line.strip().startswith("gas ") for line in str(found).splitlines())
+
+
 def test_gas_and_friction_of_the_creep_run(dyno):
     found = next(s for s in dyno.static if s.creep)
     assert found.speed == pytest.approx(0.002, rel=0.05)
