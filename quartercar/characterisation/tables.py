@@ -87,7 +87,8 @@ def characteristics_csv(found: Characterisation) -> str:
                  [*where, "equivalent damping", loop.damping, None, "N*s/m", ""]]
     for r in found.ratios:
         rows.append(["ratio", r.specimen, r.current, "", f"rebound over compression at {r.speed:g} m/s", r.ratio, r.std,
-                     "1", "" if r.without_gas is None else f"{r.without_gas:.6g} without gas force"])
+                     "1", "; ".join(("the gas pushes more than one of them damps",) * r.pushed
+                                    + (() if r.without_gas is None else (f"{r.without_gas:.6g} without gas force",)))])
     for s in found.spreads:
         rows.append(["spread", s.specimen, s.current, "", f"{DIRECTIONS[s.direction]} share at {s.speed:g} m/s",
                      s.share, s.share_std, "1", f"{s.off_line:+.4g} off a straight line"])

@@ -123,9 +123,10 @@ def verdict(found: Characterisation) -> str:
 def _key_figures(found: Characterisation) -> str:
     """Force ratios, switching times: each where the records hold it."""
     unit, stated = found.data.current_unit, []
-    top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
+    ratios = [r for r in found.ratios if not r.pushed]
+    top = max(ratios, key=lambda r: r.speed, default=None)
     if top is not None:
-        own = [r.ratio for r in found.ratios if (r.speed, r.current) == (top.speed, top.current)]
+        own = [r.ratio for r in ratios if (r.speed, r.current) == (top.speed, top.current)]
         low, high = f"{min(own):.2f}", f"{max(own):.2f}"
         range_ = low if len(own) == 1 else f"{low} to {high} over {len(own)} specimens"
         stated.append(f"force ratio rebound/compression {range_} at {top.speed:g} m/s"
