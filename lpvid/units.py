@@ -134,7 +134,7 @@ QUANTITIES = {"displacement": ("m", "rad"), "position": ("m", "rad"), "velocity"
 """SI units that a channel or role of this name can have, linear or rotary, or derived from a motion
 without a unit; a current may be given as its command."""
 
-_ALIASES = {"–": "-", "sec": "s", "C°": "degC", "F°": "degF"}
+_ALIASES = {"–": "-", "sec": "s", "Sec": "s", "C°": "degC", "F°": "degF"}
 _RUN_TOGETHER = re.compile(r"(?<![A-Za-z])([kMm]?N)(mm|m|s)(?![A-Za-z])")
 """Nm and Ns: engineers mean newton metre and newton second; pint reads a yarn number, or nothing."""
 

@@ -114,7 +114,8 @@ def unitless(view: View) -> Iterator[Finding]:
         period = view.record.time_base.period
         yield Finding("missing-unit", view.name, "time", "note",
                       f"the header gives no unit; taken as s, which makes {1 / period:.6g} Hz" if period > 0 else
-                      "the header gives no unit; taken as s", "write the header as 'time [s]' or 'time [ms]'")
+                      "the header gives no unit; taken as s", "write the header as 'time [s]' or "
+                      "'time [ms]', or --role 'time=COLUMN [ms]'")
 
 
 def short(view: View) -> Iterator[Finding]:
@@ -132,7 +133,7 @@ def short(view: View) -> Iterator[Finding]:
     """
     n = view.record.n_samples
     if n < 64:
-        yield Finding("few-samples", view.name, "", "fault" if n < 2 else "warning", f"{n} sample(s)",
+        yield Finding("few-samples", view.name, "", "fault" if n < 2 else "warning", f"{n} sample{'s' * (n != 1)}",
                       "a longer record", float(n))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -45,33 +46,37 @@ def dissipation(view: View) -> tuple[float, float, float] | None:
     return mean / float(force.std() * velocity.std()), mean, abs(mean) / max(error, 1e-12 * abs(mean), 1e-300)
 
 
-def polarity(view: View) -> Iterator[Finding]:
+def polarity(views: Sequence[View]) -> Iterator[Finding]:
     """A force that drives the motion on average: its sign, or the motion's, is the other convention.
 
     Parameters
     ----------
-    view : View
-        One record.
+    views : sequence of View
+        The data set: where its records disagree, the mend is that of the record.
 
     Yields
     ------
     Finding
-        ``reversed-polarity``, a warning, or ``polarity-unclear``, a note; the value is the mean of F·v [W].
+        By record ``reversed-polarity``, a warning, or ``polarity-unclear``, a note; the value is the mean of F·v [W].
     """
-    found = dissipation(view)
-    if found is None or view.force is None:
-        return
-    likeness, power, sure = found
-    source = f"'{view.velocity}'" if view.velocity else f"the derivative of '{view.displacement}'"
-    if sure > 4 and likeness < -0.05:
-        yield Finding("reversed-polarity", view.name, view.force, "warning",
-                      f"mean F·v = {power:.4g} W with {source} (correlation {likeness:.2f}, {sure:.0f} standard errors "
-                      "below zero): the force opposes the velocity, a passive damper would have it positive",
-                      f"--flip {view.force}", power)
-    elif sure <= 4:
-        yield Finding("polarity-unclear", view.name, view.force, "note",
-                      f"mean F·v = {power:.4g} W with {source} is {sure:.1f} standard errors from zero",
-                      "a record in which the damper is worked harder", power)
+    judged = [(view, found) for view in views if view.force is not None and (found := dissipation(view)) is not None]
+    mixed = any(sure > 4 and likeness > 0.05 for _, (likeness, _, sure) in judged)
+    for view, (likeness, power, sure) in judged:
+        source = f"'{view.velocity}'" if view.velocity else f"the derivative of '{view.displacement}'"
+        if sure > 4 and likeness < -0.05:
+            yield Finding("reversed-polarity", view.name, str(view.force), "warning",
+                          f"mean F·v = {power:.4g} W with {source} (correlation {likeness:.2f}, {sure:.0f} standard "
+                          "errors below zero): the signs of force and velocity differ, those of a passive damper agree",
+                          f"--flip {_turning(view)}" if mixed else f"--flip {view.force}", power)
+        elif sure <= 4:
+            yield Finding("polarity-unclear", view.name, str(view.force), "note",
+                          f"mean F·v = {power:.4g} W with {source} is {sure:.1f} standard errors from zero",
+                          "a record in which the damper is worked harder", power)
+
+
+def _turning(view: View) -> str:
+    """What --flip takes to turn the force of one record, in quotes where a shell would read it otherwise."""
+    return shlex.quote(f"{view.force}@{view.name}")
 
 
 def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
@@ -88,14 +93,15 @@ def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
         ``mixed-polarity``, a warning; its value counts the records with negative mean F·v.
     """
     signs = [(view, found[0]) for view in views if (found := dissipation(view)) and found[2] > 4]
-    minus = [v.name for v, likeness in signs if likeness < -0.05]
-    plus = [v.name for v, likeness in signs if likeness > 0.05]
+    minus = [v for v, likeness in signs if likeness < -0.05]
+    plus = [v for v, likeness in signs if likeness > 0.05]
     if minus and plus:
         fewer, sign = (minus, "negative") if len(minus) <= len(plus) else (plus, "positive")
-        shown = ", ".join(f"'{n}'" for n in fewer[:3]) + (f" and {len(fewer) - 3} more" if len(fewer) > 3 else "")
+        shown = ", ".join(f"'{v.name}'" for v in fewer[:3]) + (f" and {len(fewer) - 3} more" if len(fewer) > 3 else "")
+        turned = "".join(f" --flip {_turning(v)}" for v in fewer[:3]) + (" …" if len(fewer) > 3 else "")
         yield Finding("mixed-polarity", "", str(signs[0][0].force), "warning",
                       f"mean F·v is negative in {len(minus)} and positive in {len(plus)} records ({sign}: {shown})",
-                      "flip the force of one group before using them together", float(len(minus)))
+                      f"turn one group before using them together, e.g.{turned}", float(len(minus)))
 
 
 def _turns(velocity: np.ndarray) -> np.ndarray:
@@ -126,8 +132,12 @@ def _at_rest(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     return before + share, force[before] + share * (force[before + 1] - force[before]), rising
 
 
-def _offset(view: View) -> tuple[float, float] | None:
-    """(mean force at rest [N], its standard error): reversals of either direction count alike, so friction cancels."""
+def _offset(view: View) -> tuple[float, float, float] | None:
+    """(mean force at rest [N], its standard error, half of what the directions differ by).
+
+    Reversals of either direction count alike: friction cancels. What oil and mounts hold elastically does not where
+    rebound and compression differ: of the third number any part can be in the first.
+    """
     found = _at_rest(view)
     if found is None:
         return None
@@ -136,7 +146,7 @@ def _offset(view: View) -> tuple[float, float] | None:
     if min(up.size, down.size) < 3:
         return None
     error = 0.5 * np.hypot(up.std(ddof=1) / np.sqrt(up.size), down.std(ddof=1) / np.sqrt(down.size))
-    return float(0.5 * (up.mean() + down.mean())), float(error)
+    return float(0.5 * (up.mean() + down.mean())), float(error), float(0.5 * abs(up.mean() - down.mean()))
 
 
 def offset(view: View) -> Iterator[Finding]:
@@ -155,7 +165,7 @@ def offset(view: View) -> Iterator[Finding]:
     found = _offset(view)
     if found is None or view.stroke is None or view.force is None:
         return
-    level, error = found
+    level, error, _ = found
     rms = float(view.stroke[2].std())
     if abs(level) > max(0.05 * rms, 4 * error):
         yield Finding("force-offset", view.name, view.force, "note",
@@ -207,18 +217,23 @@ def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning; its value is the largest
-        difference [N].
+        ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning, or a note where the loops are
+        as wide as the difference; its value is the largest difference [N].
     """
     found = [(view.name, *level, float(view.stroke[2].std())) for view in views
              if view.stroke is not None and (level := _offset(view)) is not None]
     if len(found) < 2:
         return
     low, high = min(found, key=lambda f: f[1]), max(found, key=lambda f: f[1])
-    rms = float(np.median([f[3] for f in found]))
+    rms = float(np.median([f[4] for f in found]))
+    width = max(low[3], high[3])
     spread = high[1] - low[1]
     if spread > max(0.1 * rms, 4 * float(np.hypot(low[2], high[2]))):
-        yield Finding("force-offset-varies", "", "", "warning",
+        elastic = spread < width
+        yield Finding("force-offset-varies", "", "", "note" if elastic else "warning",
                       f"the force at zero velocity runs from {low[1]:.4g} N ('{low[0]}') to {high[1]:.4g} N "
-                      f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms", "zero the load cell before each run; "
-                      "give the model a constant term for each record", spread)
+                      f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms"
+                      + (f"; the two directions differ by ±{width:.3g} N there, of which unequal rebound and "
+                         "compression of an elastic damper leave a part" if elastic else ""),
+                      "compare the load cell's reading at rest between the runs" if elastic else
+                      "zero the load cell before each run; give the model a constant term for each record", spread)

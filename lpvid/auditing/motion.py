@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.auditing.findings import Finding
+from lpvid.auditing.spectrum import POOR
 from lpvid.auditing.view import View
 from lpvid.condition import delay
 from lpvid.condition.bandwidth import bandwidth
 from lpvid.condition.interference import interference, of_motion, power_of
 from lpvid.condition.resampling import interpolate
+from lpvid.condition.tables import NO_TIME_UNIT
 
 _STENCIL = -np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 """central difference of eighth order, for np.convolve: within 1 % up to 0.28 of the sampling rate."""
@@ -61,7 +63,8 @@ def hum(view: View) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        Where its velocity is more than `APART` of that of the motion.
+        ``interference`` where its velocity is more than `APART` of that of the motion, a note, a warning from the noise
+        on that is one (`lpvid.auditing.spectrum.POOR`); its value is that share.
     """
     if view.velocity is not None or not (view.displacement and view.force) or view.period is None:
         return
@@ -83,10 +86,11 @@ def hum(view: View) -> Iterator[Finding]:
     if share > APART:
         size = float(np.sqrt(power[interfering].sum() * frequency[1]))
         at = f"{fine[np.argmax(np.where(of_hum, fast, 0.0))]:.0f}"
-        yield Finding("interference", view.name, view.displacement, "note",
+        yield Finding("interference", view.name, view.displacement, "warning" if share > POOR else "note",
                       f"{size:.2g} m rms, most of it about {at} Hz, in which the force does not follow, as hum of the "
                       f"mains: differentiated, {share:.0%} of the motion's velocity",
-                      "shield the sensor; fit and diagnose leave it out of the velocity that they derive", share)
+                      "shield the sensor or record the velocity; fit and diagnose leave it out of the velocity that "
+                      "they derive, identify does not", share)
 
 
 def velocity_against_displacement(view: View) -> Iterator[Finding]:
@@ -119,8 +123,11 @@ def velocity_against_displacement(view: View) -> Iterator[Finding]:
         yield Finding("velocity-sign", *at, "warning", f"the velocity is {found.gain:.3g} times the derivative of "
                       f"'{view.displacement}'", f"--flip {view.velocity}", found.gain)
     elif abs(found.gain - 1) > 0.05 and not filtered:
+        clock = any(note.endswith(NO_TIME_UNIT) for note in view.record.notes)
         yield Finding("velocity-scale", *at, "warning", f"the velocity is {found.gain:.4g} times the derivative of "
-                      f"'{view.displacement}'", "correct the unit or the sensor's gain", found.gain)
+                      f"'{view.displacement}'" + (", and the time column states no unit" if clock else ""),
+                      "correct the unit or the sensor's gain" + (": of the time, e.g. 'time [ms]', or of a channel"
+                                                                 if clock else ""), found.gain)
     yield from _delayed(view, found)
     yield from filtered
 
@@ -142,7 +149,8 @@ def magnitude(views: Sequence[View]) -> Iterator[Finding]:
     """
     ranges, speeds = [], []
     for one in views:
-        if one.displacement and one.force and not one.velocity and one.stroke is not None:
+        if one.displacement and one.force and not one.velocity and one.stroke is not None \
+                and one.record.unit(one.displacement) in ("", "m"):
             x, v, _ = one.stroke
             ranges.append((float(np.ptp(x)), one.name, one.displacement))
             speeds.append(float(np.abs(v).max()))
@@ -156,7 +164,8 @@ def magnitude(views: Sequence[View]) -> Iterator[Finding]:
                   f"it moves over {stroke:.3g} m{where}, at up to {speed:.3g} m/s"
                   + (f", faster than sound in air ({SOUND:g} m/s)" if impossible else
                      "; without a velocity channel nothing in the data confirms its unit: is that the rig's stroke?"),
-                  "state the unit in the header, e.g. 'displacement [mm]'" if impossible else "", stroke)
+                  "state the unit in the header, e.g. 'displacement [mm]', or --role 'displacement=CHANNEL [mm]'"
+                  if impossible else "", stroke)
 
 
 def relation(view: View) -> Relation | None:

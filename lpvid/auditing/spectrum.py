@@ -10,6 +10,8 @@ from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 from lpvid.condition.bandwidth import SPARE, band, bandwidth
 
+POOR = 0.1
+"""rms of noise over that of a signal, from which on it is a warning (20 dB)"""
 _BROADBAND = 6.0
 """signal over floor [dB] below which a flat floor cannot be separated from a broadband signal."""
 
@@ -25,15 +27,16 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        ``noise-level`` by channel, a warning below 20 dB, else a note; its value is the noise's rms in the unit of
-        the channel.
+        ``noise-level`` by channel, a warning from a tenth of the signal's rms on, else a note; its value is the noise's
+        rms in the unit of the channel. "At most" where the floor slopes, or could be the force's overtones (`folded`).
     """
     found: dict[str, list[tuple[float, float, bool]]] = {}
     for view in views:
         for name in view.usable:
             measured = _noise(view, name)
             if measured:
-                found.setdefault(name, []).append(measured)
+                level, rms, flat = measured
+                found.setdefault(name, []).append((level, rms, flat and level > rms * folded(view, name)))
     for name, rows in found.items():
         level = float(np.median([row[0] for row in rows]))
         ratio = float(np.median([20 * np.log10(row[1] / row[0]) for row in rows]))
@@ -41,10 +44,33 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
         about = "noise" if np.mean([row[2] for row in rows]) > 0.5 else "noise at most"
         if ratio < _BROADBAND:
             continue  # a signal that fills the band: its floor may be the signal itself
-        poor = ratio < 20 and about == "noise"
+        poor = ratio < -20 * np.log10(POOR) and about == "noise"
         yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name, "warning" if poor else "note",
                       f"{about} {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
                       "shield or filter; expect no model better than that" if poor else "", level)
+
+
+def folded(view: View, name: str) -> float:
+    """How much of a force above half the sampling rate its own overtones can be: rms over that of the force.
+
+    The hardest law turns the force over with the motion: a square wave, whose overtone 2j + 1 has 8/(π²(2j + 1)²) of
+    its power. Above N times the frequency f of the motion stands 8/π² Σ 1/(2j + 1)² ≈ 4/(π² N) of it, and N = 1/(2 T f)
+    is half the sampling rate: folded back, it looks like a floor of noise.
+
+    Parameters
+    ----------
+    view : View
+    name : str
+        Channel; 0 for all but the force.
+
+    Returns
+    -------
+    float
+    """
+    if name != view.force or view.stroke is None or view.period is None:
+        return 0.0
+    moves = bandwidth(view.stroke[1], view.period)
+    return float(np.sqrt(8 / np.pi**2 * view.period * moves))
 
 
 def _noise(view: View, name: str) -> tuple[float, float, bool] | None:

@@ -87,7 +87,7 @@ def units(view: View) -> Iterator[Finding]:
                           f"{expected[0]}", "correct the unit in the header, or name the channel by what it is")
         elif channel.source_unit is None and not channel.unit:
             yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",
-                          "write the header as 'name [unit]'")
+                          f"write the header as 'name [unit]', or --role '{name}={name} [UNIT]'")
 
 
 def constant(view: View) -> Iterator[Finding]:

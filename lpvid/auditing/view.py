@@ -12,6 +12,7 @@ import numpy as np
 
 from lpvid.condition import differentiate
 from lpvid.condition.bandwidth import LONGEST
+from lpvid.condition.interference import interference
 from lpvid.condition.resampling import true_runs
 from lpvid.record import Channel, Record
 
@@ -176,7 +177,10 @@ class View:
 
     @cached_property
     def stroke(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """(displacement, velocity, force) over one unbroken run, velocity and displacement each derived if need be."""
+        """(displacement, velocity, force) over one unbroken run, velocity and displacement each derived if need be.
+
+        A velocity that is derived is without interference: in a slow record hum turns the motion over at every cycle.
+        """
         if not self.force or not (self.velocity or self.displacement) or self.period is None:
             return None
         names = [n for n in (self.displacement, self.velocity, self.force) if n]
@@ -188,7 +192,7 @@ class View:
         if self.velocity:
             velocity = signals[self.velocity]
         else:
-            velocity = differentiate(signals[self.displacement], self.period)  # type: ignore[index]
+            velocity = self._moved(signals[self.displacement], force)  # type: ignore[index]
         if self.displacement:
             displacement = signals[self.displacement]
         else:
@@ -196,6 +200,18 @@ class View:
         if not (np.ptp(force) > 0 and np.ptp(velocity) > 0):
             return None
         return displacement, velocity, force
+
+    def _moved(self, displacement: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Slope of the displacement, without the bands in which the force does not follow."""
+        assert self.period is not None
+        velocity = differentiate(displacement, self.period)
+        frequency, interfering = interference(displacement, force, self.period)
+        if not interfering.any():
+            return velocity
+        spectrum = np.fft.rfft(velocity)
+        fine = np.fft.rfftfreq(velocity.size, self.period)
+        spectrum[np.interp(fine, frequency, interfering.astype(float)) >= 0.5] = 0.0
+        return np.fft.irfft(spectrum, velocity.size)
 
 
 def view(record: Record, scheduling: Sequence[str] | None) -> View:

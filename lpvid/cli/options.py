@@ -15,7 +15,8 @@ Inputs = Annotated[list[str] | None, typer.Option("--input", metavar="NAME", hel
 Outputs = Annotated[list[str] | None, typer.Option("--output", metavar="NAME", help="Output channel or role.")]
 Schedule = Annotated[list[str] | None, typer.Option("--schedule", metavar="NAME", help="Scheduling variable.")]
 Role = Annotated[list[str] | None, typer.Option("--role", metavar="ROLE=CHANNEL", help="Let a role stand for a "
-                                                "channel of another name, e.g. force=F_cell.")]
+                                                "channel of another name, e.g. force=F_cell or time=Zeit; with a unit "
+                                                "where the file states none: 'force=F_cell [kN]'.")]
 Flip = Annotated[list[str] | None, typer.Option("--flip", metavar="CHANNEL[@FILES]", help="Turn the sign of a channel, "
                                               "in every file or in those whose name matches, e.g. force@run7*.")]
 SampleRate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Resample to this rate, "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,9 @@ from lpvid import _checks, units
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
-_MEND_TIME = "add a column 'time [s]', or state the rate: --sample-rate HZ, in Python read(..., sample_rate=HZ)"
+_MEND_TIME = ("add a column 'time [s]', name the one that is: --role time={0}, or state the rate: --sample-rate HZ, in "
+              "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
+TIME_ROLE = "time"
 NO_TIME_UNIT = "gives no unit: taken as s"
 """How the note of a record ends whose clock has no stated unit."""
 
@@ -70,7 +72,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     sample_rate : float or None
         Rate [Hz] of a file that has neither a time column nor a stated period.
     roles : mapping or None
-        Role name to channel name.
+        Role name to channel name, with a unit where the file states none: ``{"displacement": "x [mm]"}``; the role
+        ``time`` names the time column.
 
     Returns
     -------
@@ -82,8 +85,9 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
         Names missing or used twice, unequal lengths, no samples, no usable time base.
     """
     _check_columns(table.columns, where)
-    clock = _time_column(table.columns)
-    signals = [c for c in table.columns if c is not clock]
+    columns, signal_roles = _with_stated_units(table.columns, roles or {}, where)
+    clock = _time_column(columns, signal_roles.pop(TIME_ROLE, None), where)
+    signals = [c for c in columns if c is not clock]
     if not signals:
         raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
                          mend="export at least one channel")
@@ -103,10 +107,11 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:
         if sample_rate is None:
-            raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals), mend=_MEND_TIME)
+            raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals),
+                             mend=_MEND_TIME.format(_like_time(signals)))
         period = 1.0 / sample_rate
     try:
-        return Record(channels, sample_time=period, time=time, roles=dict(roles or {}), name=name, notes=tuple(notes))
+        return Record(channels, sample_time=period, time=time, roles=signal_roles, name=name, notes=tuple(notes))
     except InputError as error:
         raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
 
@@ -150,7 +155,56 @@ def is_time_name(name: str) -> bool:
     return name.casefold() in ("time", "t")
 
 
-def _time_column(columns: Sequence[Column]) -> Column | None:
+def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
+    """Channel and unit that the right side of a role states: the unit counts where no channel is named like the whole.
+
+    Parameters
+    ----------
+    text : str
+        ``CHANNEL`` or ``CHANNEL [UNIT]``.
+    names : iterable of str
+        The channels that there are.
+
+    Returns
+    -------
+    str
+    str or None
+        None where no unit is stated.
+
+    Examples
+    --------
+    >>> channel_of("x [mm]", ["t", "x"]), channel_of("force (kN)", ["force (kN)"])
+    (('x', 'mm'), ('force (kN)', None))
+    """
+    return (text, None) if text in set(names) else units.parse_header(text)
+
+
+def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], where: str
+                       ) -> tuple[list[Column], dict[str, str]]:
+    """Columns with the units that roles state for them, and the roles without those."""
+    found, plain = {c.name: c for c in columns}, {}
+    for role, text in roles.items():
+        plain[role], unit = channel_of(text, found)
+        column = found.get(plain[role])
+        if column is None or unit is None:
+            continue
+        if column.unit is not None and column.unit != unit:
+            raise InputError(f"{where}: column '{column.name}' states its own unit",
+                             got=f"[{column.unit}] in the file, [{unit}] in --role {role}",
+                             mend="leave the unit out of --role, or correct the header")
+        found[column.name] = replace(column, unit=unit)
+    return list(found.values()), plain
+
+
+def _like_time(columns: Sequence[Column]) -> str:
+    """Name of a column in a unit of time, else a placeholder."""
+    return next((c.name for c in columns if c.unit and units.to_si([0.0], c.unit).unit == "s"), "COLUMN")
+
+
+def _time_column(columns: Sequence[Column], named: str | None, where: str) -> Column | None:
+    if named is not None:
+        name = _checks.known_name(named, [c.name for c in columns], "column", f"--role {TIME_ROLE}=COLUMN", where)
+        return next(c for c in columns if c.name == name)
     for wanted in ("time", "t"):
         for column in columns:
             if column.name.casefold() == wanted:
@@ -161,7 +215,8 @@ def _time_column(columns: Sequence[Column]) -> Column | None:
 def _seconds(column: Column, where: str) -> np.ndarray:
     if column.fault:
         raise InputError(f"{where}: time column '{column.name}' holds {column.fault}",
-                         mend="write time as numbers, with its unit in the header: 'time [s]'")
+                         mend="write time as numbers, with its unit in the header: 'time [s]', or in csv as "
+                         "2026-11-26T10:12:13.5, 26.11.2026 10:12:13.5 or 10:12:13.5")
     values, unit, known = units.to_si(column.values, column.unit)
     if column.unit is not None and not (known and unit == "s"):
         raise InputError(f"{where}: time column '{column.name}' has the unit '{column.unit}'",

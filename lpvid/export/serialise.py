@@ -335,7 +335,7 @@ def package_version() -> str:
 def _read_object(path: Path) -> dict:
     if not path.is_file():
         inside = path / "model.json"
-        raise InputError(f"no file '{path}'", got="a folder" if path.is_dir() else "nothing",
+        raise InputError(f"no file '{path}'", got="a folder" if path.is_dir() else None,
                          mend=f"give '{inside}'" if inside.is_file() else "check the path")
     try:
         size = path.stat().st_size

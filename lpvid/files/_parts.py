@@ -14,7 +14,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
-from lpvid.files._table import fault_text, headed, parse_cells, stated_period
+from lpvid.files._table import corrupt, fault_text, headed, parse_cells, stated_period, without_library
 
 Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
 """(path, rows of a part, row to begin with, channels wanted or None for all) to tables."""
@@ -63,14 +63,14 @@ def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column
         pass
     numbered = list(csv._rows(block, layout, where))
     columns = []
-    for i, header in enumerate(layout.names):
+    for i in range(len(layout.names)):
         cells = [cells[i] for _, cells in numbered]
-        values, at_fault = parse_cells(cells)
+        values, at_fault = layout.parsed(i, cells)
         fault = None
         if at_fault:
             k = at_fault[0]
             fault = fault_text(cells[k], row + k + 1, len(at_fault), numbered[k][0])
-        columns.append(csv._column(header, values, fault))
+        columns.append(csv._column(csv._dated(layout, i), values, fault))
     return columns
 
 

@@ -1,4 +1,4 @@
-"""Delimited text: comma, semicolon, tab or white space; one header row of ``name [unit]``."""
+"""Delimited text: comma, semicolon, tab or white space; a header row of ``name [unit]``, or a row of units below it."""
 
 from __future__ import annotations
 
@@ -6,20 +6,24 @@ import codecs
 import csv
 import re
 import warnings
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
+from lpvid import units
 from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
-from lpvid.files._table import fault_text, headed, is_number, parse_cells
+from lpvid.files._stamps import origin, seconds
+from lpvid.files._table import MISSING, fault_text, headed, is_number, parse_cells
 
 EXTENSIONS = (".csv", ".tsv", ".txt")
 _BLOCK = 50_000
 _CHUNK = 1 << 20
+_PREAMBLE = 100
+"""Lines that are looked at for the first row of numbers, where the first line of the file is no header."""
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _WORDS = re.compile(r"[^\s\[\]()]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
@@ -27,13 +31,17 @@ _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the text is laid out; `data_line` is the number of the first data line, from 1."""
+    """How the text is laid out; `data_line` is the number of the first data line, from 1.
+
+    `origins` are the first stamps of columns that hold dates or times of day, else None.
+    """
 
     encoding: str
     delimiter: str | None
     names: tuple[str, ...]
     header_line: int
     data_line: int
+    origins: tuple[np.datetime64 | None, ...] = ()
 
     @property
     def decimal_comma(self) -> bool:
@@ -45,13 +53,25 @@ class _Layout:
             return line.split()
         return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
 
+    def data_cells(self, line: str) -> list[str]:
+        """Cells of a data line, a decimal comma as a point."""
+        return self.split(line.replace(",", ".") if self.decimal_comma else line)
+
+    def parsed(self, place: int, cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
+        """Numbers of one column, seconds since its first stamp where it holds dates or times; places of other text."""
+        first = self.origins[place] if self.origins else None
+        return parse_cells(cells) if first is None else seconds(cells, first)
+
 
 def read_table(path: Path) -> ColumnTable:
     """Read delimited text.
 
     The delimiter is the one of tab, semicolon, comma and white space on which the header and the first data line
-    agree. Behind a semicolon or a tab a comma is a decimal comma. Lines that start with ``#`` are comments. Empty
-    cells, ``NaN`` and ``NA`` are missing samples; other text is a fault of its column.
+    agree. Behind a semicolon or a tab a comma is a decimal comma. Lines that start with ``#`` are comments. Lines above
+    the header are left out where the header is the line, with as many cells, above the first row that holds numbers
+    alone; a row of units may stand between. Dates (``2026-11-26T10:12:13.5``, ``26.11.2026 10:12:13,5``) and times of
+    day (``10:12:13.5``) are seconds since the first. Empty cells, ``NaN`` and ``NA`` are missing samples; other text is
+    a fault of its column.
 
     Parameters
     ----------
@@ -93,11 +113,24 @@ def _without_trailing(columns: list[Column]) -> list[Column]:
 def _layout(path: Path, where: str) -> _Layout:
     encoding = _encoding(path, where)
     with path.open(encoding=encoding, newline=None) as stream:
-        lines = list(islice(_content(stream), 2))
+        lines = list(islice(_content(stream), _PREAMBLE))
     if not lines:
         raise InputError(f"{where}: the file is empty", mend=_MEND_HEADER)
-    (header_line, header), *data = lines
     candidates = [_Layout(encoding, d, (), 0, 0) for d in ("\t", ";", ",", None)]
+    found = _headed_at_once(lines, candidates, where)
+    cells = found.data_cells(lines[1][1]) if len(lines) > 1 else []
+    if not any(is_number(cell) for cell in cells) or len(cells) != len(found.names):
+        found = _above_numbers(lines, candidates) or found
+    if not found.data_line:
+        raise InputError(f"{where}: there is a header but no data", got=", ".join(found.names),
+                         mend="export the data again; in a folder, name the files: FOLDER/*.csv")
+    first = next(line for number, line in lines if number == found.data_line)
+    return replace(found, origins=tuple(map(origin, found.data_cells(first))))
+
+
+def _headed_at_once(lines: Sequence[tuple[int, str]], candidates: list[_Layout], where: str) -> _Layout:
+    """The layout of a file whose first line is the header; its `data_line` is 0 where there is no other line."""
+    (header_line, header), *data = lines[:2]
     try:
         delimiter, names = _delimiter(candidates, header, data[0][1] if data else header)
     except csv.Error as error:
@@ -105,10 +138,40 @@ def _layout(path: Path, where: str) -> _Layout:
     if all(is_number(name) for name in names):
         raise InputError(f"{where}: line {header_line} holds numbers only", why="the columns have no names",
                          mend=_MEND_HEADER)
-    if not data:
-        raise InputError(f"{where}: there is a header but no data", got=", ".join(names),
-                         mend="export the data again; in a folder, name the files: FOLDER/*.csv")
-    return _Layout(encoding, delimiter, tuple(names), header_line, data[0][0])
+    return _Layout(candidates[0].encoding, delimiter, tuple(names), header_line, data[0][0] if data else 0)
+
+
+def _above_numbers(lines: Sequence[tuple[int, str]], candidates: list[_Layout]) -> _Layout | None:
+    """The layout by the first row that holds numbers alone: above it the header, between them a row of units or none.
+
+    None where the line above such a row is no header of as many cells, each with a name.
+    """
+    for layout in candidates[:3]:
+        for k in range(1, len(lines)):
+            try:
+                row = [cell.strip() for cell in layout.data_cells(lines[k][1])]
+                above = [[c.strip() for c in layout.split(line)] for _, line in lines[max(k - 2, 0):k]]
+            except csv.Error:
+                break
+            missing = [cell.casefold() in MISSING for cell in row]
+            if len(row) < 2 or all(missing) or not all(m or is_number(c) for m, c in zip(missing, row, strict=True)):
+                continue
+            names, line = _with_units(above, len(row)), lines[k - 1][0]
+            if names is None:
+                break
+            return replace(layout, names=tuple(names), header_line=line, data_line=lines[k][0])
+    return None
+
+
+def _with_units(above: list[list[str]], n: int) -> list[str] | None:
+    """Headers ``name [unit]`` from the one or two lines above the numbers; None where there are no `n` names."""
+    last = above[-1]
+    stated = [unit.strip("[]()\"' ") for unit in last]
+    unit_row = len(last) == n and any(map(units.is_known, filter(None, stated)))
+    names = above[0] if len(above) == 2 else []
+    if unit_row and len(names) == n and all(names) and not any(headed(name)[1] for name in names):
+        return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, stated, strict=True)]
+    return last if len(last) == n and all(last) and not any(map(is_number, last)) else None
 
 
 def _delimiter(candidates: list[_Layout], header: str, row: str) -> tuple[str | None, list[str]]:
@@ -203,7 +266,7 @@ def _read_cells(path: Path, layout: _Layout, where: str) -> list[Column]:
         rows = _rows(islice(stream, layout.data_line - 1, None), layout, where)
         while block := list(islice(rows, _BLOCK)):
             for i, cells in enumerate(zip(*(row for _, row in block), strict=True)):
-                values, at_fault = parse_cells(cells)
+                values, at_fault = layout.parsed(i, cells)
                 parts[i].append(values)
                 n_faults[i] += len(at_fault)
                 if at_fault and first[i] is None:
@@ -211,7 +274,13 @@ def _read_cells(path: Path, layout: _Layout, where: str) -> list[Column]:
                     first[i] = (cells[k], n_rows + k + 1, block[k][0])
             n_rows += len(block)
     faults = [fault_text(f[0], f[1], n, f[2]) if f else None for f, n in zip(first, n_faults, strict=True)]
-    return [_column(header, np.concatenate(p), f) for header, p, f in zip(layout.names, parts, faults, strict=True)]
+    return [_column(_dated(layout, i), np.concatenate(parts[i]), faults[i]) for i in range(len(parts))]
+
+
+def _dated(layout: _Layout, place: int) -> str:
+    """Header of a column, in seconds where it holds dates or times of day and states no unit."""
+    header = layout.names[place]
+    return f"{headed(header)[0]} [s]" if layout.origins[place] is not None else header
 
 
 def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[int, list[str]]]:
@@ -226,7 +295,8 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
         if len(cells) != wanted:
             raise InputError(f"{where}: line {number} has {len(cells)} cell{'s' * (len(cells) != 1)}", got=_shown(line),
                              why=f"the header names {wanted} columns",
-                             mend="repair that line, or remove what stands above the header")
+                             mend="repair that line, or remove what stands " +
+                             ("above the header" if number == layout.data_line else "below the data"))
         yield number, cells
 
 

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.tables import ColumnTable, to_record
+from lpvid.condition.tables import TIME_ROLE, ColumnTable, channel_of, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
@@ -119,12 +119,17 @@ class Chunks:
 
     def _columns(self) -> list[str] | None:
         """Names in the file of what is read."""
-        return None if self.channels is None else [self.roles.get(c, c) for c in self.channels]
+        if self.channels is None:
+            return None
+        named = [c for c in (*self.channels, TIME_ROLE) if c != TIME_ROLE or c in self.roles]
+        asked = [self.roles.get(c, c) for c in named]
+        return asked + [channel_of(c, ())[0] for c in asked]
 
     def _record(self, table: ColumnTable, where: str, name: str) -> Record:
         """One part as a record; a role of a channel that is not read is left out."""
         read = {c.name.casefold() for c in table.columns}
-        roles = {r: c for r, c in self.roles.items() if self.channels is None or c.casefold() in read}
+        roles = {r: c for r, c in self.roles.items()
+                 if self.channels is None or channel_of(c, read)[0].casefold() in read or c.casefold() in read}
         return to_record(table, where, name=name, sample_rate=self.sample_rate, roles=roles)
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from lpvid.errors import InputError
 from lpvid.fleet import steps
 from lpvid.fleet.causes import FileCauses, read_causes
 from lpvid.fleet.comparing import Stage, diagnosed
-from lpvid.fleet.differing import Differing, from_factors
+from lpvid.fleet.differing import FEWEST, Differing, from_factors
 from lpvid.fleet.plan import FleetPlan, Job
 from lpvid.fleet.state import StepOutcome, keep, short_hash
 from lpvid.identification.streaming import merged_factor
@@ -64,6 +66,13 @@ class FleetResult:
     left_out: Mapping[str, str]
     against: str = ""
 
+    @cached_property
+    def warned(self) -> dict[str, tuple[str, ...]]:
+        """Names of the faults and warnings that the audit of a file found, of files with any."""
+        read = {job.name: steps.warnings_of(job) for job in self.plan.jobs
+                if "audit" in self.outcomes.get(job.name, {}) and self.outcomes[job.name]["audit"].state == "done"}
+        return {name: found for name, found in read.items() if found}
+
     @property
     def causes(self) -> dict[str, tuple[str, ...]]:
         """Names of the causes of each file with a diagnosis."""
@@ -111,11 +120,22 @@ class FleetResult:
             stated += f", hanging: {', '.join(self.hanging[:3])}"
             stated += f" and {len(self.hanging) - 3} more" if len(self.hanging) > 3 else ""
         if self.differing is None:
-            return stated + "."
+            return f"{stated}{self._audited()}."
         named = [n + (f" ({', '.join(self.causes[n])})" if self.causes.get(n) else "") for n in self.differing.named]
         who = f"{len(named)} differ from the fleet's model: {', '.join(named[:6])}" if named else "none differs"
         more = f" and {len(named) - 6} more" if len(named) > 6 else ""
-        return f"{stated}; {who}{more}, at a false discovery rate of {self.differing.fdr:g}."
+        judged = f"{who}{more}, at a false discovery rate of {self.differing.fdr:g}"
+        if not np.isfinite(self.differing.centre):
+            judged = f"which of them differ is open: that takes {FEWEST} files"
+        return f"{stated}; {judged}{self._audited()}."
+
+    def _audited(self) -> str:
+        """What the audits warn of, in how many files; empty without a warning."""
+        if not self.warned:
+            return ""
+        count = Counter(finding for found in self.warned.values() for finding in found)
+        listed = ", ".join(f"{finding} in {n}" for finding, n in count.most_common(4))
+        return f"; the audit warns of {listed}{' and more' if len(count) > 4 else ''}"
 
     def to_dict(self) -> dict:
         """fleet.json.
@@ -134,7 +154,7 @@ class FleetResult:
                     "score": None if d is None else d.score.get(job.name),
                     "q": None if d is None else d.q.get(job.name), "differs": d is not None and job.name in d.named,
                     "causes": list(self.causes.get(job.name, ())), "diagnosis": stated(job),
-                    "left_out": self.left_out.get(job.name),
+                    "left_out": self.left_out.get(job.name), "warnings": list(self.warned.get(job.name, ())),
                     "steps": {s: {"state": o.state, "message": o.message if o.state != "done" else "",
                                   "seconds": o.seconds} for s, o in self.outcomes.get(job.name, {}).items()}}
 
@@ -151,6 +171,8 @@ class FleetResult:
             lines.append(f"  {name}: free-run ESR {self.esr(name):.4g} (median of the fleet {self.median_esr:.4g}), "
                          f"q {self.differing.q[name]:.2g}"  # type: ignore[union-attr]
                          + (f"; {self.diagnoses[name]}" if name in self.diagnoses else ""))
+        for name, warnings in list(self.warned.items())[:12]:
+            lines.append(f"  {name}: the audit warns of {', '.join(warnings)}")
         for name in self.failed[:12]:
             bad = next(o for o in self.outcomes[name].values() if o.state != "done")
             lines.append(f"  {name}: {bad.step} {bad.state}: {bad.message}")

@@ -51,6 +51,25 @@ def audit(job: Job, plan: FleetPlan) -> StepOutcome:
     return _command("audit", job, plan, words, stamp(job.path, plan.key("audit")))
 
 
+def warnings_of(job: Job) -> tuple[str, ...]:
+    """Names of the faults and warnings in the audit of a file.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    tuple of str
+        Each once; empty where no audit is there.
+    """
+    path = job.folder / "audit" / "audit.json"
+    if not path.is_file():
+        return ()
+    found = json.loads(path.read_text(encoding="utf-8"))["findings"]
+    return tuple(dict.fromkeys(f["name"] for f in found if f["severity"] in ("fault", "warning")))
+
+
 def scan(job: Job, plan: FleetPlan) -> StepOutcome:
     """Range of the scheduling variables, period and length: what all files must agree on before a common fit.
 

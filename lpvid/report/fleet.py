@@ -28,7 +28,7 @@ def fleet_page(found: FleetResult) -> Page:
     Page
     """
     named = () if found.differing is None else found.differing.named
-    mark: Mark = "bad" if named else "warn" if found.failed else "good"
+    mark: Mark = "bad" if named else "warn" if found.failed or found.warned else "good"
     count = len(found.plan.jobs)
     facts = [("files", str(count)), ("done", str(count - len(found.failed))), ("differ", str(len(named)))]
     if found.differing is not None:
@@ -92,9 +92,11 @@ def _all(found: FleetResult) -> PageTable:
     rows, marks = [], []
     named = () if found.differing is None else found.differing.named
     for job in found.plan.jobs:
-        rows.append((job.name, *_errors(found.errors.get(job.name)), _steps(found, job)))
-        marks.append("bad" if job.name in found.failed else "warn" if job.name in named else "good")
-    return PageTable(("file", "free-run ESR", "rmse", "mean error", "steps"), tuple(rows), "", (1, 2, 3), tuple(marks),
+        warned = found.warned.get(job.name, ())
+        rows.append((job.name, *_errors(found.errors.get(job.name)), ", ".join(warned) or "–", _steps(found, job)))
+        marks.append("bad" if job.name in found.failed else "warn" if job.name in named or warned else "good")
+    return PageTable(("file", "free-run ESR", "rmse", "mean error", "the audit warns of", "steps"), tuple(rows), "",
+                 (1, 2, 3), tuple(marks),
                  f"{len(rows)} files" if len(rows) > 40 else "")
 
 

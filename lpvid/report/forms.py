@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from lpvid.errors import InputError
@@ -53,10 +54,14 @@ class FormGap:
     def __str__(self) -> str:
         if self.gap is None:
             return f"{self.form}: not available ({self.why_not})"
-        fit = min(self.gap.fit_percent)
-        exact = "exact" if self.gap.exact else f"fit {fit:.5g} % against the transfer function"
-        stated = "" if self.gap.exact or self.gap.verdict is None else f", {self.gap.verdict}"
-        return f"{self.form} ({self.order} states): {exact}{stated}" + ("" if self.gap.causal else ", not causal")
+        causal = "" if self.gap.causal else ", not causal"
+        judged = self.gap.judgement
+        if self.gap.exact or judged is None:
+            fit = f"fit {min(self.gap.fit_percent):.5g} % against the transfer function"
+            return f"{self.form} ({self.order} states): {'exact' if self.gap.exact else fit}{causal}"
+        own, form = judged.own[judged.worst], judged.form[judged.worst]
+        error = f"from {own:.3g} to {form:.3g}" if isfinite(form) else "diverges"
+        return f"{self.form} ({self.order} states): {judged.verdict}, free-run ESR {error}{causal}"
 
 
 def form_gaps(model: LPVTransferFunction, records: Sequence[Record], label: str = "") -> list[FormGap]:

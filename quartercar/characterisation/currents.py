@@ -59,6 +59,11 @@ class ReboundRatio:
     std: float
     without_gas: float | None
 
+    @property
+    def pushed(self) -> bool:
+        """Whether the gas pushes more than a direction damps: its force has the sign of the other, and no ratio."""
+        return self.ratio <= 0
+
 
 def spreads_of(forces: Sequence[StandardForce]) -> tuple[CurrentSpread, ...]:
     """Spread over the currents of each specimen, direction and speed that has two or more.

@@ -241,7 +241,7 @@ def _static_line(found: Characterisation) -> Drawn | None:
     ax.set_title("Gas force and friction" + ("" if slow.creep else ": not a creep test"))
     _legend(ax)
     return Drawn("static", figure, "The slowest test: the mean of both directions is the gas spring, half their "
-                 "difference the friction" + ("." if slow.creep else ", here with the damping at this speed in it."))
+                 "difference the friction" + ("." if slow.creep else ", here with the damping at this speed in both."))
 
 
 def _stiffness(found: Characterisation) -> Drawn | None:

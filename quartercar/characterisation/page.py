@@ -89,6 +89,8 @@ def _where(found: Characterisation, specimen: str, current: float | None) -> str
 
 def _first(found: Characterisation) -> str:
     """Heading of the column that `_where` fills."""
+    if all(f.current is None for f in found.forces):
+        return "records" if len(found.data.specimens) < 2 else "specimen"
     return "current" if len(found.data.specimens) < 2 else "specimen, current"
 
 
@@ -144,7 +146,7 @@ def _forces(found: Characterisation) -> list[Item]:
         rows = [(_where(found, *key[:2]), DIRECTIONS[key[2]], *(
             "–" if f.modelled is None or f.force is None else f"{sign * (f.modelled - f.force):+.3g}"
             for f in (at[(*key, v)] for v in speeds))) for key in keys]
-        items.append(PageTable(("current", "direction", *(f"{v:g} m/s" for v in speeds)), tuple(rows),
+        items.append(PageTable((_first(found), "direction", *(f"{v:g} m/s" for v in speeds)), tuple(rows),
                            f"{found.model} (free run) less measured [N], by the same estimator.",
                            tuple(range(2, 2 + len(speeds)))))
     detail = tuple((_where(found, f.specimen, f.current), DIRECTIONS[f.direction], f"{f.speed:g}",
@@ -153,7 +155,7 @@ def _forces(found: Characterisation) -> list[Item]:
     items.append(
         PageTable(
             (
-                "current",
+                _first(found),
                 "direction",
                 "speed [m/s]",
                 "force [N]",
@@ -175,11 +177,14 @@ def _ratio(found: Characterisation) -> list[Item]:
     if not found.ratios:
         return []
     gas = any(r.without_gas is not None for r in found.ratios)
-    rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", _said(r.ratio, r.std, 3),
+    pushed = any(r.pushed for r in found.ratios)
+    rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", "–" if r.pushed else _said(r.ratio, r.std, 3),
                   *((number(r.without_gas, 3),) if gas else ())) for r in found.ratios)
     return [PageTable((_first(found), "speed [m/s]", "rebound / compression", *(("without gas force",) if gas else ())),
                   rows,
-                  "Rebound over compression force, both as magnitudes.", (1, 2, 3) if gas else (1, 2),
+                  "Rebound over compression force, both as magnitudes."
+                  + (" A dash: the gas pushes more than one of them damps." if pushed else ""),
+                  (1, 2, 3) if gas else (1, 2),
                   folded=f"Rebound over compression, {len(rows)} rows" if len(rows) > OPEN else "")]
 
 

@@ -71,10 +71,12 @@ def characteristics_csv(found: Characterisation) -> str:
                      f"{DIRECTIONS[p.direction]} force at {p.speed:.6g} m/s", sign * p.force, p.std, "N", ""])
     for s in found.static:
         remark = "" if s.creep else f"not creep: {s.speed:.4g} m/s"
+        gas = "" if s.creep else f"{remark}, with half of what the directions' damping differs by"
+        friction = "at the test's speed" if s.creep else f"{remark}, an upper bound"
         where = ["static", s.specimen, s.current, f"{s.record}: {s.test}"]
-        rows += [[*where, "gas force outwards at mid stroke", s.gas, s.gas_std, "N", remark],
+        rows += [[*where, "gas force outwards at mid stroke", s.gas, s.gas_std, "N", gas],
                  [*where, "spring rate", s.rate, s.rate_std, "N/m", remark],
-                 [*where, "friction", s.friction, s.friction_std, "N", remark or "at the test's speed"]]
+                 [*where, "friction", s.friction, s.friction_std, "N", friction]]
     for loop in found.loops:
         where = ["loop", loop.specimen, loop.current, f"{loop.record}: {loop.test}"]
         rows += [[*where, "energy per cycle", loop.energy, loop.energy_std, "J", ""],
@@ -85,7 +87,8 @@ def characteristics_csv(found: Characterisation) -> str:
                  [*where, "equivalent damping", loop.damping, None, "N*s/m", ""]]
     for r in found.ratios:
         rows.append(["ratio", r.specimen, r.current, "", f"rebound over compression at {r.speed:g} m/s", r.ratio, r.std,
-                     "1", "" if r.without_gas is None else f"{r.without_gas:.6g} without gas force"])
+                     "1", "; ".join(("the gas pushes more than one of them damps",) * r.pushed
+                                    + (() if r.without_gas is None else (f"{r.without_gas:.6g} without gas force",)))])
     for s in found.spreads:
         rows.append(["spread", s.specimen, s.current, "", f"{DIRECTIONS[s.direction]} share at {s.speed:g} m/s",
                      s.share, s.share_std, "1", f"{s.off_line:+.4g} off a straight line"])

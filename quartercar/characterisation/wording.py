@@ -123,9 +123,10 @@ def verdict(found: Characterisation) -> str:
 def _key_figures(found: Characterisation) -> str:
     """Force ratios, switching times: each where the records hold it."""
     unit, stated = found.data.current_unit, []
-    top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
+    ratios = [r for r in found.ratios if not r.pushed]
+    top = max(ratios, key=lambda r: r.speed, default=None)
     if top is not None:
-        own = [r.ratio for r in found.ratios if (r.speed, r.current) == (top.speed, top.current)]
+        own = [r.ratio for r in ratios if (r.speed, r.current) == (top.speed, top.current)]
         low, high = f"{min(own):.2f}", f"{max(own):.2f}"
         range_ = low if len(own) == 1 else f"{low} to {high} over {len(own)} specimens"
         stated.append(f"force ratio rebound/compression {range_} at {top.speed:g} m/s"
@@ -168,10 +169,12 @@ def summary(found: Characterisation) -> str:
         label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
     for s in found.static[:2]:
-        kind = "creep" if s.creep else f"at {1e3 * s.speed:.3g} mm/s, upper bound of friction"
+        rate = f"rate {1e-3 * s.rate:.3g} N/mm"
         whose = f"{s.specimen}: " if len(found.data.specimens) > 1 else ""
-        lines.append(f"  {whose}gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, "
-                     f"friction {s.friction:.4g} N ({kind})")
+        lines.append(f"  {whose}gas {s.gas:.4g} ± {s.gas_std:.2g} N, {rate}, friction {s.friction:.4g} N (creep)"
+                     if s.creep else
+                     f"  {whose}at {1e3 * s.speed:.3g} mm/s, no creep: gas force and half of what the directions' "
+                     f"damping differs by {s.gas:.4g} N, {rate}, friction at most {s.friction:.4g} N")
     for s in found.switching[:2]:
         lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
                      f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")

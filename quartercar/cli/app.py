@@ -38,7 +38,7 @@ def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_v
 
 EXAMPLES = {
     rig: (
-        ("records of a virtual damper test, by the default plan", "quartercar rig --out records"),
+        ("a plan to start from: eight tests of a virtual damper", "quartercar rig --template > plan.toml"),
         ("a plan of your own", "quartercar rig plan.toml --out records"),
     ),
     characterise: (

@@ -38,6 +38,8 @@ from lpvid.fleet.state import StepOutcome, keep, outcome
 from lpvid.fleet.steps import _here, audit
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import merged_factor, stream_factor
+from lpvid.report import render
+from lpvid.report.fleet import fleet_page
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 STRUCTURE = lpv.ARX(2, 2, 0, "velocity", "force", lpv.Polynomial("current", degree=1), affine=1)
@@ -268,6 +270,29 @@ def test_causes_carry_their_probability_and_rivals(tmp_path: Path) -> None:
                                 "rivals": [["payload", "gas-stiffness"]], "shared": []}
     lines = list(csv.DictReader(io.StringIO(_table(found))))
     assert (lines[0]["probabilities"], lines[0]["rivals"]) == ("0.934", "payload|gas-stiffness")
+
+
+def test_few_files_leave_it_open_who_differs_and_what_audits_warn_of_is_stated(tmp_path: Path) -> None:
+    for k in range(3):
+        written(specimen(k), tmp_path)
+    plan = plan_fleet([str(tmp_path / "*.csv")], tmp_path / "out", structure=STRUCTURE)
+    done = StepOutcome("audit", "done", "", 0.1, "")
+    turned = plan.jobs[1]
+    (turned.folder / "audit").mkdir(parents=True)
+    findings = [{"name": "reversed-polarity", "severity": "warning"}, {"name": "noise-level", "severity": "note"}]
+    (turned.folder / "audit" / "audit.json").write_text(json.dumps({"findings": findings}))
+    errors = {j.name: {"esr": 0.1, "rmse": 1.0, "unit": "N", "mean_error": 0.0, "diverged": False} for j in plan.jobs}
+    few = differing(dict.fromkeys(errors, 0.1))
+    found = FleetResult(plan, {j.name: {"audit": done} for j in plan.jobs}, None, errors, few, {}, {})
+    assert found.verdict == ("3 of 3 files done; which of them differ is open: that takes 8 files; the audit warns of "
+                             "reversed-polarity in 1.")
+    assert found.warned == {turned.name: ("reversed-polarity",)}
+    assert [row["warnings"] for row in found.to_dict()["files"]] == [[], ["reversed-polarity"], []]
+    page = fleet_page(found)
+    assert page.mark == "warn"
+    assert "reversed-polarity" in render(page)
+    many = differing({f"a{k}": 0.1 for k in range(9)})
+    assert "none differs" in FleetResult(plan, {}, None, errors, many, {}, {}).verdict
 
 
 def test_a_missing_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

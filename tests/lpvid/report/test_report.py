@@ -376,3 +376,20 @@ def dump(file: Path, profile: Path) -> str:
 def attributes(dom: str) -> dict[str, str]:
     head = dom[: dom.index(">", dom.index("<html"))]
     return dict(re.findall(r'data-(\w+)="([^"]*)"', head))
+
+
+def test_a_form_is_printed_with_the_errors_that_its_verdict_rests_on():
+    """Without a constant order-two model the controllable form is neither exact nor free."""
+    from dataclasses import replace
+
+    structure = lpv.ARX(na=2, nb=2, nk=0, basis=lpv.Polynomial("current", degree=1))
+    model = lpv.identify([record(1)], structure).model
+    gaps = {g.form: g for g in form_gaps(model, [record(1)], "training")}
+    assert "exact" in str(gaps["augmented"])
+    one = gaps["controllable"]
+    assert one.gap is not None and one.gap.judgement is not None and not one.gap.exact
+    judged = one.gap.judgement
+    assert str(one) == (f"controllable ({one.order} states): {judged.verdict}, free-run ESR from {judged.own[0]:.3g} "
+                        f"to {judged.form[0]:.3g}")
+    lost = replace(judged, form=(float("inf"),))
+    assert str(replace(one, gap=replace(one.gap, judgement=lost))).endswith("not safe, free-run ESR diverges")

@@ -9,6 +9,7 @@ import pytest
 
 import lpvid as lpv
 import quartercar as qc
+from lpvid.report import render
 from quartercar.characterisation import CharacteriseSettings, Tolerance
 from quartercar.characterisation.cycles import blocks_of, noise_of, series_of
 from quartercar.characterisation.local_fit import local_fit
@@ -83,6 +84,38 @@ def test_peak_velocity_points(dyno):
         if p.block.kind == "sine":
             wanted = law(p.direction * p.speed, p.block.run.level)
             assert p.force == pytest.approx(wanted, abs=max(1.5, 4 * p.std)), p
+
+
+def test_half_the_unequal_damping_of_a_fast_run_is_not_printed_as_gas_force():
+    """Rebound three times compression at 50 mm/s: the mean of the directions is 180 N less half the difference."""
+    t = np.arange(0, 12.0, 2e-3)
+    x, v = 0.02 * np.sin(2.5 * t), 0.05 * np.cos(2.5 * t)
+    force = np.where(v > 0, 1800.0, 600.0) * v - 180.0 + np.random.default_rng(1).normal(0.0, 0.1, t.size)
+    found = qc.characterise([lpv.Record({"displacement": x, "force": force}, sample_time=2e-3,
+                                        units={"displacement": "m", "force": "N"})])
+    (slow,) = found.static
+    speed = 0.05 * (np.arcsin(0.8) + 0.8 * 0.6) / 1.6  # mean of √(1 − u²) over the inner 80 % of the stroke
+    assert slow.gas == pytest.approx(180.0 - 0.5 * (1800.0 - 600.0) * speed, abs=0.2)
+    stated = next(line for line in str(found).splitlines() if "50 mm/s, no creep" in line)
+    assert f"gas force and half of what the directions' damping differs by {slow.gas:.4g} N" in stated
+    assert f"friction at most {slow.friction:.4g} N" in stated
+    assert not any(line.strip().startswith("gas ") for line in str(found).splitlines())
+
+
+def test_forces_that_the_gas_turns_have_no_ratio_and_a_passive_damper_no_column_of_currents():
+    t = np.arange(0, 12.0, 2e-3)
+    rng = np.random.default_rng(2)
+    records = []
+    for speed in (0.05, 0.3):
+        x, v = 0.02 * np.sin(speed / 0.02 * t), speed * np.cos(speed / 0.02 * t)
+        force = np.where(v > 0, 1800.0, 600.0) * v - 180.0 + rng.normal(0.0, 0.1, t.size)
+        records.append(lpv.Record({"displacement": x, "force": force}, sample_time=2e-3, name=f"{speed:g}",
+                                  units={"displacement": "m", "force": "N"}))
+    found = qc.characterise(records)
+    assert {r.speed: r.pushed for r in found.ratios}[0.05] and not {r.speed: r.pushed for r in found.ratios}[0.3]
+    shown = render(characterisation_page(found, ()))
+    assert "A dash: the gas pushes more" in shown and "both as magnitudes" in shown
+    assert shown.count(">current<") == 1  # of the records as used
 
 
 def test_gas_and_friction_of_the_creep_run(dyno):

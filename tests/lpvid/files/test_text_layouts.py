@@ -1,0 +1,112 @@
+"""What test benches write around and into their tables: preambles, rows of units, dates, other names of time."""
+
+import numpy as np
+import pytest
+
+import lpvid as lpv
+from lpvid.errors import InputError
+from lpvid.files.streaming import read_chunks
+
+TIMES = np.arange(40) / 500
+FORCE = 100.0 + np.arange(40)
+STROKE = 0.5 * np.arange(40)
+PLAIN = "time [s],displacement [mm],force [kN]\n"
+PREAMBLE = "MTS793|MPT|ENU|1|2|/|.|:|1|0|0|A\nData Header: ; Time: 10 Sec\nStation: DAMPER 2\n\n"
+
+
+def rows(delimiter=",", comma=False, stamps=None):
+    """Lines of the table in mm and kN."""
+    stamps = [f"{t:.3f}" for t in TIMES] if stamps is None else stamps
+    cells = zip(stamps, STROKE, FORCE, strict=True)
+    lines = [delimiter.join((stamp, f"{x:.4f}", f"{f / 1e3:.4f}")) for stamp, x, f in cells]
+    text = "\n".join(lines) + "\n"
+    return text.replace(".", ",") if comma else text
+
+
+LAYOUTS = {
+    "preamble": PREAMBLE + "time [s];displacement [mm];force [kN]\n" + rows(";", comma=True),
+    "preamble and units": PREAMBLE + "Time\tdisplacement\tforce\nSec\tmm\tkN\n" + rows("\t"),
+    "units in a row": "time,displacement,force\ns,mm,kN\n" + rows(),
+    "units in brackets": "time,displacement,force\n[s],[mm],[kN]\n" + rows(),
+    "dates": "time,displacement [mm],force [kN]\n" + rows(stamps=[
+        *(f"2026-11-26T23:59:59.{990 + 2 * k:03d}" for k in range(5)),
+        *(f"2026-11-27 00:00:00.{2 * k:03d}" for k in range(35))]),
+    "dates with points": "time;displacement [mm];force [kN]\n" + rows(";", stamps=[
+        f"26.11.2026 10:12:13,{2 * k:03d}" for k in range(40)]),
+    "times of day": "time,displacement [mm],force [kN]\n" + rows(stamps=[f"9:59:59.{2 * k:03d}" for k in range(40)]),
+}
+
+
+@pytest.mark.parametrize("text", LAYOUTS.values(), ids=LAYOUTS)
+@pytest.mark.parametrize("parts", [False, True], ids=["whole", "in parts"])
+def test_a_table_is_the_same_whatever_is_written_around_it(tmp_path, text, parts):
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    records = list(read_chunks(path, 16)) if parts else lpv.read(path)
+    np.testing.assert_allclose(np.concatenate([r["force"] for r in records]), FORCE, rtol=1e-12)
+    np.testing.assert_allclose(np.concatenate([r["displacement"] for r in records]), STROKE / 1e3, rtol=1e-12)
+    assert records[0].sample_time == pytest.approx(1 / 500, rel=1e-9)
+    assert sum(r.n_samples for r in records) == 40
+    assert np.concatenate([r.times for r in records])[-1] == pytest.approx(TIMES[-1], abs=1e-9)
+
+
+def test_a_role_names_the_time_column(tmp_path):
+    path = tmp_path / "fahrt.csv"
+    path.write_text("Zeit [ms];Weg [mm];Kraft [kN]\n" + rows(";", comma=True, stamps=[f"{1e3 * t:.1f}" for t in TIMES]))
+    roles = {"time": "Zeit", "force": "Kraft"}
+    record, = lpv.read(path, roles=roles)
+    assert record.sample_time == pytest.approx(1 / 500, rel=1e-9)
+    np.testing.assert_allclose(record["force"], FORCE, rtol=1e-12)
+    assert "Zeit" not in record.channels
+    streamed = list(read_chunks(path, 16, roles=roles))
+    assert np.concatenate([r["force"] for r in streamed]).tolist() == record["force"].tolist()
+    with pytest.raises(InputError, match="--role time=Zeit"):
+        lpv.read(path)
+    with pytest.raises(InputError, match="no column 'Uhr'"):
+        lpv.read(path, roles={"time": "Uhr"})
+
+
+def test_a_role_names_the_time_column_of_a_parquet_file_in_parts(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    pyarrow = pytest.importorskip("pyarrow")
+    path = tmp_path / "run.parquet"
+    parquet.write_table(pyarrow.table({"Zeit [s]": TIMES, "Weg [m]": STROKE, "Kraft [N]": FORCE}), path)
+    chunks = read_chunks(path, 16, roles={"time": "Zeit", "force": "Kraft"}).only(("force",))
+    assert np.concatenate([r.times for r in chunks])[-1] == pytest.approx(TIMES[-1])
+
+
+def test_a_date_that_does_not_say_which_number_is_the_month_is_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(PLAIN + rows(stamps=[f"11/10/2026 10:12:13.{k:03d}" for k in range(40)]))
+    with pytest.raises(InputError, match="2026-11-26T10:12:13"):
+        lpv.read(path)
+
+
+def test_text_in_the_first_row_is_no_header(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(PLAIN + rows().replace("0.000,0.0000", "0.000,off", 1))
+    record, = lpv.read(path)
+    assert record.n_samples == 40
+    assert "off" in str(record.channels["displacement"].fault)
+
+
+def test_a_line_below_the_data_is_named_as_such(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(PLAIN + rows() + "End of test\n")
+    with pytest.raises(InputError, match=r"line 42 has 1 cell.*below the data"):
+        lpv.read(path)
+
+
+@pytest.mark.parametrize("parts", [False, True], ids=["whole", "in parts"])
+def test_a_role_states_the_unit_that_a_file_does_not(tmp_path, parts):
+    path = tmp_path / "run.csv"
+    path.write_text("t,x,F [kN]\n" + rows(stamps=[f"{1e3 * t:.1f}" for t in TIMES]))
+    roles = {"time": "t [ms]", "displacement": "x [mm]", "force": "F"}
+    records = list(read_chunks(path, 16, roles=roles).only(("displacement", "force"))) if parts else \
+        lpv.read(path, roles=roles)
+    np.testing.assert_allclose(np.concatenate([r["displacement"] for r in records]), STROKE / 1e3, rtol=1e-12)
+    np.testing.assert_allclose(np.concatenate([r["force"] for r in records]), FORCE, rtol=1e-12)
+    assert records[0].unit("x") == "m"
+    assert records[0].sample_time == pytest.approx(1 / 500, rel=1e-9)
+    with pytest.raises(InputError, match="states its own unit"):
+        lpv.read(path, roles={"force": "F [N]"})
