@@ -19,6 +19,8 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
     try:
         if np.iscomplexobj(values):  # type: ignore[arg-type]
             raise TypeError("complex numbers have no place here")
+        if getattr(getattr(values, "dtype", None), "kind", "") in ("M", "m"):
+            raise TypeError("dates and durations are no numbers")
         array = values if _is_frozen(values, dtype) else np.array(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must hold numbers", got=type(values).__name__, why=str(error)) from None

@@ -11,7 +11,7 @@ import numpy as np
 from lpvid import _checks, units
 from lpvid._shown import Shown
 from lpvid.errors import InputError
-from lpvid.timebase import TimeBase, analyse_time
+from lpvid.timebase import TimeBase, analyse_time, calendar_seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,8 @@ class Record(Shown):
     sample_time : float, optional
         Sampling period [s] of a uniform record; leave out when `time` is given.
     time : (n,) array, optional
-        Time stamps [s]. A uniform clock (within 1 % jitter or the print's rounding, no gaps) sets `sample_time`.
+        Time stamps [s], or dates, which count from the first. A uniform clock (within 1 % jitter or the print's
+        rounding, no gaps) sets `sample_time`.
     units : mapping of str to str, optional
         Unit of each plain array, any that a header may have; SI where left out.
     roles : mapping of str to str, optional
@@ -115,7 +116,8 @@ class Record(Shown):
             given = "neither" if self.time is None else "both"
             raise InputError(f"record '{self.name}' needs either sample_time or time", got=given)
         if self.time is not None:
-            time = _checks.frozen_array(self.time, "time", ndim=1)
+            dated = calendar_seconds(self.time)
+            time = _checks.frozen_array(self.time if dated is None else dated, "time", ndim=1)
             if time.size != n:
                 raise InputError(f"record '{self.name}': time differs in length", got=f"{time.size} against {n}")
             base = analyse_time(time)
