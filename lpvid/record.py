@@ -9,13 +9,14 @@ from types import MappingProxyType
 import numpy as np
 
 from lpvid import _checks, units
+from lpvid._pickling import ReadOnlyState
 from lpvid._shown import Shown
 from lpvid.errors import InputError
 from lpvid.timebase import TimeBase, analyse_time, calendar_seconds
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class Channel(ReadOnlyState):
     """One sampled signal, SI inside.
 
     Attributes
@@ -53,7 +54,7 @@ def _channel(name: str, values: object, unit: str) -> Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class Record(Shown):
+class Record(ReadOnlyState, Shown):
     """Channels sampled together, immutable, SI inside.
 
     Parameters
