@@ -135,6 +135,13 @@ def one_of(value: str, allowed: Sequence[str], name: str) -> str:
     return value
 
 
+def instance(value: object, kind: type | tuple[type, ...], what: str, mend: str = "") -> None:
+    """Refuse an argument of another class; `what` is a whole phrase, such as "a car is driven over a RideRoad"."""
+    if not isinstance(value, kind):
+        raise InputError(what, got=f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__,
+                         mend=f"{value.__name__}(...)" if isinstance(value, type) and issubclass(value, kind) else mend)
+
+
 def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
     """A name, several names, or a comma-separated list; at least one, all different."""
     parts = value.split(",") if isinstance(value, str) else list(value)

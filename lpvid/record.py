@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -13,6 +14,10 @@ from lpvid._pickling import ReadOnlyState
 from lpvid._shown import Shown
 from lpvid.errors import InputError
 from lpvid.timebase import TimeBase, analyse_time, calendar_seconds
+
+MISSPELT = 0.85
+"""Share of letters in common, of both names, from which one is a slip of the other: one letter left out of four has
+6/7, one mistaken of seven 6/7 as well; `force` and `force_2` have 5/6."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +58,19 @@ def _channel(name: str, values: object, unit: str) -> Channel:
         raise InputError(error.what.replace("a channel", f"channel '{name}'"), got=error.got, why=error.why) from None
 
 
+def _refuse_misspelt(stated: Mapping[str, str], channels: Mapping[str, Channel], where: str) -> None:
+    """A unit whose channel is misspelt would leave that channel without one, off by a thousand where it is in mm/s.
+
+    Units of channels that are not there are allowed: one table may serve many records.
+    """
+    bare = {name.casefold(): name for name in channels if name not in stated}
+    for title in stated:
+        near = difflib.get_close_matches(str(title).casefold(), list(bare), n=1, cutoff=MISSPELT)
+        if title not in channels and near:
+            raise InputError(f"{where}: units= names '{title}', which is no channel",
+                             got=f"'{bare[near[0]]}' without a unit", mend=f"did you mean '{bare[near[0]]}'?")
+
+
 @dataclass(frozen=True, eq=False)
 class Record(ReadOnlyState, Shown):
     """Channels sampled together, immutable, SI inside.
@@ -80,7 +98,7 @@ class Record(ReadOnlyState, Shown):
     Raises
     ------
     InputError
-        Unequal lengths, no time base, a role that names no channel.
+        Unequal lengths, no time base, a role that names no channel, a unit whose channel is misspelt.
 
     Examples
     --------
@@ -106,6 +124,7 @@ class Record(ReadOnlyState, Shown):
                     for k, v in self.channels.items()}
         if not channels:
             raise InputError(f"record '{self.name}' has no channels")
+        _refuse_misspelt(given, channels, f"record '{self.name}'")
         lengths = {k: v.values.size for k, v in channels.items()}
         n = next(iter(lengths.values()))
         if len(set(lengths.values())) > 1:

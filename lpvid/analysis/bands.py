@@ -181,6 +181,8 @@ def _noise_root(model: Model) -> np.ndarray:
 def _drawn(models: Iterable[Model], level: float) -> list[Model]:
     if not 0 < _checks.real(level, "level") < 1:
         raise InputError("the level of a band must lie between 0 and 1", got=level)
+    _checks.instance(models, Iterable, "a band needs drawn models",
+                     "found.draw(np.random.default_rng(0), 500) of an Identification")
     drawn = list(models)
     if len(drawn) < 2:
         raise InputError("a band needs at least two drawn models", got=len(drawn))

@@ -104,6 +104,8 @@ def reduce_order(system: LPVStateSpace, order: int | None = None, *, tolerance: 
     >>> smaller.model.order, smaller.error < smaller.bound < 0.1
     (1, True)
     """
+    _checks.instance(system, LPVStateSpace, "a reduction is of a state space",
+                     'lpv.realize(model, form="augmented").model')
     grid = system.box.grid(_checks.count(points, "points of the grid", at_least=2))
     a, b, c, d = frozen_matrices(system, grid)
     _refuse_unstable(system, a, grid)
