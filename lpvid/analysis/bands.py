@@ -65,6 +65,8 @@ class Band:
         lost = f", {self.diverged} more diverged" if self.diverged else ""
         return f"{self.level:.0%} band of the {self.kind}: widest {width:.4g}, {self.draws} draws{lost}, pointwise"
 
+    __repr__ = __str__
+
 
 def frequency_band(models: Iterable[Model], at: Sequence[float] | np.ndarray, frequencies: np.ndarray,
                    level: float = 0.95) -> Band:

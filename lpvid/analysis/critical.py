@@ -184,6 +184,8 @@ class CriticalScheduling:
         rows = [str(line) for line in self.lines] or ["the model has no scheduling variables: nothing can be critical"]
         return "\n".join([*rows, CAVEAT])
 
+    __repr__ = __str__
+
     def to_dict(self) -> dict:
         """Plain data for JSON; an unbounded end of an interval is null.
 

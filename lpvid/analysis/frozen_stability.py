@@ -55,6 +55,8 @@ class FrozenStability(Encoded):
             rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the box")
         return "\n".join([*rows, CAVEAT])
 
+    __repr__ = __str__
+
 
 def frozen_stability(model: Model, points: int | None = None) -> FrozenStability:
     """Whether every frozen model of the box is stable: exactly for one scheduling variable, on a grid for several.

@@ -158,6 +158,8 @@ class PoleLocus(Encoded):
                 f"  largest {what} {self.max_modulus[worst]:.6g} at {self.p[worst]:.6g} {self.unit}".rstrip()]
         return "\n".join([*rows, *(f"  {n}" for n in self.notes), CAVEAT])
 
+    __repr__ = __str__
+
 
 def pole_locus(model: Model, variable: str | None = None, points: int = 201,
                at: Mapping[str, float] | Sequence[float] | None = None,

@@ -62,6 +62,8 @@ class Reduction:
                 f"{self.size:.4g} ({where}), {bound}\n"
                 f"singular values {', '.join(f'{s:.3g}' for s in self.singular_values[:12])}")
 
+    __repr__ = __str__
+
 
 def reduce_order(system: LPVStateSpace, order: int | None = None, *, tolerance: float = 1e-3, points: int = 5,
                  certified: bool = True) -> Reduction:
