@@ -19,6 +19,8 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
     try:
         if np.iscomplexobj(values):  # type: ignore[arg-type]
             raise TypeError("complex numbers have no place here")
+        if getattr(getattr(values, "dtype", None), "kind", "") in ("M", "m"):
+            raise TypeError("dates and durations are no numbers")
         array = values if _is_frozen(values, dtype) else np.array(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must hold numbers", got=type(values).__name__, why=str(error)) from None
@@ -131,6 +133,13 @@ def one_of(value: str, allowed: Sequence[str], name: str) -> str:
     if value not in allowed:
         raise InputError(f"{name} must be one of {', '.join(allowed)}", got=repr(value), mend=_near(value, allowed))
     return value
+
+
+def instance(value: object, kind: type | tuple[type, ...], what: str, mend: str = "") -> None:
+    """Refuse an argument of another class; `what` is a whole phrase, such as "a car is driven over a RideRoad"."""
+    if not isinstance(value, kind):
+        raise InputError(what, got=f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__,
+                         mend=f"{value.__name__}(...)" if isinstance(value, type) and issubclass(value, kind) else mend)
 
 
 def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -9,13 +10,18 @@ from types import MappingProxyType
 import numpy as np
 
 from lpvid import _checks, units
+from lpvid._pickling import ReadOnlyState
 from lpvid._shown import Shown
 from lpvid.errors import InputError
-from lpvid.timebase import TimeBase, analyse_time
+from lpvid.timebase import TimeBase, analyse_time, calendar_seconds
+
+MISSPELT = 0.85
+"""Share of letters in common, of both names, from which one is a slip of the other: one letter left out of four has
+6/7, one mistaken of seven 6/7 as well; `force` and `force_2` have 5/6."""
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class Channel(ReadOnlyState):
     """One sampled signal, SI inside.
 
     Attributes
@@ -52,8 +58,21 @@ def _channel(name: str, values: object, unit: str) -> Channel:
         raise InputError(error.what.replace("a channel", f"channel '{name}'"), got=error.got, why=error.why) from None
 
 
+def _refuse_misspelt(stated: Mapping[str, str], channels: Mapping[str, Channel], where: str) -> None:
+    """A unit whose channel is misspelt would leave that channel without one, off by a thousand where it is in mm/s.
+
+    Units of channels that are not there are allowed: one table may serve many records.
+    """
+    bare = {name.casefold(): name for name in channels if name not in stated}
+    for title in stated:
+        near = difflib.get_close_matches(str(title).casefold(), list(bare), n=1, cutoff=MISSPELT)
+        if title not in channels and near:
+            raise InputError(f"{where}: units= names '{title}', which is no channel",
+                             got=f"'{bare[near[0]]}' without a unit", mend=f"did you mean '{bare[near[0]]}'?")
+
+
 @dataclass(frozen=True, eq=False)
-class Record(Shown):
+class Record(ReadOnlyState, Shown):
     """Channels sampled together, immutable, SI inside.
 
     Parameters
@@ -63,7 +82,8 @@ class Record(Shown):
     sample_time : float, optional
         Sampling period [s] of a uniform record; leave out when `time` is given.
     time : (n,) array, optional
-        Time stamps [s]. A uniform clock (within 1 % jitter or the print's rounding, no gaps) sets `sample_time`.
+        Time stamps [s], or dates, which count from the first. A uniform clock (within 1 % jitter or the print's
+        rounding, no gaps) sets `sample_time`.
     units : mapping of str to str, optional
         Unit of each plain array, any that a header may have; SI where left out.
     roles : mapping of str to str, optional
@@ -78,7 +98,7 @@ class Record(Shown):
     Raises
     ------
     InputError
-        Unequal lengths, no time base, a role that names no channel.
+        Unequal lengths, no time base, a role that names no channel, a unit whose channel is misspelt.
 
     Examples
     --------
@@ -104,6 +124,7 @@ class Record(Shown):
                     for k, v in self.channels.items()}
         if not channels:
             raise InputError(f"record '{self.name}' has no channels")
+        _refuse_misspelt(given, channels, f"record '{self.name}'")
         lengths = {k: v.values.size for k, v in channels.items()}
         n = next(iter(lengths.values()))
         if len(set(lengths.values())) > 1:
@@ -115,7 +136,8 @@ class Record(Shown):
             given = "neither" if self.time is None else "both"
             raise InputError(f"record '{self.name}' needs either sample_time or time", got=given)
         if self.time is not None:
-            time = _checks.frozen_array(self.time, "time", ndim=1)
+            dated = calendar_seconds(self.time)
+            time = _checks.frozen_array(self.time if dated is None else dated, "time", ndim=1)
             if time.size != n:
                 raise InputError(f"record '{self.name}': time differs in length", got=f"{time.size} against {n}")
             base = analyse_time(time)

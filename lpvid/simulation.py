@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.initial_state import estimate_state
 from lpvid.least_squares import FunctionResiduals, Shares, StopRule, minimise_dense
-from lpvid.model.adaptable import Adaptable, acting
+from lpvid.model.adaptable import Adaptable, acting, checked_model
 from lpvid.model.designed import warn_outside
 from lpvid.model.lft import LFTModel
 from lpvid.model.quasi import SelfScheduled
@@ -80,7 +82,7 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
         Discrete-time model, or what acts as one at the record's rate. A continuous state space (such as a closed loop)
         runs along any uniform record, with inputs and scheduling linear between its samples
         (`lpvid.model.continuous_run`), from rest or from a given state.
-    record : Record
+    record : Record, mapping, data frame or structured array
         Uniform record at the model's rate with the model's inputs and scheduling (and outputs for "measured").
     initial : {"measured", "zero", "estimate"} or array
         Where to start. "measured": a transfer function from its first ``model.start`` measured samples, a state space
@@ -111,6 +113,7 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     >>> simulate(model, record, "zero").output.ravel()
     array([0.  , 1.5 , 2.25])
     """
+    record = _one_record(record, "simulate")
     model = _acting(model, record)
     if isinstance(model, LPVStateSpace) and model.sample_time is None:
         return _simulate_continuous(model, record, initial)
@@ -175,6 +178,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
     from lpvid import _kernels
 
     horizon = _checks.count(horizon, "horizon", at_least=1)
+    record = _one_record(record, "predict")
     model = _acting(model, record)
     u, p = _signals(model, record)
     y = _outputs(model, record)
@@ -451,8 +455,20 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
 
 
 # -- shared ----------------------------------------------------------------------------------------------------------
+def _one_record(given: Any, verb: str) -> Record:
+    """The record itself, or what becomes one: named columns of a dict, an array or a frame."""
+    if isinstance(given, Record):
+        return given
+    listed = as_records(given)
+    if len(listed) != 1:
+        raise InputError(f"{verb} takes one record", got=f"{len(listed)}",
+                         mend=f"[lpv.{verb}(model, r) for r in records]")
+    return listed[0]
+
+
 def _acting(model: Model | Adaptable, record: Record) -> Model:
     """What runs along this record."""
+    checked_model(model, "only a model or a damper runs along records")
     if isinstance(model, LFTModel):
         raise InputError("a linear fractional form does not run along a record", got=repr(model),
                          mend="use model.simulate(inputs, scheduling), or lpvid.to_gridded(model).model")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 
@@ -172,3 +174,42 @@ def _rounded_period(time: np.ndarray, resolution: np.ndarray) -> float | None:
     residual = np.abs(time - mean_time - period * centred)
     fits = bool(period > 0 and resolution.max() <= 2 * period and np.all(residual <= 0.55 * resolution + 1e-12))
     return period if fits else None
+
+def calendar_seconds(source: Any) -> np.ndarray | None:
+    """Seconds of dates, from the first valid one, or of durations; None for what holds neither.
+
+    The ticks are subtracted as whole numbers, since a double resolves only 0.2 µs of the seconds since 1970. An array
+    of numpy's dates would pass for one of numbers: its ticks, which are nanoseconds or microseconds.
+
+    Parameters
+    ----------
+    source : array or column of a data frame
+        Of numpy's, pandas' or polars' dates or durations, or of Python's.
+
+    Returns
+    -------
+    (n,) array or None
+        [s]; nan where a date is missing.
+
+    Examples
+    --------
+    >>> calendar_seconds(np.array(["2026-11-26T16:00:00.000", "2026-11-26T16:00:00.005"], dtype="datetime64[ms]"))
+    array([0.   , 0.005])
+    """
+    dtype = getattr(source, "dtype", None)
+    if getattr(dtype, "tz", None) is not None:  # pandas with a time zone: numpy has none, hence UTC
+        source = np.asarray(source, dtype="datetime64[ns]")
+    values = np.asarray(source)
+    if values.dtype == object and values.size and isinstance(values.flat[0], datetime):
+        values = np.array([v.astimezone(UTC).replace(tzinfo=None) if getattr(v, "tzinfo", None) else v
+                           for v in values.ravel()], dtype="datetime64[us]").reshape(values.shape)
+    elif values.dtype == object and values.size and isinstance(values.flat[0], timedelta):
+        values = values.astype("timedelta64[us]")
+    if values.dtype.kind not in "mM":
+        return None
+    missing = np.isnat(values)
+    if values.dtype.kind == "M":
+        values = values - (values[~missing][0] if not missing.all() else values.dtype.type(0, "s"))
+    step, count = np.datetime_data(values.dtype)
+    tick = float(np.timedelta64(count, step) / np.timedelta64(1, "s"))
+    return np.where(missing, np.nan, tick * values.astype(np.int64))

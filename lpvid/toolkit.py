@@ -7,6 +7,7 @@
   kernels inside the function that calls them.
 - ``single_thread``, ``found_once``, ``in_processes``, ``Beside``: one BLAS thread inside a block, a value that threads
   share, a function over items on several processes, one call beside the caller's own work.
+- ``ReadOnlyState``: a frozen noun whose mappings and arrays stay read-only through pickle and copy.
 - ``Shown``: a noun that draws itself and has a card in a notebook.
 
 Examples
@@ -22,6 +23,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks as checks
+from lpvid._pickling import ReadOnlyState
 from lpvid._processes import Beside, in_processes
 from lpvid._shown import Shown
 from lpvid._threads import found_once, single_thread
@@ -29,7 +31,8 @@ from lpvid._threads import found_once, single_thread
 if TYPE_CHECKING:
     from lpvid._compiling import copy_values, njit
 
-__all__ = ["Beside", "Shown", "checks", "copy_values", "found_once", "in_processes", "njit", "single_thread"]
+__all__ = ["Beside", "ReadOnlyState", "Shown", "checks", "copy_values", "found_once", "in_processes", "njit",
+           "single_thread"]
 
 
 def __getattr__(name: str) -> Any:

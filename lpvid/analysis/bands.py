@@ -65,6 +65,8 @@ class Band:
         lost = f", {self.diverged} more diverged" if self.diverged else ""
         return f"{self.level:.0%} band of the {self.kind}: widest {width:.4g}, {self.draws} draws{lost}, pointwise"
 
+    __repr__ = __str__
+
 
 def frequency_band(models: Iterable[Model], at: Sequence[float] | np.ndarray, frequencies: np.ndarray,
                    level: float = 0.95) -> Band:
@@ -181,6 +183,8 @@ def _noise_root(model: Model) -> np.ndarray:
 def _drawn(models: Iterable[Model], level: float) -> list[Model]:
     if not 0 < _checks.real(level, "level") < 1:
         raise InputError("the level of a band must lie between 0 and 1", got=level)
+    _checks.instance(models, Iterable, "a band needs drawn models",
+                     "found.draw(np.random.default_rng(0), 500) of an Identification")
     drawn = list(models)
     if len(drawn) < 2:
         raise InputError("a band needs at least two drawn models", got=len(drawn))

@@ -10,6 +10,7 @@ from lpvid import _checks
 from lpvid.analysis.critical import CriticalScheduling, critical_scheduling
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability_margin
 from lpvid.codec import Encoded
+from lpvid.model.adaptable import checked_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,8 @@ class FrozenStability(Encoded):
             rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the box")
         return "\n".join([*rows, CAVEAT])
 
+    __repr__ = __str__
+
 
 def frozen_stability(model: Model, points: int | None = None) -> FrozenStability:
     """Whether every frozen model of the box is stable: exactly for one scheduling variable, on a grid for several.
@@ -79,6 +82,7 @@ def frozen_stability(model: Model, points: int | None = None) -> FrozenStability
     >>> result.stable, result.max_modulus, result.at
     (True, 0.75, {'current': -1.0})
     """
+    checked_model(model, "frozen stability is that of a model")
     models, box = family(model), model.box
     count = len(box.names)
     if points is None:

@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
+from lpvid.model.adaptable import checked_model
 
 DEEPEST = 14
 FIXED = 1e-3
@@ -157,6 +158,8 @@ class PoleLocus(Encoded):
                 f"  largest {what} {self.max_modulus[worst]:.6g} at {self.p[worst]:.6g} {self.unit}".rstrip()]
         return "\n".join([*rows, *(f"  {n}" for n in self.notes), CAVEAT])
 
+    __repr__ = __str__
+
 
 def pole_locus(model: Model, variable: str | None = None, points: int = 201,
                at: Mapping[str, float] | Sequence[float] | None = None,
@@ -194,6 +197,7 @@ def pole_locus(model: Model, variable: str | None = None, points: int = 201,
     >>> pole_locus(model, points=3).poles.real.ravel()
     array([0.75, 0.5 , 0.25])
     """
+    checked_model(model, "a pole locus is that of a model")
     line = one_line(model, variable, at, direction)
     p = grid_along(line, points, range)
     models = family(model)

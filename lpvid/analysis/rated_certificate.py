@@ -22,7 +22,7 @@ RATE = "_rate"
 """What a scheduling variable's name gets appended for the variable that holds its derivative."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RatedGainCertificate(StorageCertificate):
     """A storage function ξᵀP(p)ξ, x = Tξ, that bounds the gain of a loop with scheduling p and ṗ, both read by it.
 

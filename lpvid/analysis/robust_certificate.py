@@ -233,7 +233,7 @@ class RobustBound(LyapunovInequality):
         return scale / np.sqrt(np.maximum(np.abs(np.diag(value)), 1e-12 * np.abs(value).max()))[:, None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RobustCertificate(StorageCertificate):
     """A storage function and multipliers that bound a gain for every uncertainty of given kinds.
 

@@ -82,6 +82,8 @@ class PoleBand(Encoded):
             f"  {self.draws} draws, band pointwise; fewest stable: {self.share_stable[least]:.1%} "
             f"at {self.p[least]:.6g} {self.unit}".rstrip(), CAVEAT])
 
+    __repr__ = __str__
+
 
 @dataclass(frozen=True)
 class StabilityProbability(Encoded):
@@ -116,6 +118,8 @@ class StabilityProbability(Encoded):
                 f"({self.level:.0%} interval {self.interval[0]:.3f} … {self.interval[1]:.3f}, {self.draws} draws, "
                 f"{how})"
                 f"\n{CAVEAT}")
+
+    __repr__ = __str__
 
 
 def pole_band(models: Iterable[Model], variable: str | None = None, points: int = 101,

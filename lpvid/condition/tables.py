@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks, units
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
+from lpvid.timebase import calendar_seconds
 
 _MEND_TIME = ("add a column 'time [s]', name the one that is: --role time={0}, or state the rate: --sample-rate HZ, in "
               "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
@@ -229,7 +230,8 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
 
     A column is named ``name [unit]`` as in a file's header, and one is called ``time`` or ``t``; a list is several
     records. Data frames are those of pandas or polars; of numpy, structured arrays have columns; of xarray, a Dataset
-    of one dimension, whose attribute ``units`` counts where a name states no unit.
+    of one dimension, whose attribute ``units`` counts where a name states no unit. The index of a pandas frame is its
+    clock where no column is, and it is called so or holds times. Dates become seconds from the first one.
 
     Parameters
     ----------
@@ -316,18 +318,33 @@ def _from_columns(data: Any, name: str, stated: Mapping[str, str]) -> Record:
     if headers is None:
         raise _no_record(data)
     titles = [units.parse_header(str(header)) for header in headers]
+    sources = [(str(header), data[header]) for header in headers]
+    if not any(is_time_name(title) for title, _ in titles) and (clock := _index_clock(data)) is not None:
+        titles, sources = [units.parse_header(clock[0]), *titles], [clock, *sources]
     for title in stated:
         _checks.known_name(title, [known for known, _ in titles], "column in units=")
     columns = []
-    for header, (title, unit) in zip(headers, titles, strict=True):
+    for (header, source), (title, unit) in zip(sources, titles, strict=True):
         unit = unit if unit is not None else stated.get(title)
-        unit = unit if unit is not None else getattr(data[header], "attrs", {}).get("units")
+        unit = unit if unit is not None else getattr(source, "attrs", {}).get("units")
         try:
-            values = np.asarray(data[header], dtype=float)
+            seconds = calendar_seconds(source)
+            values = np.asarray(source, dtype=float) if seconds is None else seconds
         except (TypeError, ValueError) as error:
             raise InputError(f"{name}: column '{header}' must hold numbers", why=" ".join(str(error).split())[:80],
                              mend="leave it out, or convert it") from None
         if values.ndim != 1:
             raise InputError(f"{name}: column '{header}' must have one dimension", got=f"shape {values.shape}")
-        columns.append(Column(title, values, unit))
+        columns.append(Column(title, values, unit if seconds is None else "s"))
     return to_record(ColumnTable(columns), name, name=name, sample_rate=None, roles=None)
+
+
+def _index_clock(data: Any) -> tuple[str, Any] | None:
+    """Name and values of a pandas index that is a clock: called ``time`` or ``t``, or of dates or durations."""
+    index = getattr(data, "index", None)
+    if index is None or not hasattr(data, "iloc"):
+        return None
+    label = str(getattr(index, "name", None) or "")
+    if label and is_time_name(units.parse_header(label)[0]):
+        return label, index
+    return None if calendar_seconds(index) is None else ("time [s]", index)

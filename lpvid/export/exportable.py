@@ -133,8 +133,9 @@ def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
     InputError
         A name that is no input, a value outside the model's range, or no input left.
     """
-    if not at:
+    if at is None or (isinstance(at, Mapping) and not at):
         return found
+    _checks.instance(at, Mapping, "held inputs go by name", 'at={"current": 1.2}')
     program = found.program
     known = {q.label or q.name: q for q in program.inputs}
     for name, value in at.items():

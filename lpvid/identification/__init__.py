@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.condition import segments, with_derived
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
@@ -70,6 +71,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     """
     if isinstance(records, Chunks):
         return _streamed(records, structure, sample_rate, held_out)
+    _checks.instance(structure, Structure, "identify fits a structure", "lpv.ARX(na=2, nb=2, input=..., output=...)")
     listed = as_records(records, units=units)
     if units is not None and held_out is not None:
         held_out = as_records(held_out, "held-out", units)

@@ -15,7 +15,7 @@ from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, RegressionEstimate, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.ridge import Ridge
-from lpvid.identification.structure import Structure
+from lpvid.identification.structure import Structure, checked_basis
 from lpvid.model.input_stage import STAGES, InputStage
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.model.signals import Signal
@@ -88,6 +88,7 @@ class ARX(Structure):
         if shared:
             raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)),
                              mend="leave it out of the one or the other; past outputs enter by na")
+        checked_basis(self.basis)
         own = set(self.output) & set(self.basis.names)
         if own:
             raise InputError("the coefficients depend on the output itself", got=", ".join(sorted(own)),

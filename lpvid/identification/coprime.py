@@ -15,7 +15,7 @@ from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
 from lpvid.identification.state_space_result import checked_signals, package, static_basis
 from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, refine
-from lpvid.identification.structure import Structure
+from lpvid.identification.structure import Structure, checked_basis
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.state_space import LPVStateSpace
@@ -83,6 +83,7 @@ class RightCoprime(Structure):
         inputs, outputs = checked_signals(self.input, self.output)
         object.__setattr__(self, "input", inputs)
         object.__setattr__(self, "output", outputs)
+        checked_basis(self.basis)
         if len(outputs) > 1:
             raise InputError("the right-coprime form is for a single output", got=", ".join(outputs),
                              mend="use StateSpaceError for several outputs")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.condition import segments, with_derived
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.canonical_form import CanonicalForm
@@ -184,6 +185,9 @@ def refit_form(realization: Realization | LPVTransferFunction, records: Record |
         if form is None:
             raise InputError("which form is to be re-estimated?", mend='give form="controllable" or "observable"')
         realization = realize(realization, form)
+    elif not isinstance(realization, Realization):
+        raise InputError("a form is re-estimated from a transfer function or a realisation",
+                         got=type(realization).__name__, mend="of an identification, give its .model")
     elif form not in (None, realization.form):
         raise InputError("another form than the one realised", got=f"{form} and {realization.form}",
                          mend="leave form out, or give the transfer function")
@@ -196,7 +200,7 @@ def refit_form(realization: Realization | LPVTransferFunction, records: Record |
                for name, model in models.items()}
     own = tuple(v for v in (found.training, found.held_out) if v is not None)
     figures[SHOWN[2]] = own
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     listed = with_derived(listed, structure.channels)
     pieces = segments(listed, structure.channels, sample_rate=1 / source.sample_time if sample_rate else None,
                       minimum=structure.start + 2)

@@ -92,6 +92,8 @@ class PredictionError(Structure):
         _checks.positive(self.tolerance, "tolerance")
         _checks.one_of(self.initial, ("estimate", "measured"), "initial")
         _checks.one_of(self.frozen_poles, ("any", "inside"), "frozen_poles")
+        _checks.instance(self.bounds, (Mapping, Sequence), "bounds are intervals by parameter name",
+                         'bounds={"v0": (0.01, 0.2)}')
         rows = self.bounds.items() if isinstance(self.bounds, Mapping) else [(r[0], r[1:]) for r in self.bounds]
         set_(self, "bounds", tuple((str(name), *_interval(name, pair)) for name, pair in rows))
         for name in self._orders:

@@ -14,7 +14,7 @@ from lpvid.identification.arx import _moves, scheduling_box
 from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.identification.result import Identification
-from lpvid.identification.structure import Structure
+from lpvid.identification.structure import Structure, checked_basis
 from lpvid.model.quasi import ON, QuasiLPVModel, checked_own
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.model.signals import Signal
@@ -105,6 +105,7 @@ class QuasiLPV(Structure):
         _checks.one_of(self.on, ON, "on")
         _checks.count(self.trial, "trial", at_least=1)
         _checks.count(self.max_iterations, "max_iterations")
+        checked_basis(self.basis)
         checked_own(self.basis)
         own = self.input[0] if self.on == "input" else self.output[0]
         if self.basis.names != (own,):

@@ -29,7 +29,7 @@ from lpvid.identification.state_space_search import (
     frozen_radius,
     refine,
 )
-from lpvid.identification.structure import Structure
+from lpvid.identification.structure import Structure, checked_basis
 from lpvid.identification.subspace import Subspace
 from lpvid.least_squares import CONVERGED
 from lpvid.model.state_space import LPVStateSpace
@@ -113,6 +113,7 @@ class StateSpaceError(Structure):
             _checks.count(self.order, "order", at_least=1)
         _checks.count(self.iterations, "iterations")
         _checks.one_of(self.noise, NOISE, "noise")
+        checked_basis(self.basis)
         static_basis(self.basis)
         given = self.start_from
         if isinstance(given, LPVStateSpace):

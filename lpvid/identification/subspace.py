@@ -22,7 +22,7 @@ from lpvid.identification.state_space_result import (
     static_basis,
 )
 from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, bounded, evaluate, triangle
-from lpvid.identification.structure import Structure
+from lpvid.identification.structure import Structure, checked_basis
 from lpvid.identification.subspace_order import FOLDS, free_run_errors
 from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
 from lpvid.model.state_space import LPVStateSpace
@@ -101,6 +101,7 @@ class Subspace(Structure):
         object.__setattr__(self, "input", inputs)
         object.__setattr__(self, "output", outputs)
         _checks.count(self.future, "future", at_least=1)
+        checked_basis(self.basis)
         static_basis(self.basis)
         if self.past is None:
             object.__setattr__(self, "past", self._affordable())

@@ -22,7 +22,7 @@ from lpvid.scheduling import Basis, Scheduling
 QUANTITIES = ("h2-norm", "decay-rate", "pole-region")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BoundCertificate(StorageCertificate):
     """A storage function xᵀP(p)x with what it proves about a model.
 

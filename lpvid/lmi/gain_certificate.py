@@ -110,7 +110,7 @@ def _bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
         np.concatenate([output, direct, q.eye(q.C.shape[2], gamma)], axis=3)], axis=2)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GainCertificate(StorageCertificate):
     """A storage function xᵀP(p)x that bounds the gain of a model from its inputs to its outputs.
 

@@ -17,7 +17,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HullCertificate(Certificate):
     """One P that bounds a gain for every trajectory, however fast, in a polytope of the scheduling.
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+from lpvid import _checks
+from lpvid.model.lft import LFTModel
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -49,6 +51,32 @@ class Adaptable(ABC):
         InputError
             A law that has no such form.
         """
+
+
+def checked_model(noun: object, what: str) -> None:
+    """Refuse what is no model, such as an identification or a realisation, which hold one.
+
+    Parameters
+    ----------
+    noun : object
+    what : str
+        A whole phrase: "a pole locus is that of a model".
+
+    Raises
+    ------
+    InputError
+        With what to give instead.
+
+    Examples
+    --------
+    >>> checked_model(3, "a pole locus is that of a model")
+    Traceback (most recent call last):
+    lpvid.errors.InputError: a pole locus is that of a model: got int. Mend: give the .model of an identification...
+    """
+    kinds = (LPVTransferFunction, LPVStateSpace, SelfScheduled, LFTModel, Adaptable)
+    holds = isinstance(getattr(noun, "model", None), kinds)
+    _checks.instance(noun, kinds, what, "give its .model" if holds else
+                     "give the .model of an identification or a realisation, or a damper that was fitted")
 
 
 def acting(model: Acting | Adaptable, sample_time: float) -> Acting:

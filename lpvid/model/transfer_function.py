@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.codec import ADDED, VERBATIM
+from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage
 from lpvid.model.lpv_model import LPVModel
 from lpvid.model.noise_model import NoiseModel
@@ -215,8 +216,20 @@ class LPVTransferFunction(LPVModel):
                 + ("" if self.noise.kind == "equation" else f", {self.noise.kind} noise"))
 
 
-def _point(p: Sequence[float] | np.ndarray, box: Scheduling) -> np.ndarray:
-    point = np.atleast_1d(np.asarray(p, dtype=float))
+def _point(p: Mapping[str, float] | Sequence[float] | np.ndarray, box: Scheduling) -> np.ndarray:
+    if isinstance(p, Mapping):
+        for name in p:
+            _checks.known_name(name, box.names, "scheduling variable")
+        missing = [name for name in box.names if name not in p]
+        if missing:
+            raise InputError("a scheduling point has a value for every variable", got=", ".join(map(str, p)) or "none",
+                             mend=f"add {', '.join(missing)}")
+        p = [p[name] for name in box.names]
+    try:
+        point = np.atleast_1d(np.asarray(p, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError("a scheduling point holds numbers", got=type(p).__name__,
+                         mend=f"one for each of {', '.join(box.names)}") from None
     return _checks.finite(_checks.shaped(point, (len(box.names),), "a scheduling point"), "a scheduling point")[None, :]
 
 

@@ -66,8 +66,9 @@ def unity(basis: Basis) -> np.ndarray:
     one = basis.unity
     if one is not None:
         return one
-    raise InputError(f"a {type(basis).__name__} does not state how its functions add up to 1",
-                     why="a realisation has entries that do not move", mend="put it beside a polynomial in Stacked")
+    raise InputError(f"basis {type(basis).__name__} does not state how its functions add up to 1",
+                     why="a realisation has entries that do not move",
+                     mend="put it beside a polynomial in Stacked, or write its property `unity`")
 
 
 def constant(basis: Basis, matrix: np.ndarray) -> Term:

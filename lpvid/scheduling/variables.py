@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,7 @@ class Scheduling(Coded):
     Parameters
     ----------
     names : tuple of str
-        Channel names; empty for a time-invariant model.
+        Channel names; empty for a time-invariant model. Of one variable, this and the others may stand alone.
     lower, upper : tuple of float
         Box, in the variables' SI units.
     rate : tuple of (float or None), optional
@@ -42,13 +44,13 @@ class Scheduling(Coded):
     units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        n = len(self.names)
         set_ = object.__setattr__
-        set_(self, "names", tuple(self.names))
-        set_(self, "lower", tuple(_checks.real(v, "a lower scheduling bound") for v in self.lower))
-        set_(self, "upper", tuple(_checks.real(v, "an upper scheduling bound") for v in self.upper))
-        set_(self, "rate", tuple(self.rate) or (None,) * n)
-        set_(self, "units", tuple(self.units) or ("",) * n)
+        set_(self, "names", _each(self.names))
+        n = len(self.names)
+        set_(self, "lower", tuple(_checks.real(v, "a lower scheduling bound") for v in _each(self.lower)))
+        set_(self, "upper", tuple(_checks.real(v, "an upper scheduling bound") for v in _each(self.upper)))
+        set_(self, "rate", _each(self.rate) or (None,) * n)
+        set_(self, "units", _each(self.units) or ("",) * n)
         if not len(self.lower) == len(self.upper) == len(self.rate) == len(self.units) == n:
             raise InputError("scheduling needs one lower, upper, rate and unit for each name", got=self)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
@@ -128,3 +130,10 @@ class Scheduling(Coded):
         """
         axes = [np.linspace(lo, up, points) for lo, up in zip(self.lower, self.upper, strict=True)]
         return np.array(list(itertools.product(*axes))) if axes else np.empty((1, 0))
+
+
+def _each(given: Any) -> tuple[Any, ...]:
+    """One entry for each variable; a name or number that stands alone is that of the only one."""
+    if given is None:
+        return ()
+    return (given,) if isinstance(given, (str, Real)) else tuple(given)

@@ -50,6 +50,8 @@ class Conversion:
         return (f"{self.form}, exact" if self.exact else
                 f"{self.form}, off by {self.error:.2e} of the largest system matrix (at {at}; of {self.points} points)")
 
+    __repr__ = __str__
+
 
 def stated(old: Model, new: Model, form: str, *, exact: bool = False) -> Conversion:
     """The conversion with its error as measured over the box of the old system."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
+from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.affine import block, he
 from lpvid.lmi.program import Program
@@ -81,6 +82,8 @@ def reduce_coprime(system: LPVStateSpace, order: int | None = None, *, tolerance
     >>> found.model.order, found.factors.error <= found.factors.bound < 0.1
     (1, True)
     """
+    _checks.instance(system, LPVStateSpace, "a reduction is of a state space",
+                     'lpv.realize(model, form="augmented").model')
     grid = system.box.grid(points)
     a, b, c, _ = frozen_matrices(system, grid)
     discrete = system.sample_time is not None

@@ -60,6 +60,8 @@ class Discretisation:
                 f"one sample off by {self.local_error:.2e}{bound}; basis off by {self.misfit:.2e} "
                 f"({len(self.model.basis.labels)} functions)")
 
+    __repr__ = __str__
+
 
 def discretise(
     system: LPVStateSpace,

@@ -62,6 +62,8 @@ class Reduction:
                 f"{self.size:.4g} ({where}), {bound}\n"
                 f"singular values {', '.join(f'{s:.3g}' for s in self.singular_values[:12])}")
 
+    __repr__ = __str__
+
 
 def reduce_order(system: LPVStateSpace, order: int | None = None, *, tolerance: float = 1e-3, points: int = 5,
                  certified: bool = True) -> Reduction:
@@ -104,6 +106,8 @@ def reduce_order(system: LPVStateSpace, order: int | None = None, *, tolerance: 
     >>> smaller.model.order, smaller.error < smaller.bound < 0.1
     (1, True)
     """
+    _checks.instance(system, LPVStateSpace, "a reduction is of a state space",
+                     'lpv.realize(model, form="augmented").model')
     grid = system.box.grid(_checks.count(points, "points of the grid", at_least=2))
     a, b, c, d = frozen_matrices(system, grid)
     _refuse_unstable(system, a, grid)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid._shown import Shown
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
@@ -133,6 +134,8 @@ def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Se
     ['exact', 'half']
     """
     listed = as_records(records)
+    _checks.instance(models, Mapping, "models are compared by name",
+                     'compare_models({"first": one, "second": two}, records)')
     if not models:
         raise InputError("no models to compare")
     rows, refused = [], {}

@@ -15,12 +15,9 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
-from lpvid.model.adaptable import Adaptable, acting
+from lpvid.model.adaptable import Adaptable, acting, checked_model
 from lpvid.model.hull import outside_share
-from lpvid.model.lft import LFTModel
 from lpvid.model.lpv_model import LPVModel
-from lpvid.model.quasi import SelfScheduled
-from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
@@ -56,9 +53,7 @@ def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rat
     InputError
         Something that does not run along records, such as a controller or a certificate.
     """
-    if not isinstance(model, (LPVTransferFunction, LPVStateSpace, SelfScheduled, LFTModel, Adaptable)):
-        raise InputError("only a model or a damper runs along records", got=type(model).__name__,
-                         mend="give the model.json of lpvid identify, or a damper that quartercar fit wrote")
+    checked_model(model, "only a model or a damper runs along records")
     given = None if sample_rate is None else 1.0 / _checks.positive(sample_rate, "sample_rate", "Hz")
     own = model.period if isinstance(model, Adaptable) else None
     return acting(model, own or given or records[0].time_base.period)
@@ -146,8 +141,10 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
     InputError
         Missing channels, another unit than the model's, no stretch long enough.
     """
+    _checks.instance(horizons, (Sequence, np.ndarray), "prediction horizons are a sequence of whole numbers",
+                     f"horizons=({horizons},)")
     if isinstance(records, Chunks):
-        if horizons or sample_rate is not None:
+        if len(horizons) or sample_rate is not None:
             raise InputError("a stream is validated by free run and one step, at its own rate",
                              mend="read the records whole: lpv.read(...)")
         acts = acting_model(model, [next(iter(records))])

@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvid.codec import encode
 from lpvid.errors import InputError
-from lpvid.toolkit import checks
+from lpvid.toolkit import ReadOnlyState, checks
 from lpvid.units import base_exponents, is_known, quantity_to_si
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Parametrised(ABC):
+class Parametrised(ReadOnlyState, ABC):
     """A law with named, bounded parameters: what dampers and control laws have in common.
 
     Attributes
@@ -122,7 +122,7 @@ class Parametrised(ABC):
         values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
         object.__setattr__(self, "values", MappingProxyType(values))
 
-    def check_settings(self) -> None:  # noqa: B027
+    def check_settings(self) -> None:
         """Refuse settings (orders, tables, models) that make no law; called before the parameters are read."""
 
     @property

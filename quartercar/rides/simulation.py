@@ -217,6 +217,10 @@ def drive(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller], se
     NumericalError
         A car that leaves all bounds.
     """
+    checks.instance(car, QuarterCar, "a ride is that of a QuarterCar")
+    checks.instance(road, RideRoad, "a ride is over a road of quartercar.roads.ride_roads", 'IsoRoad("C", 20.0, 10.0)')
+    for controller in controllers:
+        checks.instance(controller, Controller, "a ride is under a control law", "quartercar.controllers.Skyhook()")
     if len(controllers) != len(seeds):
         raise InputError("every controller needs a seed", got=f"{len(seeds)} for {len(controllers)}")
     settings = settings or RideSettings()

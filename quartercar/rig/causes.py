@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from lpvid.errors import InputError
-from lpvid.toolkit import checks
+from lpvid.toolkit import ReadOnlyState, checks
 from quartercar.rig.setup import Setup
 
 CHANNELS = ("displacement", "velocity", "current", "force")
@@ -67,7 +67,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Effect:
+class Effect(ReadOnlyState):
     """A cause switched on: `effect` makes one.
 
     Attributes

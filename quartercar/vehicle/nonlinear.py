@@ -179,6 +179,7 @@ class QuarterCar:
 
     def __post_init__(self) -> None:
         checks.positive(self.longest_step, "longest_step", "s")
+        checks.instance(self.parameters, CarParameters, "a car has CarParameters", "quartercar.parameters.MEGANE")
         if self.damper is not None and not isinstance(self.damper, Damper):
             raise InputError("the damper of a car is a model of quartercar.dampers", got=type(self.damper).__name__,
                              mend="None for the viscous one of the parameters")

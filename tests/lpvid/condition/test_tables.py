@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +169,76 @@ def test_units_that_do_not_fit_are_one_line(given, units, stated):
     with pytest.raises(InputError, match=stated) as caught:
         as_records(given, units=units)
     assert "\n" not in str(caught.value)
+
+
+def dated(kind: str, n: int = 400, rate: float = 200.0) -> object:
+    """The clock of `columns` as dates or durations of several makes; numpy's own count in ns and in µs."""
+    since = np.round(1e9 * np.arange(n) / rate).astype("timedelta64[ns]")
+    dates = np.datetime64("2026-11-26T16:00:00", "ns") + since
+    plain = [datetime(2026, 11, 26, tzinfo=UTC) + timedelta(seconds=k / rate) for k in range(n)]
+    return {"ns": dates, "us": dates.astype("datetime64[us]"), "durations": since, "with a zone": plain}[kind]
+
+
+@pytest.mark.parametrize("kind", ["ns", "us", "durations", "with a zone"])
+def test_dates_are_seconds_from_the_first(kind):
+    """Ticks are whole numbers of ns or µs; read as seconds the clock was a billion or a million times too slow."""
+    data = columns()
+    del data["t [ms]"]
+    record, = as_records({"time": dated(kind), **data})
+    assert record.sample_time == pytest.approx(0.005, rel=1e-9)
+    assert record.times[[0, -1]] == pytest.approx([0.0, 399 * 0.005])
+
+
+def test_dates_of_polars_with_a_missing_one():
+    """A null date is what nan is in a clock of numbers."""
+    polars = pytest.importorskip("polars")
+    data = columns()
+    numbers = data.pop("t [ms]") / 1e3
+    numbers[5] = np.nan
+    frame = polars.DataFrame({"time": dated("us"), **data})
+    frame[5, "time"] = None
+    record, expected = as_records(frame)[0], as_records({"time [s]": numbers, **data})[0]
+    np.testing.assert_allclose(record.time, expected.time)
+    assert record.time_base.invalid == expected.time_base.invalid == (5,)
+
+
+@pytest.mark.parametrize("kind", ["ns", "us", "durations", "with a zone"])
+def test_a_record_takes_dates_and_no_channel_does(kind):
+    assert lpv.Record({"force": np.zeros(400)}, time=dated(kind)).sample_time == pytest.approx(0.005, rel=1e-9)
+    with pytest.raises(InputError, match="must hold numbers"):
+        lpv.Record({"force": dated(kind)}, sample_time=0.1)
+
+
+class IndexedFrame(Frame):
+    """A frame of pandas: rows have labels."""
+
+    iloc = None
+
+    def __init__(self, data: dict, index: object, name: str | None) -> None:
+        super().__init__(data)
+        self.index = np.asarray(index).view(Index)
+        self.index.name = name
+
+
+class Index(np.ndarray):
+    """An array with a name."""
+
+    name: str | None
+
+
+@pytest.mark.parametrize(("index", "name"), [(0.005 * np.arange(400), "time"), (5.0 * np.arange(400), "t [ms]"),
+                                             (dated("ns"), None), (dated("durations"), "when")])
+def test_the_index_of_a_frame_is_its_clock(index, name):
+    data = columns()
+    del data["t [ms]"]
+    record, = as_records(IndexedFrame(data, index, name))
+    assert record.sample_time == pytest.approx(0.005, rel=1e-9)
+    assert tuple(record.channels) == ("velocity", "Force")
+
+
+def test_an_index_that_only_counts_rows_is_no_clock():
+    data = columns()
+    assert as_records(IndexedFrame(data, np.arange(400), None))[0].sample_time == pytest.approx(0.005)
+    del data["t [ms]"]
+    with pytest.raises(InputError, match="no time column"):
+        as_records(IndexedFrame(data, np.arange(400), None))
