@@ -20,13 +20,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from lpvid import _checks
-from lpvid.analysis.uncertain_blocks import PSD, Block, block_from_dict, diagonal
+from lpvid.analysis.uncertain_blocks import PSD, Block, block_from_dict
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine
-from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.affine import given
+from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
@@ -92,22 +91,6 @@ class Uncertain:
         """
         return diagonal(*(b.multiplier([given(x) for x in own], self.poles).constant
                             for b, own in zip(self.blocks, parts, strict=True)))
-
-
-def given(matrix: np.ndarray) -> Affine:
-    """A known matrix where an unknown one could stand.
-
-    Parameters
-    ----------
-    matrix : (m, n) array
-        Known values.
-
-    Returns
-    -------
-    Affine
-        The matrix, without unknowns.
-    """
-    return Affine(np.asarray(matrix, dtype=float), sparse.csr_array((np.size(matrix), 0)))
 
 
 def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[float], also: tuple[str, ...] = ()
@@ -224,11 +207,9 @@ class RobustBound(LyapunovInequality):
         return s * (flow + out.swapaxes(2, 3) @ weight @ out) + supply
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        n, size = len(root), len(root) + len(self.system.inputs)
         at = self.storage.box.centre[None, :]
         still = np.full((1, at.shape[1]), 0.5)
-        scale = np.eye(size)
-        scale[:n, :n] = root
+        scale = diagonal(root, np.eye(len(self.system.inputs)))
         value = self.evaluate(at, still, scale)[0][0, 0]
         return scale / np.sqrt(np.maximum(np.abs(np.diag(value)), 1e-12 * np.abs(value).max()))[:, None]
 

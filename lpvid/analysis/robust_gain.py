@@ -14,12 +14,12 @@ from lpvid import _checks
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import usable
-from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, given, recheck_robust, uncertain
-from lpvid.analysis.uncertain_blocks import PSD, Block, diagonal
+from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, recheck_robust, uncertain
+from lpvid.analysis.uncertain_blocks import PSD, Block
 from lpvid.codec import Coded, null
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
-from lpvid.lmi.certificate import grid
+from lpvid.lmi.affine import Affine, block, block_diagonal, combined
+from lpvid.lmi.certificate import diagonal, grid
 from lpvid.lmi.driven import Driven, Matrices
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.program import Program
@@ -234,9 +234,7 @@ def _certified(system: Uncertain, box: Scheduling, basis: Basis, nominal: _Nomin
 
 def _framed(system: Uncertain, frame: Frame) -> Frame:
     """Coordinates of the system's states with the filters' own."""
-    n, total = system.base.order, system.whole.order
-    states = np.eye(total)
-    states[:n, :n] = frame.states
+    states = diagonal(frame.states, np.eye(system.whole.order - system.base.order))
     return Frame(states, frame.time, frame.gain)
 
 
@@ -253,7 +251,7 @@ def _proposals(system: Uncertain, box: Scheduling, basis: Basis, frame: Frame
             if kind == PSD:
                 program.require(own[-1], margin=MARGIN)
         parts.append(own)
-    multiplier = _diagonal([b.multiplier(own, system.poles) for b, own in zip(system.blocks, parts, strict=True)])
+    multiplier = block_diagonal([b.multiplier(own, system.poles) for b, own in zip(system.blocks, parts, strict=True)])
     level = program.unknowns.scalar()
     template = Storage(np.zeros((basis.size, n, n)), basis, box, whole.sample_time)
     points, shifts = sample(whole, template, 1.0, 2)
@@ -271,16 +269,16 @@ def _proposals(system: Uncertain, box: Scheduling, basis: Basis, frame: Frame
     for k in _range(len(points)):
         both, seen, out = (np.hstack([x, y]) for x, y in ((a[k], b[k]), (c[k, :rows], d[k, :rows]),
                                                           (c[k, rows:], d[k, rows:])))
-        now, eye = _sum(p, psi[k]), np.eye(n, both.shape[1])
+        now, eye = combined(p, psi[k]), np.eye(n, both.shape[1])
         program.require(now, margin=MARGIN)
         supply = level.times(np.diag(np.r_[np.zeros(n + np_), np.ones(nw)]))
         constraint = seen.T @ multiplier @ seen
         for step in moved[k]:
             if discrete:
-                flow = both.T @ _sum(p, step) @ both - eye.T @ now @ eye
+                flow = both.T @ combined(p, step) @ both - eye.T @ now @ eye
             else:
                 cross = eye.T @ now @ both
-                flow = cross + cross.T + eye.T @ _sum(p, step) @ eye
+                flow = cross + cross.T + eye.T @ combined(p, step) @ eye
             program.require(block([[supply - flow - constraint, out.T], [out, level.times(np.eye(len(out)))]]),
                             margin=MARGIN)
     program.minimise(level)
@@ -345,17 +343,3 @@ def _clean(matrix: np.ndarray, kind: str) -> np.ndarray:
     floor = 1e-12 * max(values.max(initial=0.0), 1e-12)
     found = vectors * np.maximum(values, floor) @ vectors.T
     return 0.5 * (found + found.T)
-
-
-def _sum(matrices: Sequence[Affine], weights: np.ndarray) -> Affine:
-    total = float(weights[0]) * matrices[0]
-    for x, weight in zip(matrices[1:], weights[1:], strict=True):
-        total = total + float(weight) * x
-    return total
-
-
-def _diagonal(parts: Sequence[Affine]) -> Affine:
-    if len(parts) == 1:
-        return parts[0]
-    return block([[x if i == k else given(np.zeros((x.shape[0], y.shape[0]))) for k, y in enumerate(parts)]
-                  for i, x in enumerate(parts)])

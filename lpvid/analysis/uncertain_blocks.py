@@ -13,12 +13,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.certificate import diagonal
 
 Filter = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 PSD, SKEW = "symmetric, positive semidefinite", "antisymmetric"
@@ -374,31 +377,6 @@ def block_from_dict(data: Mapping) -> Block:
     return kind(**{k: v for k, v in data.items() if k != "kind"})
 
 
-def diagonal(*matrices: np.ndarray) -> np.ndarray:
-    """Matrices along the diagonal; those without rows or columns keep their place.
-
-    Parameters
-    ----------
-    *matrices : (m, n) arrays
-        Of any shape.
-
-    Returns
-    -------
-    (M, N) array
-        M rows and N columns in all.
-
-    Examples
-    --------
-    >>> diagonal(np.ones((1, 2)), np.ones((2, 0))).shape
-    (3, 2)
-    """
-    rows, columns = (np.cumsum([0, *(m.shape[i] for m in matrices)]) for i in (0, 1))
-    found = np.zeros((rows[-1], columns[-1]), dtype=np.result_type(*matrices))
-    for m, i, j in zip(matrices, rows, columns, strict=False):
-        found[i : i + m.shape[0], j : j + m.shape[1]] = m
-    return found
-
-
 def bank(poles: Sequence[float], sample_time: float | None) -> Filter:
     """(1, a/(s + a), …) of one signal, in discrete time (1, (1 − α)/(z − α), …).
 
@@ -449,10 +427,5 @@ def _norm_bounded(s: Affine, bound: float, nq: int, np_: int) -> Affine:
 
 def _spread(s: Affine, m: int) -> Affine:
     """S⊗I."""
-    total = None
-    for e in np.eye(m):
-        into = np.kron(np.eye(s.shape[0]), e[:, None])
-        part = into @ s @ into.T
-        total = part if total is None else total + part
-    assert total is not None
-    return total
+    parts = (np.kron(np.eye(s.shape[0]), e[:, None]) for e in np.eye(m))
+    return reduce(add, (into @ s @ into.T for into in parts))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
@@ -49,13 +49,10 @@ class H2Bound(LyapunovInequality):
             state = s * (product + product.swapaxes(2, 3) + q.later + ct @ q.C)
             spent = q.B.swapaxes(2, 3) @ q.P @ q.B
         trace = np.trace(spent, axis1=2, axis2=3)[..., None, None]
-        return _diagonal(q, state, self.level**2 + s * trace)
+        return diagonal(state, self.level**2 + s * trace)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        scale = np.zeros((len(root) + 1,) * 2)
-        scale[:-1, :-1] = root * math.sqrt(pace(self.system, self.storage, root))
-        scale[-1, -1] = 1 / max(self.level, 1e-300)
-        return scale
+        return diagonal(root * math.sqrt(pace(self.system, self.storage, root)), np.eye(1) / max(self.level, 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,12 +154,3 @@ def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *,
     if system.order == 0:
         return Recheck(True, True, 1.0, "the model has no memory")
     return recheck_inequality(DecayBound(system, storage, exponent, in_seconds=True), budget=budget)
-
-
-def _diagonal(q: Pieces, state: np.ndarray, scalar: np.ndarray) -> np.ndarray:
-    """(N, T, n + 1, n + 1) both blocks."""
-    count, moves = q.later.shape[:2]
-    n = state.shape[-1]
-    out = np.zeros((count, moves, n + 1, n + 1))
-    out[:, :, :n, :n], out[:, :, n:, n:] = state, scalar
-    return out

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.storage import Storage
@@ -47,18 +48,12 @@ class CovarianceBound(LyapunovInequality):
         seen = q.C @ q.P @ q.C.swapaxes(2, 3) + q.D @ q.D.swapaxes(2, 3)
         if not self.peak:
             seen = np.trace(seen, axis1=2, axis2=3)[..., None, None]
-        n, m = state.shape[-1], seen.shape[-1]
-        whole = np.zeros((*state.shape[:2], n + m, n + m))
-        whole[:, :, :n, :n], whole[:, :, n:, n:] = state, self.level**2 * np.eye(m) + s * seen
-        return whole
+        return diagonal(state, self.level**2 * np.eye(seen.shape[-1]) + s * seen)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
         n, m = len(root), self.system.coefficients.shape[1] - len(root) if self.peak else 1
-        scale = np.zeros((n + m, n + m))
-        scale[:n, :n] = root
         if self.system.sample_time is None and n:
             a = self.system.matrices(self.storage.box.centre[None, :])[0][0]
             size = float(np.linalg.norm(root @ a @ np.linalg.inv(root), 2))
-            scale[:n, :n] /= np.sqrt(size) if 0 < size < np.inf else 1.0
-        scale[n:, n:] = np.eye(m) / max(self.level, 1e-300)
-        return scale
+            root = root / np.sqrt(size if 0 < size < np.inf else 1.0)
+        return diagonal(root, np.eye(m) / max(self.level, 1e-300))

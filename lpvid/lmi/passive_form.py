@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.readings import readings_of
@@ -253,8 +254,7 @@ class Dissipation(LyapunovInequality):
     def congruence(self, root: np.ndarray) -> np.ndarray:
         """P(centre) to the identity, and the inputs' own entries of M(centre) to one."""
         n, nu = len(root), len(self.system.inputs)
-        scale = np.eye(n + nu)
-        scale[:n, :n] = root
+        scale = diagonal(root, np.eye(nu))
         moves = np.full((1, len(self.storage.box.names)), 0.5)
         value, _ = self.evaluate(self.storage.box.centre[None, :], moves, scale)
         own = np.diag(value[0, 0])[n:]

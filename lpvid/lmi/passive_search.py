@@ -248,8 +248,7 @@ class PassiveProgram:
                 corner = np.zeros((len(ab), len(ab), unknowns.size))
                 corner[:, :, unknowns.storage] = -mixed(psi, inverse @ unknowns.units @ inverse)
                 constant = np.block([[now[0], ab.T], [ab, 2 * inverse]])
-                linear = np.concatenate([np.concatenate([now[1], move.transpose(1, 0, 2)], axis=1),
-                                         np.concatenate([move, corner], axis=1)])
+                linear = np.vstack([np.hstack([now[1], move.transpose(1, 0, 2)]), np.hstack([move, corner])])
                 program.require(affine(constant, linear))
         self._positive(program, unknowns, STEP)
         last = np.zeros((1, 1, unknowns.size))

@@ -93,8 +93,7 @@ def values(model: Model, points: np.ndarray) -> np.ndarray:
     if isinstance(model, LPVStateSpace):
         return matrix(model).at(points[:, [model.box.names.index(n) for n in model.basis.names]])
     a, b, c, d = model.at(points)
-    whole = np.concatenate([np.concatenate([a, b], axis=2), np.concatenate([c, d], axis=2)], axis=1)
-    return np.concatenate([whole, np.zeros((*whole.shape[:2], 1))], axis=2)
+    return np.block([[a, b, np.zeros((*a.shape[:2], 1))], [c, d, np.zeros((*c.shape[:2], 1))]])
 
 
 def matrix(system: LPVStateSpace) -> MatrixFunction:
@@ -103,9 +102,8 @@ def matrix(system: LPVStateSpace) -> MatrixFunction:
         raise InputError("a system that reads its scheduling at several times has no other form",
                          got=", ".join(system.basis.labels), mend="make the delayed variables signals of their own")
     assert system.state_offset is not None and system.output_offset is not None
-    top = np.concatenate([system.A, system.B, system.state_offset[:, :, None]], axis=2)
-    bottom = np.concatenate([system.C, system.D, system.output_offset[:, :, None]], axis=2)
-    return MatrixFunction(system.basis, np.concatenate([top, bottom], axis=1))
+    return MatrixFunction(system.basis, np.block([[system.A, system.B, system.state_offset[:, :, None]],
+                                                  [system.C, system.D, system.output_offset[:, :, None]]]))
 
 
 def rebuilt(function: MatrixFunction, model: Model) -> LPVStateSpace:

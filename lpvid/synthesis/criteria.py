@@ -12,7 +12,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, trace
 from lpvid.lmi.program import Program
 from lpvid.synthesis.shaped_loop import Matrix, ShapedLoop
 
@@ -202,7 +202,7 @@ class H2(CovarianceCriterion):
 
     def output(self, program: Program, level: Affine, size: int) -> Affine:
         z = program.unknowns.symmetric(size)
-        program.require(level - _trace(z))
+        program.require(level - trace(z))
         return z
 
 
@@ -396,11 +396,3 @@ class Cone(Region):
         """L = 0, M of sin θ = √(1 − ζ²) on the diagonal and ± cos θ = ± ζ beside it."""
         cosine, sine = self.damping, math.sqrt(1 - self.damping**2)
         return np.zeros((2, 2)), np.array([[sine, cosine], [-cosine, sine]])
-
-
-def _trace(matrix: Affine) -> Affine:
-    n = matrix.shape[0]
-    total = np.eye(n)[:1] @ matrix @ np.eye(n)[:, :1]
-    for i in range(1, n):
-        total = total + np.eye(n)[i : i + 1] @ matrix @ np.eye(n)[:, i : i + 1]
-    return total

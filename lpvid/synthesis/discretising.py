@@ -182,7 +182,7 @@ def _frozen(system: LPVStateSpace, points: np.ndarray) -> Frozen:
 
 
 def _whole(x: Frozen) -> np.ndarray:
-    return np.concatenate([np.concatenate(x[:2], axis=2), np.concatenate(x[2:], axis=2)], axis=1)
+    return np.block([[x[0], x[1]], [x[2], x[3]]])
 
 
 def _built(parts: Moving, system: LPVStateSpace, period: float | None) -> LPVStateSpace:

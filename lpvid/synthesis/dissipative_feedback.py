@@ -11,7 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.analysis.frozen_norms import h_infinity_norm, largest_frozen_norm
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, trace
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate
 from lpvid.lmi.program import Program
@@ -202,7 +202,7 @@ def _least(scaled: PlantMatrices, spread: np.ndarray) -> Iterator[tuple[float, n
     program, p = _program(scaled)
     level = program.unknowns.scalar()
     _bounded(program, p, scaled, level)
-    program.minimise(level + TIE * _weighed(p, spread))
+    program.minimise(level + TIE * trace(p, spread))
     for found in program.solve(solvers=PATIENT):
         value = float(found[level][0, 0])
         if value > 0:
@@ -213,19 +213,9 @@ def _tightest(scaled: PlantMatrices, gamma: float, spread: np.ndarray) -> Iterat
     """(P, solver) of the least tr PΣ at a bound."""
     program, p = _program(scaled)
     _bounded(program, p, scaled, gamma**2 * np.eye(scaled.B1.shape[2]))
-    program.minimise(_weighed(p, spread))
+    program.minimise(trace(p, spread))
     for found in program.solve(solvers=PATIENT):
         yield 0.5 * (found[p] + found[p].T), found.solver
-
-
-def _weighed(p: Affine, spread: np.ndarray) -> Affine:
-    """(1, 1) tr PΣ."""
-    eye = np.eye(len(spread))
-    parts = [eye[i:i + 1] @ p @ spread[:, i:i + 1] for i in range(len(spread))]
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
 
 
 def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: np.ndarray, gamma: float,

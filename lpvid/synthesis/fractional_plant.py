@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.lmi.certificate import diagonal
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.forms import to_lft
@@ -191,23 +192,3 @@ def _scaled(plant: GeneralizedPlant, c: SignalCoordinates) -> LPVStateSpace:
     n = system.order
     whole = left[:, None] * np.block([[system.A, system.B], [system.C, system.D]]) * right
     return system.replace(A=whole[:, :n, :n], B=whole[:, :n, n:], C=whole[:, n:, :n], D=whole[:, n:, n:])
-
-
-def diagonal(*blocks: np.ndarray) -> np.ndarray:
-    """Blocks on a diagonal.
-
-    Parameters
-    ----------
-    *blocks : (n, n) arrays
-        Square blocks.
-
-    Returns
-    -------
-    (N, N) array
-        N is the sum of their sizes.
-    """
-    ends = np.cumsum([0, *(len(b) for b in blocks)])
-    whole = np.zeros((ends[-1], ends[-1]))
-    for part, a, b in zip(blocks, ends[:-1], ends[1:], strict=True):
-        whole[a:b, a:b] = part
-    return whole

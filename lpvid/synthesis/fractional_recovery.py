@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from lpvid.lmi.certificate import diagonal
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback_search import FeedbackProblem, moderate
 

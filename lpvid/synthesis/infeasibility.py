@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvid.lmi.affine import he
+from lpvid.lmi.affine import combined, he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.assumptions import slow_mode_out_of_reach
 from lpvid.synthesis.balanced_plant import convex_axes
@@ -117,15 +117,10 @@ def _refuted(half: Half, root: np.ndarray) -> float:
         return 0.0
     matrices = [program.unknowns.symmetric(n) for _ in range(k)]
     for i in range(len(half.A)):
-        x = matrices[0] * half.variation.values[i, 0]
-        for j in range(1, k):
-            x = x + matrices[j] * half.variation.values[i, j]
+        x = combined(matrices, half.variation.values[i])
         null = null_space(half.B2[i].T)
         for slope in half.variation.slopes[i]:
-            drift = he(half.A[i] @ x)
-            for j in range(k):
-                if slope[j]:
-                    drift = drift + matrices[j] * (half.sign * slope[j])
+            drift = he(half.A[i] @ x) + combined(matrices, half.sign * slope)
             if null.shape[1]:
                 program.require(-(null.T @ drift @ null))
         program.require(x - np.eye(n))

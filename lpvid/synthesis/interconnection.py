@@ -160,13 +160,9 @@ def close_loop_at(plant: PlantMatrices, a: np.ndarray, b: np.ndarray, c: np.ndar
     f = np.linalg.inv(loop)
     ux, uk, uw = f @ d @ plant.C2, f @ c, f @ d @ plant.D21
     yx, yk, yw = plant.C2 + plant.D22 @ ux, plant.D22 @ uk, plant.D21 + plant.D22 @ uw
-    whole_a = _rows([[plant.A + plant.B2 @ ux, plant.B2 @ uk], [b @ yx, a + b @ yk]])
-    whole_b = _rows([[plant.B1 + plant.B2 @ uw], [b @ yw]])
-    return whole_a, whole_b, _rows([[plant.C1 + plant.D12 @ ux, plant.D12 @ uk]]), plant.D11 + plant.D12 @ uw
-
-
-def _rows(rows: list[list[np.ndarray]]) -> np.ndarray:
-    return np.concatenate([np.concatenate(row, axis=-1) for row in rows], axis=-2)
+    whole_a = np.block([[plant.A + plant.B2 @ ux, plant.B2 @ uk], [b @ yx, a + b @ yk]])
+    whole_b = np.block([[plant.B1 + plant.B2 @ uw], [b @ yw]])
+    return whole_a, whole_b, np.block([[plant.C1 + plant.D12 @ ux, plant.D12 @ uk]]), plant.D11 + plant.D12 @ uw
 
 
 def _names(signals: Sequence[Signal]) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import diagonal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
@@ -22,7 +23,7 @@ from lpvid.synthesis.block_proof import gain_figure
 from lpvid.synthesis.criteria import HInfinity
 from lpvid.synthesis.design_grid import fitted, over
 from lpvid.synthesis.figures import Figure, measure
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal, fractional_plant
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop

@@ -11,7 +11,7 @@ from lpvid import _checks
 from lpvid.analysis.robust_gain import RobustGain, robust_gain
 from lpvid.analysis.uncertain_blocks import Lipschitz
 from lpvid.errors import InputError
-from lpvid.lmi.affine import block, he
+from lpvid.lmi.affine import block, combined, given, he
 from lpvid.lmi.program import Program
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -21,8 +21,8 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import named, plant_functions
-from lpvid.synthesis.shaped_loop import combined, moves
-from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, known, tame
+from lpvid.synthesis.shaped_loop import moves
+from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, tame
 
 STRICT = 1e-7
 """margin of the inequalities, in scaled coordinates"""
@@ -209,7 +209,7 @@ class _Parts:
         program = Program()
         p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
         y = [program.unknowns.matrix(n, ny) for _ in range(self.gain.size)]
-        tau, level = program.unknowns.scalar(), program.unknowns.scalar() if bound is None else known(bound)
+        tau, level = program.unknowns.scalar(), program.unknowns.scalar() if bound is None else given(bound)
         program.require(tau, margin=STRICT)
         psi, weights = columns(self.plant.box, self.lyapunov, self.points), columns(self.plant.box, self.gain,
                                                                                     self.points)

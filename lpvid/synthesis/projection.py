@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from lpvid.lmi.affine import Affine, block, he
+from lpvid.lmi.affine import Affine, block, combined, he, trace
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 
@@ -190,7 +190,7 @@ class ProjectedInequalities:
         # a pair of constant matrices is coupled once, not at every point
         points = len(self.plant.A) if self.controls.moves or self.measurements.moves else 1
         for k in range(points):
-            x, y = (_sum(v.values[k], m) for v, m in zip((self.controls, self.measurements), own, strict=True))
+            x, y = (combined(m, v.values[k]) for v, m in zip((self.controls, self.measurements), own, strict=True))
             if apart is None:
                 required(block([[x, cross], [cross.T, y]]))
             else:
@@ -207,8 +207,7 @@ class ProjectedInequalities:
         """Mean traces over the points, less a reward for the distance of the coupling."""
         total = (-100.0 * len(self.plant.A[0])) * apart
         for variation, matrices in zip((self.controls, self.measurements), own, strict=True):
-            mean = _sum(variation.values.mean(axis=0), matrices)
-            total = total + sum((mean_ii for mean_ii in _diagonal(mean)), start=0.0 * apart)
+            total = total + trace(combined(matrices, variation.values.mean(axis=0)))
         return total
 
 
@@ -324,12 +323,12 @@ class Half:
         """
         for k in range(len(self.A)):
             p = self.pieces(root, k)
-            inner = he(p.left @ _sum(self.variation.values[k], matrices) @ p.null)
+            inner = he(p.left @ combined(matrices, self.variation.values[k]) @ p.null)
             zero = np.zeros((p.drive.shape[1],) * 2)
             for slope in self.variation.slopes[k]:
                 top = inner
                 if slope.any():
-                    top = inner + p.null.T @ _sum(self.sign * slope, matrices) @ p.null
+                    top = inner + p.null.T @ combined(matrices, self.sign * slope) @ p.null
                 yield block([[top, p.drive], [p.drive.T, zero]]), p.weight
 
     def sizes(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> list[np.ndarray]:
@@ -675,13 +674,6 @@ def unlimited(through: np.ndarray) -> np.ndarray:
     return vectors.T[values < 1e-12]
 
 
-def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
-    total = matrices[0] * values[0]
-    for value, matrix in zip(values[1:], matrices[1:], strict=True):
-        total = total + matrix * value
-    return total
-
-
 def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
     """The matrix between diagonal matrices: diag(s) M diag(s).
 
@@ -699,8 +691,3 @@ def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
     """
     both = np.outer(scale, scale)
     return Affine(both * matrix.constant, sparse.csr_array(sparse.diags_array(both.ravel()) @ matrix.linear))
-
-
-def _diagonal(matrix: Affine) -> list[Affine]:
-    n = matrix.shape[0]
-    return [Affine(matrix.constant[i : i + 1, i : i + 1], matrix.linear[i * n + i : i * n + i + 1]) for i in range(n)]

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from lpvid.analysis.rated_certificate import RatedGainCertificate
+from lpvid.lmi.affine import combined
 from lpvid.lmi.certificate import GRID, grid
 from lpvid.lmi.frame import gramian
 from lpvid.lmi.program import Program
@@ -28,7 +29,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_certificate import richer_bases
 from lpvid.synthesis.loop_check import SAFETY, LoopStorage, frozen_gain, gain_bounds
 from lpvid.synthesis.scaling import Matrices
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined
+from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import PATIENT
 
 SEARCHED = {1: 41, 2: 6}

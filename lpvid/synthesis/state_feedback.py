@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine
+from lpvid.lmi.affine import Affine, combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
@@ -33,7 +33,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, Values, check_criteria, listed, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
+from lpvid.synthesis.shaped_loop import ShapedLoop, moves
 from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
 
