@@ -52,9 +52,8 @@ def box_of(readings: tuple[Reading, ...], scheduling: Scheduling) -> Scheduling:
         In the order of the readings, named by their labels.
     """
     index = [scheduling.names.index(r.name) for r in readings]
-    return Scheduling(tuple(r.label for r in readings), tuple(scheduling.lower[i] for i in index),
-                      tuple(scheduling.upper[i] for i in index), tuple(scheduling.rate[i] for i in index),
-                      tuple(scheduling.units[i] for i in index))
+    return Scheduling(tuple(r.label for r in readings), *(tuple(getattr(scheduling, field)[i] for i in index)
+                                                          for field in ("lower", "upper", "rate", "units")))
 
 
 def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
+from lpvid.lmi.certificate import tensor
 from lpvid.model.designed import KEY, role_of
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
@@ -108,13 +109,10 @@ def matrix(system: LPVStateSpace) -> MatrixFunction:
 
 def rebuilt(function: MatrixFunction, model: Model) -> LPVStateSpace:
     """The system of a matrix [A B f; C D g], with signals, clock and box of another one."""
-    n, m, x = model.order, len(model.inputs), function.coefficients
-    box = model.box
-    index = [box.names.index(name) for name in function.basis.names]
-    kept = Scheduling(*(tuple(getattr(box, f)[i] for i in index) for f in ("names", "lower", "upper", "rate", "units")))
-    return LPVStateSpace(x[:, :n, :n], x[:, :n, n : n + m], x[:, n:, :n], x[:, n:, n : n + m], function.basis,
-                         model.sample_time, kept, x[:, :n, -1], x[:, n:, -1], inputs=model.inputs,
-                         outputs=model.outputs, metadata={KEY: role} if (role := role_of(model)) else {})
+    n, x = model.order, function.coefficients
+    return LPVStateSpace.of(x[:, :, :-1], n, function.basis, model.sample_time, model.box.part(function.basis.names),
+                            state_offset=x[:, :n, -1], output_offset=x[:, n:, -1], inputs=model.inputs,
+                            outputs=model.outputs, metadata={KEY: role} if (role := role_of(model)) else {})
 
 
 def as_polynomial(system: LPVStateSpace) -> MatrixFunction | None:
@@ -124,8 +122,3 @@ def as_polynomial(system: LPVStateSpace) -> MatrixFunction | None:
     if not isinstance(wide, Polynomial):
         return None
     return MatrixFunction(wide, np.tensordot(into.T, function.coefficients, axes=1)).trimmed()
-
-
-def tensor(axes: Sequence[np.ndarray]) -> np.ndarray:
-    """(N, n) all combinations, the last axis fastest."""
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)) if axes else np.empty((1, 0))

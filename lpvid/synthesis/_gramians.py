@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov, solve_discrete_lyapunov
 
+from lpvid.analysis.frozen import basis_values
 from lpvid.lmi.affine import Affine, he, trace
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
@@ -12,8 +13,7 @@ from lpvid.model.state_space import LPVStateSpace
 
 def frozen_matrices(system: LPVStateSpace, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(N, …) A, B, C, D at the points of a grid over the system's box."""
-    phi = system.basis.evaluate(grid) if system.basis.lags == (0, 0) else np.vstack(
-        [system.basis.evaluate(point[None]) for point in grid])
+    phi = basis_values(system.basis, grid)
     a, b, c, d = (np.tensordot(phi, getattr(system, name), axes=1) for name in "ABCD")
     return a, b, c, d
 

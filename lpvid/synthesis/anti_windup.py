@@ -192,10 +192,9 @@ class _Limited:
         k, plant, discrete = self.controller, self.plant, self.plant.sample_time is not None
         phi = columns(plant.box, k.basis, self.points)
         at = plant.at(self.points)
-        order = ([s.name for s in k.inputs].index(n) for n in plant.measurements)
+        inputs = [[s.name for s in k.inputs].index(n) for n in plant.measurements]
         rows = [[s.name for s in k.outputs].index(n) for n in plant.controls]
-        inputs = list(order)
-        ak, bk, ck, dk = (np.tensordot(phi, m, axes=1) for m in (k.A, k.B, k.C, k.D))
+        ak, bk, ck, dk = k.at(self.points[:, [plant.box.names.index(n) for n in k.basis.names]])
         bk, ck, dk = bk[:, :, inputs], ck[:, rows], dk[:, rows][:, :, inputs]
         loop = close_loop_at(at, ak, bk, ck, dk)
         for i in range(len(self.points)):

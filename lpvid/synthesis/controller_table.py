@@ -7,7 +7,7 @@ import numpy as np
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.controller_formula import FeedbackLaw
-from lpvid.synthesis.design_grid import columns, interpolating, over, tensor
+from lpvid.synthesis.design_grid import columns, interpolating, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop_at
 from lpvid.synthesis.loop_check import gain_bounds
@@ -134,9 +134,7 @@ def matrices_at(controller: LPVStateSpace, box: Scheduling, points: np.ndarray) 
     (A, B, C, D), each (N, …)
         Frozen matrices.
     """
-    phi = columns(box, controller.basis, points)
-    a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (controller.A, controller.B, controller.C, controller.D))
-    return a, b, c, d
+    return controller.at(points[:, [box.names.index(n) for n in controller.basis.names]])
 
 
 def bounds_at(formula: FeedbackLaw, points: np.ndarray, controller: LPVStateSpace | None = None) -> np.ndarray:
@@ -215,7 +213,7 @@ def _written(formula: FeedbackLaw, basis: Basis, inverse: np.ndarray, k: Matrice
     if slopes.shape[1]:
         basis, k = with_rates(basis, k, slopes, formula.variations.moving)
         box = rated_box(box, formula.variations.moving)
-    return LPVStateSpace(*k, basis, plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
+    return LPVStateSpace(*k, basis, plant.sample_time, box.part(basis.names), inputs=named(plant, plant.measurements),
                          outputs=named(plant, plant.controls))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import tensor
 from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 
@@ -62,22 +63,6 @@ def _smaller(variables: int, points: int) -> str:
     fewer = f"at most {most} points along each variable, " if 2 <= most < points else ""
     return (f"{fewer}a form of the plant with fewer scheduling variables (another realisation, or a reduced one), or "
             "one that is affine in each, of which the corners alone are looked at")
-
-
-def tensor(axes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(N, n_scheduling) all combinations.
-
-    Parameters
-    ----------
-    axes : tuple of arrays
-        Values of each variable.
-
-    Returns
-    -------
-    (N, n_scheduling) array
-        The last variable runs fastest; one row without columns where there is no variable.
-    """
-    return np.array(list(itertools.product(*axes)), dtype=float) if axes else np.empty((1, 0))
 
 
 def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
@@ -278,23 +263,21 @@ def storage_for(lyapunov: Basis) -> Basis:
 
 
 def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:
-    """The part of a box that a basis reads, in the order of its names.
+    """The part of a box that a basis reads, in the order of its names (`Scheduling.part`).
 
     Parameters
     ----------
     box : Scheduling
-        With all scheduling variables.
+        All variables.
     names : tuple of str
-        Some of its variables.
+        The basis's own.
 
     Returns
     -------
     Scheduling
-        With their ranges, rates and units.
+        Of these alone.
     """
-    index = [box.names.index(n) for n in names]
-    return Scheduling(names, *(tuple(getattr(box, field)[i] for i in index)
-                               for field in ("lower", "upper", "rate", "units")))
+    return box.part(names)
 
 
 def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:

@@ -9,10 +9,11 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import tensor
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.scheduling.algebra import common
-from lpvid.synthesis._form_parts import checking_points, matrix, rebuilt, tensor
+from lpvid.synthesis._form_parts import checking_points, matrix, rebuilt
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 from lpvid.synthesis.sampling_rules import Frozen, Moving, SamplingRule, ZeroOrderHold, remainder
 

@@ -21,7 +21,7 @@ from lpvid.synthesis._gramians import averaged_gramian
 from lpvid.synthesis.design_grid import design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import named, written
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Units
 from lpvid.synthesis.shaped_program import PATIENT
@@ -227,10 +227,7 @@ def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: n
         return None
     better = _sharpened(plant, loop, spread)
     found = better if better is not None and better.gamma < found.gamma else found
-    k = gain @ reading
-    controller = LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, k.shape[1])), np.zeros((1, len(k), 0)), k[None],
-                               Polynomial((), 0), None, inputs=named(plant, plant.measurements),
-                               outputs=named(plant, plant.controls))
+    controller = written(plant, (gain @ reading)[None], 0, Polynomial((), 0))
     b1 = plant.at(plant.box.centre[None]).B1[0]
     notes = [f"with every demand met the frozen gain is at most {_frozen(loop, 1.0):.4g}, with none "
              f"{_frozen(loop, 0.0):.4g}"]
@@ -272,18 +269,15 @@ def _normal(covariance: np.ndarray, units: Units) -> np.ndarray:
 def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
     """w → z with s u in place of u, scheduled on the plant's variables and s."""
     s, box = plant.system, plant.box
-    inputs, outputs = [x.name for x in s.inputs], [x.name for x in s.outputs]
-    w = [inputs.index(n) for n in plant.disturbances]
-    z = [outputs.index(n) for n in plant.performance]
     at = plant.at(box.centre[None]).point(0)
     places = [k for k, label in enumerate(s.basis.labels) if label == "1"]
     if not places:
         raise InputError("a dissipative feedback needs a constant among the basis functions",
                          got=", ".join(s.basis.labels), mend="a Polynomial basis")
     own = Polynomial((SHARE,), 1)
+    a, b1, _, c1, d11, *_ = plant.parted(s.A, s.B, s.C, s.D)
     parts = []
-    for matrix, added in ((s.A, at.B2 @ gain), (s.B[:, :, w], None), (s.C[:, z], at.D12 @ gain),
-                          (s.D[:, z][:, :, w], None)):
+    for matrix, added in ((a, at.B2 @ gain), (b1, None), (c1, at.D12 @ gain), (d11, None)):
         wide = np.zeros((2 * len(matrix), *matrix.shape[1:]))
         wide[::2] = matrix
         if added is not None:

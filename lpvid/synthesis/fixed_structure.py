@@ -327,7 +327,5 @@ def _seen_by(system: Driven, box: Scheduling, points: np.ndarray) -> np.ndarray:
 def _middle(plant: GeneralizedPlant) -> GeneralizedPlant:
     """The plant at the middle of its box."""
     s = plant.system
-    a, b, c, d = s.frozen(plant.box.centre)
-    still = LPVStateSpace(a[None], b[None], c[None], d[None], Polynomial((), 0), s.sample_time, inputs=s.inputs,
-                          outputs=s.outputs)
+    still = LPVStateSpace.still(*s.frozen(plant.box.centre), s.sample_time, inputs=s.inputs, outputs=s.outputs)
     return GeneralizedPlant(still, plant.controls, plant.measurements)

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import tensor
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
@@ -19,7 +20,6 @@ from lpvid.synthesis._form_parts import (
     knots,
     rebuilt,
     stated,
-    tensor,
     values,
 )
 from lpvid.synthesis._horner import fractional

@@ -71,7 +71,6 @@ def _still(plant: FractionalPlant, gamma: float, scaling: np.ndarray) -> General
              @ diagonal(np.eye(n), back, np.eye(nw) / np.sqrt(gamma), np.eye(nu + r)))
     names = [f"{letter}{i}" for letter, count in (("w", 2 * r + nw), ("u", nu + r)) for i in range(count)]
     shown = [f"{letter}{i}" for letter, count in (("z", 2 * r + nz), ("y", ny + r)) for i in range(count)]
-    system = LPVStateSpace(whole[None, :n, :n], whole[None, :n, n:], whole[None, n:, :n], whole[None, n:, n:],
-                           Polynomial((), 0), 1.0 if plant.discrete else None,
-                           inputs=tuple(map(Signal, names)), outputs=tuple(map(Signal, shown)))
+    system = LPVStateSpace.of(whole[None], n, Polynomial((), 0), 1.0 if plant.discrete else None,
+                              inputs=tuple(map(Signal, names)), outputs=tuple(map(Signal, shown)))
     return GeneralizedPlant(system, tuple(names[2 * r + nw :]), tuple(shown[2 * r + nz :]))

@@ -149,6 +149,25 @@ class GeneralizedPlant:
         """Sampling period [s]; None in continuous time."""
         return self.system.sample_time
 
+    def parted(self, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Matrices of the whole system sorted by its signals.
+
+        Parameters
+        ----------
+        a, b, c, d : (N, …) arrays
+            A, B, C, D of the system, in the order of its inputs and outputs.
+
+        Returns
+        -------
+        tuple of arrays
+            A, B1, B2, C1, D11, D12, C2, D21 and D22.
+        """
+        inputs, outputs = self._names(self.system.inputs), self._names(self.system.outputs)
+        w, u = ([inputs.index(n) for n in names] for names in (self.disturbances, self.controls))
+        z, y = ([outputs.index(n) for n in names] for names in (self.performance, self.measurements))
+        return (a, b[:, :, w], b[:, :, u], c[:, z], d[:, z][:, :, w], d[:, z][:, :, u], c[:, y], d[:, y][:, :, w],
+                d[:, y][:, :, u])
+
     def at(self, points: np.ndarray) -> PlantMatrices:
         """The blocks at points of shape (N, n_scheduling).
 
@@ -162,11 +181,4 @@ class GeneralizedPlant:
         PlantMatrices
             In SI of the signals.
         """
-        s = self.system
-        phi = s.basis.evaluate(np.asarray(points, dtype=float))
-        a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (s.A, s.B, s.C, s.D))
-        inputs, outputs = self._names(s.inputs), self._names(s.outputs)
-        w, u = ([inputs.index(n) for n in names] for names in (self.disturbances, self.controls))
-        z, y = ([outputs.index(n) for n in names] for names in (self.performance, self.measurements))
-        return PlantMatrices(a, b[:, :, w], b[:, :, u], c[:, z], d[:, z][:, :, w], d[:, z][:, :, u], c[:, y],
-                             d[:, y][:, :, w], d[:, y][:, :, u])
+        return PlantMatrices(*self.parted(*self.system.at(points)))

@@ -225,11 +225,9 @@ def _loop_solution(loop: MatrixFunction, names: Sequence[str]) -> MatrixFunction
 
 
 def _assembled(matrices: MatrixFunction, systems: Sequence[LPVStateSpace], w: Wiring) -> LPVStateSpace:
-    n, m = sum(s.order for s in systems), len(w.inputs)
-    x = matrices.coefficients
-    return LPVStateSpace(x[:, :n, :n], x[:, :n, n : n + m], x[:, n:, :n], x[:, n:, n : n + m], matrices.basis,
-                         _clock(systems), _box(matrices.basis.names, systems), x[:, :n, -1], x[:, n:, -1],
-                         inputs=w.inputs, outputs=w.outputs)
+    n, x = sum(s.order for s in systems), matrices.coefficients
+    return LPVStateSpace.of(x[:, :, :-1], n, matrices.basis, _clock(systems), _box(matrices.basis.names, systems),
+                            state_offset=x[:, :n, -1], output_offset=x[:, n:, -1], inputs=w.inputs, outputs=w.outputs)
 
 
 def _clock(systems: Sequence[LPVStateSpace]) -> float | None:

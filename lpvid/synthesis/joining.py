@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.model.signals import Signal
+from lpvid.model.signals import Signal, as_signals
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis._wiring import signed_sum
@@ -39,8 +39,8 @@ def gain(matrix: np.ndarray | Sequence, inputs: Sequence[str | Signal], outputs:
     """
     d = _checks.frozen_array(matrix, "the matrix of a gain", ndim=2)
     _checks.shaped(d, (len(outputs), len(inputs)), "the matrix of a gain")
-    return LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, len(inputs))), np.zeros((1, len(outputs), 0)), d[None],
-                         Polynomial(), None, inputs=_signals(inputs), outputs=_signals(outputs))
+    return LPVStateSpace.of(d[None], 0, Polynomial(), None, inputs=as_signals(inputs, "u", 0),
+                            outputs=as_signals(outputs, "y", 0))
 
 
 def summing_junction(text: str, unit: str = "") -> LPVStateSpace:
@@ -188,10 +188,6 @@ def _renamed(system: LPVStateSpace, prefix: str) -> LPVStateSpace:
     """Signals of its own, so that nothing joins by name."""
     return system.replace(inputs=tuple(Signal(f"{prefix}.in{i}", s.unit) for i, s in enumerate(system.inputs)),
                           outputs=tuple(Signal(f"{prefix}.out{i}", s.unit) for i, s in enumerate(system.outputs)))
-
-
-def _signals(names: Sequence[str | Signal]) -> tuple[Signal, ...]:
-    return tuple(n if isinstance(n, Signal) else Signal(n) for n in names)
 
 
 def _listed(signals: Sequence[Signal]) -> str:

@@ -21,13 +21,13 @@ from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.block_proof import gain_figure
 from lpvid.synthesis.criteria import HInfinity
-from lpvid.synthesis.design_grid import fitted, over
+from lpvid.synthesis.design_grid import fitted
 from lpvid.synthesis.figures import Figure, measure
 from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.progress import remember, stage
 from lpvid.synthesis.result import Synthesis
@@ -199,8 +199,6 @@ def _written(plant: GeneralizedPlant, c: SignalCoordinates, law: FractionalContr
 
     axes = tuple(np.unique(np.linspace(low, high, 5)) for low, high in zip(box.lower, box.upper, strict=True))
     basis, g = fitted(values, box, axes, Polynomial(box.names, 1))
-    return LPVStateSpace(g[:, :n, :n], g[:, :n, n:], g[:, n:, :n], g[:, n:, n:], basis, plant.sample_time,
-                         over(box, basis.names), inputs=named(plant, plant.measurements),
-                         outputs=named(plant, plant.controls))
+    return written(plant, g, n, basis)
 
 

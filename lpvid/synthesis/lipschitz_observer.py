@@ -16,11 +16,11 @@ from lpvid.lmi.program import Program
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, over, tensor, varies
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
-from lpvid.synthesis.plant_functions import named, plant_functions
+from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, tame
 
@@ -268,7 +268,4 @@ class _Parts:
                 self._system(error, (*differences, *named(plant, [d[i] for i in w])), named(plant, out, "_error")))
 
     def _system(self, whole: MatrixFunction, inputs: tuple[Signal, ...], outputs: tuple[Signal, ...]) -> LPVStateSpace:
-        whole, n = whole.trimmed(), self.plant.order
-        g = whole.coefficients
-        return LPVStateSpace(g[:, :n, :n], g[:, :n, n:], g[:, n:, :n], g[:, n:, n:], whole.basis, None,
-                             over(self.plant.box, whole.basis.names), inputs=inputs, outputs=outputs)
+        return assembled(whole, self.plant.order, self.plant, inputs, outputs)

@@ -42,10 +42,10 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.bilinear import around_feedthrough
 from lpvid.synthesis.criteria import Criterion, HInfinity
-from lpvid.synthesis.design_grid import columns, fitted, over, richer, storage_for, tensor
+from lpvid.synthesis.design_grid import columns, fitted, richer, storage_for, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.reconstruction import dual
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Matrices
@@ -213,9 +213,7 @@ class _Moving(ShapedProblem):
             return np.block([[a, b], [c, d]])
 
         basis, k = fitted(law, plant.box, self.axes, self.gains)
-        return LPVStateSpace(k[:, :order, :order], k[:, :order, order:], k[:, order:, :order], k[:, order:, order:],
-                             basis, plant.sample_time, over(plant.box, basis.names),
-                             inputs=named(plant, plant.measurements), outputs=named(plant, plant.controls))
+        return written(plant, k, order, basis)
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)

@@ -145,9 +145,7 @@ class RatedLoop:
         speed = dict(zip(self._rates(), rates, strict=True))
         whole = np.stack([points[:, self.box.names.index(n)] if n in self.box.names
                           else np.full(len(points), speed[n]) for n in names], axis=1)
-        phi = columns(self.loop.box, self.loop.basis, whole)
-        a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (self.loop.A, self.loop.B, self.loop.C, self.loop.D))
-        return a, b, c, d
+        return self.loop.at(whole)
 
     def _matrices_at_rest(self, points: np.ndarray | None = None) -> Matrices:
         return self._matrices((0.0,) * len(self._rates()), points)

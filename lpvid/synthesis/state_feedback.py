@@ -22,7 +22,6 @@ from lpvid.synthesis.design_grid import (
     fitted,
     is_affine,
     moving_basis,
-    over,
     richer,
     storage_for,
     tensor,
@@ -30,7 +29,7 @@ from lpvid.synthesis.design_grid import (
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, Values, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, moves
@@ -212,10 +211,7 @@ class _StateFeedbackProblem(ShapedProblem):
             basis, k = fitted(law, box, self.axes, self.lyapunov)
         else:
             basis, k = self.gain, c.controls[:, None] * (gain @ np.linalg.inv(inner[0]) @ back)
-        m, nu, ny = k.shape
-        return LPVStateSpace(np.zeros((m, 0, 0)), np.zeros((m, 0, ny)), np.zeros((m, nu, 0)), k, basis,
-                             plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
-                             outputs=named(plant, plant.controls))
+        return written(plant, k, 0, basis)
 
 
 def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _StateFeedbackProblem:
