@@ -352,3 +352,21 @@ def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> Non
             raise InputError(f"the Lyapunov matrix depends on '{name}', whose rate has no bound",
                              why="a function that may jump cannot decrease along every trajectory",
                              mend=f"give '{name}' a rate bound in its Scheduling, or leave it out of `lyapunov`")
+
+
+def check_back_off(factor: float) -> None:
+    """Refuse a factor above the least gain that is below one.
+
+    Parameters
+    ----------
+    factor : float
+        The back-off of a design.
+
+    Raises
+    ------
+    InputError
+        A factor below 1.
+    """
+    if not _checks.real(factor, "back_off") >= 1:
+        raise InputError("back_off must be at least 1", got=factor, why="it multiplies the least gain",
+                         mend="1.02 stops 2 % above it")

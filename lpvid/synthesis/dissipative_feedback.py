@@ -18,7 +18,7 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Product, Scheduling
 from lpvid.synthesis._gramians import averaged_gramian
-from lpvid.synthesis.design_grid import design_axes, is_affine, tensor, varies
+from lpvid.synthesis.design_grid import check_back_off, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.plant_functions import named, written
@@ -89,8 +89,7 @@ class DissipativeFeedback:
     points: int = 7
 
     def __post_init__(self) -> None:
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain")
+        check_back_off(self.back_off)
         _checks.count(self.points, "points of a design grid", at_least=2)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:

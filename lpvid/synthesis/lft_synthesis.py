@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import diagonal
 from lpvid.model.state_space import LPVStateSpace
@@ -21,7 +20,7 @@ from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.block_proof import gain_figure
 from lpvid.synthesis.criteria import HInfinity
-from lpvid.synthesis.design_grid import fitted
+from lpvid.synthesis.design_grid import check_back_off, fitted
 from lpvid.synthesis.figures import Figure, measure
 from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
@@ -68,9 +67,7 @@ class LFTFeedback:
     back_off: float = 1.05
 
     def __post_init__(self) -> None:
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
-                             mend="1.02 stops 2 % above it")
+        check_back_off(self.back_off)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant with a polynomial basis, its closed loop verified.

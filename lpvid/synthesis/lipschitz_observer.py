@@ -16,7 +16,7 @@ from lpvid.lmi.program import Program
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
+from lpvid.synthesis.design_grid import check_back_off, check_rates, columns, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
@@ -112,8 +112,7 @@ class LipschitzObserver:
             value = getattr(self, field)
             object.__setattr__(self, field, (value,) if isinstance(value, str) else tuple(value))
         _checks.positive(self.constant, "a Lipschitz constant")
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain")
+        check_back_off(self.back_off)
 
     def solve(self, plant: GeneralizedPlant) -> LipschitzEstimate:
         """The observer for a plant in continuous time.
