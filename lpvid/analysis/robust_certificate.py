@@ -93,6 +93,27 @@ class Uncertain:
                             for b, own in zip(self.blocks, parts, strict=True)))
 
 
+def places(base: Driven, blocks: Sequence[Block]) -> tuple[list[int], list[int], list[int], list[int]]:
+    """Which inputs and outputs of a system belong to its blocks.
+
+    Parameters
+    ----------
+    base : Driven
+        The system.
+    blocks : sequence of Block
+        Its blocks.
+
+    Returns
+    -------
+    tuple of lists
+        Places of p and w among the inputs, of q and z among the outputs.
+    """
+    p = [base.inputs.index(n) for b in blocks for n in b.inputs]
+    q = [base.outputs.index(n) for b in blocks for n in b.outputs]
+    return (p, [i for i in range(len(base.inputs)) if i not in p],
+            q, [i for i in range(len(base.outputs)) if i not in q])
+
+
 def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[float], also: tuple[str, ...] = ()
               ) -> Uncertain:
     """The system joined to the filters of its blocks.
@@ -127,10 +148,7 @@ def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[flo
             raise InputError("two blocks of uncertainty drive one input", got=", ".join(used))
         if not set(own) - set(used):
             raise InputError(f"no {side} of the system are left for a gain", got=", ".join(own))
-    p = [base.inputs.index(n) for b in blocks for n in b.inputs]
-    w = [i for i in range(len(base.inputs)) if i not in p]
-    q = [base.outputs.index(n) for b in blocks for n in b.outputs]
-    z = [i for i in range(len(base.outputs)) if i not in q]
+    p, w, q, z = places(base, blocks)
     filters = [b.filter(poles, base.sample_time) for b in blocks]
     fa, fc = (diagonal(*(f[i] for f in filters)) for i in (0, 2))
     order, rows = sum(len(f[1]) for f in filters), sum(len(f[3]) for f in filters)

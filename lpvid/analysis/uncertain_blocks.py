@@ -15,12 +15,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, block_diagonal
 from lpvid.lmi.certificate import diagonal
 
 Filter = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -139,7 +140,26 @@ class Block(ABC):
 
 
 @dataclass(frozen=True)
-class Parametric(Block):
+class Bounded(Block):
+    """A block whose size has a bound.
+
+    Parameters
+    ----------
+    bound : float
+        Of the kind's own size.
+    """
+
+    bound: float = 1.0
+    SIZE: ClassVar[str] = "the bound of a block"
+    """What an error calls it."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _checks.positive(self.bound, self.SIZE)
+
+
+@dataclass(frozen=True)
+class Parametric(Bounded):
     """p = δ q with an unknown real number |δ| ≤ bound, the same for all pairs of a block.
 
     A constant δ commutes with filters: [b²S T; Tᵀ −S] with S ⪰ 0 and T = −Tᵀ over (Hq, Hp). A δ that moves keeps S and
@@ -157,13 +177,12 @@ class Parametric(Block):
     0.2
     """
 
-    bound: float = 1.0
     moving: bool = False
+    SIZE: ClassVar[str] = "the bound of a parameter"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._square()
-        _checks.positive(self.bound, "the bound of a parameter")
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
         return _both(bank((), None) if self.moving else bank(poles, sample_time), len(self.outputs), len(self.inputs))
@@ -181,7 +200,7 @@ class Parametric(Block):
 
 
 @dataclass(frozen=True)
-class Dynamic(Block):
+class Dynamic(Bounded):
     """p = Δ q with an unknown stable linear time-invariant system, ‖Δ‖∞ ≤ bound: neglected dynamics.
 
     diag(b² S⊗I, −S⊗I) over (Hq, Hp), S ⪰ 0: filters of one signal commute with Δ, of whatever size it is.
@@ -192,11 +211,7 @@ class Dynamic(Block):
         Largest gain ‖Δ‖∞.
     """
 
-    bound: float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _checks.positive(self.bound, "the bound of neglected dynamics")
+    SIZE: ClassVar[str] = "the bound of neglected dynamics"
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
         return _both(bank(poles, sample_time), len(self.outputs), len(self.inputs))
@@ -214,7 +229,7 @@ class Dynamic(Block):
 
 
 @dataclass(frozen=True)
-class Lipschitz(Block):
+class Lipschitz(Bounded):
     """p = φ(q, t) without memory and |φ(q, t)| ≤ bound·|q|, of any size: τ(b²|q|² − |p|²), τ ≥ 0.
 
     Parameters
@@ -223,11 +238,7 @@ class Lipschitz(Block):
         Lipschitz constant of a φ with φ(0) = 0.
     """
 
-    bound: float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _checks.positive(self.bound, "a Lipschitz constant")
+    SIZE: ClassVar[str] = "a Lipschitz constant"
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
         return _both(bank((), None), len(self.outputs), len(self.inputs))
@@ -348,9 +359,7 @@ class Delay(Block):
 
     def multiplier(self, parts: Sequence[Affine], poles: Sequence[float]) -> Affine:
         m = len(self.inputs)
-        first, second = (_norm_bounded(s, b, m, m) for s, b in zip(parts, (2.0, self.longest), strict=True))
-        wide = np.zeros((first.shape[0], second.shape[0]))
-        return block([[first, wide], [wide.T, second]])
+        return block_diagonal([_norm_bounded(s, b, m, m) for s, b in zip(parts, (2.0, self.longest), strict=True)])
 
     def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
         tau = self.longest * float(generator.choice([0.0, 1.0, generator.uniform(0, 1)]))
@@ -420,9 +429,7 @@ def _stacked(parts: Sequence[tuple[Filter, np.ndarray]]) -> Filter:
 
 def _norm_bounded(s: Affine, bound: float, nq: int, np_: int) -> Affine:
     """diag(b² S⊗I, −S⊗I)."""
-    left, right = bound**2 * _spread(s, nq), -_spread(s, np_)
-    wide = np.zeros((left.shape[0], right.shape[0]))
-    return block([[left, wide], [wide.T, right]])
+    return block_diagonal([bound**2 * _spread(s, nq), -_spread(s, np_)])
 
 
 def _spread(s: Affine, m: int) -> Affine:

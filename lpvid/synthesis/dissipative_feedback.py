@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.frozen_norms import h_infinity_norm, largest_frozen_norm
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block, trace
@@ -167,7 +168,7 @@ def _effort(plant: GeneralizedPlant, at: PlantMatrices) -> np.ndarray:
 
 def _left_alone(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) -> Synthesis | None:
     """Why nothing can be promised: the plant without control does not settle somewhere."""
-    margins = np.linalg.eigvals(at.A).real.max(axis=1)
+    margins = pole_margins(at.A, False)
     worst = int(np.argmax(margins))
     if margins[worst] < 0:
         return None
