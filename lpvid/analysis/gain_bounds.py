@@ -15,7 +15,6 @@ from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
-from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import ROUGHLY, StorageProposal, StorageSearch
 from lpvid.scheduling import Basis, Polynomial, Scheduling
@@ -224,7 +223,7 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
     bound = basis.bound(box)
     if discrete:
         return bound
-    for reading in readings_of(bound):
+    for reading in bound.readings():
         if (reading.degree or reading.frequency) and box.rate[box.names.index(reading.name)] is None:
             raise InputError(f"the storage function depends on '{reading.name}', whose rate has no bound",
                              why="in continuous time it could jump", mend=f"give a rate for '{reading.name}'")

@@ -14,7 +14,6 @@ from lpvid.lmi.certificate import EPS, GRID, Recheck, grid
 from lpvid.lmi.certificate_common import StorageCertificate
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
-from lpvid.lmi.readings import readings_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
@@ -218,7 +217,7 @@ class _Coordinates:
 
 def _affine_in_rates(model: LPVStateSpace) -> bool:
     """Along each rate; a polynomial over p and the rates lists every term of its degree, so by its coefficients."""
-    read = [r for r in readings_of(model.basis) if r.name.endswith(RATE)]
+    read = [r for r in model.basis.readings() if r.name.endswith(RATE)]
     if not any(r.degree > 1 or r.frequency for r in read):
         return True
     if not isinstance(model.basis, Polynomial):

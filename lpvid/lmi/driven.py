@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.readings import Reading, reading_weights, readings_of
+from lpvid.lmi.readings import Reading, reading_weights
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling
@@ -105,7 +105,7 @@ class Driven:
         (A, B, C, D), each (1, …)
             Not negative.
         """
-        limits = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
+        limits = box.limits
         for reading in self.readings:  # a delayed copy has the box of its variable
             limits.setdefault(reading.name, limits[reading.label])
         weights = np.append(basis_ceilings(self.basis, limits), 1.0)
@@ -153,7 +153,7 @@ def autonomous(model: Model) -> Driven:
     else:
         raise InputError("a stability certificate needs an LPV transfer function or state space",
                          got=type(model).__name__)
-    found = readings_of(model.basis)
+    found = model.basis.readings()
     if any(r.frequency for r in found):
         raise InputError("a stability certificate needs a basis of polynomials or splines", got=model.basis.labels,
                          mend="use lpvid.decay_rate or lpvid.l2_gain, which also cover trigonometric dependence")
@@ -194,7 +194,7 @@ def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
                          mend="make one with lpv.realize(model, form=\"augmented\")")
     whole = np.block([[model.A, model.B], [model.C, model.D]])
     stacked = np.concatenate([whole, np.zeros((1, *whole.shape[1:]))])
-    found = tuple(r for r in readings_of(model.basis) if r.degree or r.frequency)
+    found = tuple(r for r in model.basis.readings() if r.degree or r.frequency)
     found += tuple(Reading(name, 0, 0) for name in also if name not in [r.label for r in found])
     if model.sample_time is None and any(r.lag for r in found):
         raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)

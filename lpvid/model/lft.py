@@ -288,7 +288,7 @@ class LFTModel(Coded):
         p = _checks.shaped(np.asarray(scheduling, dtype=float), (len(u), len(self.scheduling.names)), "scheduling")
         a, b, c, d = self.at(p)
         if not self.is_discrete:
-            a, b = _held(a, b, _checks.positive(sample_time if sample_time else math.nan, "sample_time", "s"))
+            a, b = held(a, b, _checks.positive(sample_time if sample_time else math.nan, "sample_time", "s"))
         x = np.zeros(self.order) if initial is None else _checks.shaped(np.asarray(initial, dtype=float),
                                                                         (self.order,), "initial")
         out = np.empty((len(u), len(self.outputs)))
@@ -345,8 +345,21 @@ class LFTModel(Coded):
                 f"states, Δ {{{size}}}, {clock}")
 
 
-def _held(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(N, …) matrices over one sample of held input and scheduling: exp of [A B; 0 0] T."""
+def held(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """(N, …) matrices over one sample of held input and scheduling: exp of [A B; 0 0] T.
+
+    Parameters
+    ----------
+    a, b : (N, n, n) and (N, n, m) array
+        Of a continuous system.
+    period : float
+        Sample [s].
+
+    Returns
+    -------
+    (N, n, n) and (N, n, m) array
+        Of the sampled one.
+    """
     from scipy.linalg import expm
 
     n, m = b.shape[1:]

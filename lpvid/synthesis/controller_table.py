@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
@@ -66,12 +68,8 @@ def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
         Near the formula, not equal to it: its bound must be checked.
     """
     box = formula.plant.plant.box
-    basis: Basis | None = None
-    for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
-        if high > low:
-            factor = Spline(name, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
-            basis = factor if basis is None else Product(basis, factor)
-    assert basis is not None
+    basis: Basis = reduce(Product, (Spline(n, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
+                                    for n, (low, high) in box.limits.items() if high > low))
     points = dense(box, 3 * segments)
     k, slopes = formula.at(points)
     return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)

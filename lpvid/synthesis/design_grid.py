@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -155,12 +156,7 @@ def interpolating(box: Scheduling, axes: tuple[np.ndarray, ...]) -> Basis:
     """
     factors: list[Basis] = [Spline(n, len(a) - 1, 1, tuple(a.tolist())) for n, a in zip(box.names, axes, strict=True)
                             if len(a) > 1]
-    if not factors:
-        return Polynomial((), 0)
-    basis = factors[0]
-    for factor in factors[1:]:
-        basis = Product(basis, factor)
-    return basis
+    return reduce(Product, factors) if factors else Polynomial((), 0)
 
 
 def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tuple[np.ndarray, ...],
@@ -343,9 +339,7 @@ def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> Non
     InputError
         A variable that is not in the box, or one with width and no rate bound in continuous time.
     """
-    from lpvid.lmi.readings import readings_of
-
-    readings_of(basis)
+    basis.readings()
     for name in basis.names:
         i = box.names.index(_checks.known_name(name, box.names, "scheduling variable"))
         if sample_time is None and box.rate[i] is None and box.upper[i] > box.lower[i]:

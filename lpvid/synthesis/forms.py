@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -240,9 +241,7 @@ def _axes(box: Scheduling, points: int | Mapping[str, Sequence[float]]) -> dict[
 
 def _interpolated(model: Model, axes: Mapping[str, np.ndarray]) -> LPVStateSpace:
     factors: list[Basis] = [Spline(n, len(x) - 1, 1, tuple(x.tolist())) for n, x in axes.items()]
-    basis: Basis = factors[0] if factors else ONE
-    for factor in factors[1:]:
-        basis = Product(basis, factor)
+    basis = reduce(Product, factors) if factors else ONE
     return rebuilt(MatrixFunction(basis, values(model, tensor(list(axes.values())))), model)
 
 

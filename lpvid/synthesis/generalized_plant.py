@@ -37,7 +37,7 @@ class PlantMatrices:
     D21: np.ndarray
     D22: np.ndarray
 
-    def point(self, k: int) -> PlantMatrices:
+    def point(self, k: int | slice) -> PlantMatrices:
         """The blocks at one point, as matrices.
 
         Parameters

@@ -543,12 +543,25 @@ def roots_of(problem: ProjectedInequalities, pair: MatrixPair) -> tuple[np.ndarr
     ((n, n) array, (n, n) array)
         T and U; eigenvalues of a mean below 1e-13 of the largest are raised to that.
     """
-    means = (problem.controls.at(pair.x).mean(axis=0), problem.measurements.at(pair.y).mean(axis=0))
-    found = []
-    for mean in means:
-        values, vectors = np.linalg.eigh(0.5 * (mean + mean.T))
-        found.append(vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300))))
-    return found[0], found[1]
+    return (definite_root(problem.controls.at(pair.x).mean(axis=0)),
+            definite_root(problem.measurements.at(pair.y).mean(axis=0)))
+
+
+def definite_root(matrix: np.ndarray) -> np.ndarray:
+    """R with R Rᵀ the matrix, its eigenvalues raised to 1e-13 of the largest.
+
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric but for rounding.
+
+    Returns
+    -------
+    (n, n) array
+        Invertible.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300)))
 
 
 def singular(plant: PlantMatrices) -> bool:
@@ -584,8 +597,7 @@ def regular(plant: PlantMatrices, size: float) -> PlantMatrices:
     PlantMatrices
         With further disturbances and performance signals where there are such directions.
     """
-    effort, noise = _unlimited(plant)
-    return _restrained(plant, size, effort, noise, len(plant.A))
+    return _restrained(plant, size, *_unlimited(plant))
 
 
 def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
@@ -603,8 +615,7 @@ def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
     PlantMatrices
         With n_y more disturbances and n_u more performance signals.
     """
-    count, nu, ny = len(plant.A), plant.B2.shape[2], plant.C2.shape[1]
-    return _restrained(plant, size, np.eye(nu), np.eye(ny), count)
+    return _restrained(plant, size, np.eye(plant.B2.shape[2]), np.eye(plant.C2.shape[1]))
 
 
 def stirred(plant: PlantMatrices, size: float, *, by_controls: bool) -> PlantMatrices:
@@ -638,10 +649,10 @@ def stirred(plant: PlantMatrices, size: float, *, by_controls: bool) -> PlantMat
     return replace(plant, C1=wide, D11=through, D12=beside)
 
 
-def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray, count: int) -> PlantMatrices:
+def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray) -> PlantMatrices:
     """Effort of, and noise in, the directions that are given as rows."""
     def wide(m: np.ndarray, more: np.ndarray, axis: int) -> np.ndarray:
-        shape = [count, *m.shape[1:]]
+        shape = [*m.shape]
         shape[axis] = more.shape[axis - 1]
         return np.concatenate([m, np.broadcast_to(more, shape)], axis=axis)
 

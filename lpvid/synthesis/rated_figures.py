@@ -26,7 +26,7 @@ from lpvid.synthesis.criteria import CovarianceCriterion, Criterion
 from lpvid.synthesis.design_grid import columns
 from lpvid.synthesis.figures import Figure, channel
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.loop_certificate import richer_bases
+from lpvid.synthesis.loop_certificate import fits, own_and_richer
 from lpvid.synthesis.loop_check import SAFETY, LoopStorage, frozen_gain, gain_bounds
 from lpvid.synthesis.scaling import Matrices
 from lpvid.synthesis.shaped_loop import ShapedLoop
@@ -101,11 +101,8 @@ class RatedLoop:
         return Figure("H-infinity", description, promised, found[0], frozen_gain(at), False, found[1])
 
     def _proposals(self) -> Iterator[tuple[Basis, np.ndarray]]:
-        points, own = self._points(), self.basis.bound(self.box)
-        values = self.values(points)
-        for basis in (own, *(b for b in richer_bases(own, self.box) if b.size > own.size)):
-            matrices = np.tensordot(np.linalg.pinv(columns(self.box, basis, points)), values, axes=1)
-            yield basis, 0.5 * (matrices + matrices.swapaxes(1, 2))
+        points = self._points()
+        return fits(self.values(points), self.box, points, own_and_richer(self.basis, self.box))
 
     def _searched(self, criterion: Criterion, basis: Basis, matrices: np.ndarray) -> tuple[Basis, np.ndarray] | None:
         """P of the least figure of this criterion alone, over states in which the design's own is near the identity."""

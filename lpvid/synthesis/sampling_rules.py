@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.lft import held
 from lpvid.synthesis.matrix_function import MatrixFunction
 
 Frozen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -113,14 +114,8 @@ class ZeroOrderHold(SamplingRule):
         return None
 
     def sample(self, system: Frozen, period: float) -> Frozen:
-        from scipy.linalg import expm
-
         a, b, c, d = system
-        n, m = b.shape[1:]
-        whole = np.zeros((len(a), n + m, n + m))
-        whole[:, :n, :n], whole[:, :n, n:] = a * period, b * period
-        moved = np.asarray(expm(whole)) if n else whole
-        return moved[:, :n, :n], moved[:, :n, n:], c, d
+        return (*held(a, b, period), c, d)
 
     def restore(self, system: Frozen, period: float) -> Frozen:
         a, b, c, d = system

@@ -24,7 +24,7 @@ from lpvid.lmi.affine import Affine, block, combined, he, trace
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.progress import Rounds, stop_at
-from lpvid.synthesis.projection import congruent, regular
+from lpvid.synthesis.projection import congruent, definite_root, regular
 from lpvid.synthesis.riccati import FREE, STRICT
 
 ROUNDS = 8
@@ -172,7 +172,7 @@ class VarianceProblem:
         """The least level, or at a given one small matrices with a coupling far from its limit."""
         p, program = self.plant, Program()
         new, n, (nw, nz) = program.unknowns, p.A.shape[1], (p.B1.shape[2], p.C1.shape[1])
-        t, u = (_root(m) for m in (known.x, known.y))
+        t, u = (definite_root(m) for m in (known.x, known.y))
         into, out = np.linalg.inv(t), np.linalg.inv(u)
         x, y = new.symmetric(n), new.symmetric(n)
         ch = [new.matrix(p.B2.shape[2], n) for _ in range(self.phi.shape[1])]
@@ -270,8 +270,3 @@ def _scale(a: np.ndarray, b: np.ndarray, nw: int, level: float) -> np.ndarray:
     rows = np.sqrt((np.hstack([a + a.T, b]) ** 2).sum(axis=1))
     rows = np.maximum(rows, 1e-5 * rows.max(initial=1e-300))
     return 1 / np.sqrt(np.concatenate([rows, np.full(nw, level)]))
-
-
-def _root(m: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(0.5 * (m + m.T))
-    return vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300)))
