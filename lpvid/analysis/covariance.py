@@ -13,8 +13,8 @@ from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import requested
 from lpvid.analysis.gain_bounds import storage_bases, worst_pole
 from lpvid.lmi.bound_certificate import has_h2_norm
+from lpvid.lmi.bounds import CovarianceBound
 from lpvid.lmi.certificate import grid
-from lpvid.lmi.covariance_bound import CovarianceBound
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import frame_of, gramian
 from lpvid.lmi.inequality import recheck_inequality

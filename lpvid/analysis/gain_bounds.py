@@ -142,7 +142,7 @@ class GainBounds:
             for share in RELAXED:
                 inner = next(search.roomiest(proposal.level * (1 + share), box, settings=ROUGHLY), None)
                 if inner is not None:
-                    for between in _blended(proposal, inner):
+                    for between in blended(proposal, inner):
                         yield from self._relaxed(search, box, between, (0.0,))
             return
 
@@ -156,7 +156,19 @@ class GainBounds:
                 yield storage, gamma, outcome, proposal.solver
 
 
-def _blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
+def blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
+    """From one proposal towards another, with the last one's margin: an inequality linear in P and level has them all.
+
+    Parameters
+    ----------
+    least, inner : StorageProposal
+        Of the least level, and with room to spare.
+
+    Yields
+    ------
+    StorageProposal
+        At the shares `BLENDS` of the way.
+    """
     for part in BLENDS:
         yield replace(inner, matrices=(1 - part) * least.matrices + part * inner.matrices,
                       level=(1 - part) * least.level + part * inner.level)

@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.analysis.bound import Bound, BoundSearch, first_proven, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import requested
-from lpvid.analysis.gain_bounds import BLENDS, storage_bases, worst_pole
+from lpvid.analysis.gain_bounds import blended, storage_bases, worst_pole
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven
@@ -109,11 +109,8 @@ def _proposals(search: StorageSearch) -> Iterator[StorageProposal]:
         yield replace(least, level=least.level * (1 + share) ** 2)
     for share in RELAXED:
         roomy = next(search.roomiest(least.level * (1 + share) ** 2, settings=ROUGHLY), None)
-        if roomy is None:
-            continue
-        for part in BLENDS:  # the inequality is linear in P and the variance
-            yield replace(roomy, matrices=(1 - part) * least.matrices + part * roomy.matrices,
-                          level=(1 - part) * least.level + part * roomy.level)
+        if roomy is not None:
+            yield from blended(least, roomy)  # the inequality is linear in P and the variance
 
 
 def _largest_frozen_h2(plant: Driven, box: Scheduling) -> float:

@@ -23,8 +23,8 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block, block_diagonal
 from lpvid.lmi.certificate import diagonal
+from lpvid.model.state_space import Matrices
 
-Filter = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 PSD, SKEW = "symmetric, positive semidefinite", "antisymmetric"
 
 
@@ -62,7 +62,7 @@ class Block(ABC):
         return len(self.inputs)
 
     @abstractmethod
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         """Ψ as (A, B, C, D) from (q, p) to r.
 
         Parameters
@@ -184,7 +184,7 @@ class Parametric(Bounded):
         super().__post_init__()
         self._square()
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         return _both(bank((), None) if self.moving else bank(poles, sample_time), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
@@ -213,7 +213,7 @@ class Dynamic(Bounded):
 
     SIZE: ClassVar[str] = "the bound of neglected dynamics"
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         return _both(bank(poles, sample_time), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
@@ -240,7 +240,7 @@ class Lipschitz(Bounded):
 
     SIZE: ClassVar[str] = "a Lipschitz constant"
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         return _both(bank((), None), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
@@ -286,7 +286,7 @@ class Sector(Block):
         if not _checks.real(self.lower, "lower") < _checks.real(self.upper, "upper"):
             raise InputError("a sector's lower bound lies below its upper one", got=f"{self.lower} and {self.upper}")
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         a, b, c, _ = bank(poles if self.slope else (), sample_time)
         k, v = len(a), self._rows()[1]
         return a, b @ v, np.vstack([np.zeros((2, k)), c[1:]]), np.vstack([np.eye(2), np.zeros((k, 2))])
@@ -338,7 +338,7 @@ class Delay(Block):
     def follows(self) -> bool:
         return True
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         if sample_time is not None:
             raise InputError("an uncertain delay is stated in continuous time", got=f"a period of {sample_time:g} s",
                              mend="a known one in discrete time is exact: lpv.delay")
@@ -386,7 +386,7 @@ def block_from_dict(data: Mapping) -> Block:
     return kind(**{k: v for k, v in data.items() if k != "kind"})
 
 
-def bank(poles: Sequence[float], sample_time: float | None) -> Filter:
+def bank(poles: Sequence[float], sample_time: float | None) -> Matrices:
     """(1, a/(s + a), …) of one signal, in discrete time (1, (1 − α)/(z − α), …).
 
     Parameters
@@ -410,17 +410,17 @@ def bank(poles: Sequence[float], sample_time: float | None) -> Filter:
             np.vstack([np.ones((1, 1)), np.zeros((n, 1))]))
 
 
-def _repeated(f: Filter, m: int) -> Filter:
+def _repeated(f: Matrices, m: int) -> Matrices:
     """The filter for each of m signals; outputs by filter first."""
     a, b, c, d = (np.kron(x, np.eye(m)) for x in f)
     return a, b, c, d
 
 
-def _both(f: Filter, nq: int, np_: int) -> Filter:
+def _both(f: Matrices, nq: int, np_: int) -> Matrices:
     return _stacked([(_repeated(f, nq), np.eye(nq, nq + np_)), (_repeated(f, np_), np.eye(np_, nq + np_, nq))])
 
 
-def _stacked(parts: Sequence[tuple[Filter, np.ndarray]]) -> Filter:
+def _stacked(parts: Sequence[tuple[Matrices, np.ndarray]]) -> Matrices:
     """Filters one above the other, each with its own reading of (q, p)."""
     a, c = (diagonal(*(f[i] for f, _ in parts)) for i in (0, 2))
     b, d = (np.vstack([f[i] @ into for f, into in parts]) for i in (1, 3))

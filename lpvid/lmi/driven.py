@@ -10,12 +10,11 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.lmi.readings import Reading, reading_weights
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling
 
 Model = LPVTransferFunction | LPVStateSpace
-Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

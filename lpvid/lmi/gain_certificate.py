@@ -24,7 +24,7 @@ from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, d
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Basis, Scheduling
 
 
@@ -218,10 +218,9 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
     return recheck_inequality(BoundedReal(system, storage, gamma), budget=budget)
 
 
-def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], P: np.ndarray, gamma: float, *,
-                 slopes: np.ndarray | None = None, rate: np.ndarray | float | None = None,
-                 later: np.ndarray | None = None,
-                 magnitudes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None) -> Recheck:
+def certify_gain(system: Matrices, P: np.ndarray, gamma: float, *, slopes: np.ndarray | None = None,
+                 rate: np.ndarray | float | None = None, later: np.ndarray | None = None,
+                 magnitudes: Matrices | None = None) -> Recheck:
     """Check the bounded-real inequality at N points for matrices given as arrays, with a bound of the rounding errors.
 
     Continuous time unless `later` is given. What lies between the points is not covered.

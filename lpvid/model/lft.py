@@ -13,6 +13,7 @@ from lpvid import _checks
 from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal, as_signals
+from lpvid.model.state_space import Matrices
 from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Scheduling
 
@@ -162,7 +163,7 @@ class LFTModel(Coded):
         normal = (np.asarray(points, dtype=float) - self.scheduling.centre) / half
         return np.repeat(normal, self.repetitions, axis=1)
 
-    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, points: np.ndarray) -> Matrices:
         """(N, …) A, B, C, D at points of shape (N, n_scheduling); raises where the form is ill posed.
 
         Parameters
@@ -192,7 +193,7 @@ class LFTModel(Coded):
         whole = self.matrix[np.ix_(outside, across)] + (self.matrix[outside, n : n + r] * delta[:, None, :]) @ inner
         return whole[:, :n, :n], whole[:, :n, n:], whole[:, n:, :n], whole[:, n:, n:]
 
-    def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def frozen(self, p: Sequence[float] | np.ndarray) -> Matrices:
         """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,).
 
         Parameters

@@ -18,6 +18,9 @@ from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""A, B, C, D, at one value of the scheduling or (N, …) at several."""
+
 
 @dataclass(frozen=True, eq=False)
 class LPVStateSpace(LPVModel):
@@ -190,7 +193,7 @@ class LPVStateSpace(LPVModel):
         """Measured samples from which a free run takes its state: two per state, at least four."""
         return max(2 * self.order, 4) if self.order else 0
 
-    def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def frozen(self, p: Sequence[float] | np.ndarray) -> Matrices:
         """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,).
 
         Parameters
@@ -207,7 +210,7 @@ class LPVStateSpace(LPVModel):
         a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (self.A, self.B, self.C, self.D))
         return a, b, c, d
 
-    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, points: np.ndarray) -> Matrices:
         """(N, …) A, B, C, D at points of shape (N, n_scheduling).
 
         Parameters

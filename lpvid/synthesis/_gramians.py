@@ -8,10 +8,10 @@ from scipy.linalg import eigh, solve_continuous_lyapunov, solve_discrete_lyapuno
 from lpvid.analysis.frozen import basis_values
 from lpvid.lmi.affine import Affine, he, trace
 from lpvid.lmi.program import Program
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 
 
-def frozen_matrices(system: LPVStateSpace, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def frozen_matrices(system: LPVStateSpace, grid: np.ndarray) -> Matrices:
     """(N, …) A, B, C, D at the points of a grid over the system's box."""
     phi = basis_values(system.basis, grid)
     a, b, c, d = (np.tensordot(phi, getattr(system, name), axes=1) for name in "ABCD")

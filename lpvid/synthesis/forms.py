@@ -24,6 +24,7 @@ from lpvid.synthesis._form_parts import (
     values,
 )
 from lpvid.synthesis._horner import fractional
+from lpvid.synthesis.generalized_plant import refuse_offsets
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 
 __all__ = ["Conversion", "from_lft", "multi_affine", "to_affine", "to_gridded", "to_lft", "to_polynomial",
@@ -163,7 +164,7 @@ def to_lft(system: LPVStateSpace) -> Conversion:
     >>> form.model.repetitions, form.exact, round(float(form.model.frozen([0.5])[0][0, 0]), 12)
     ((2,), True, -1.5)
     """
-    _without_offsets(system, "a linear fractional form")
+    refuse_offsets(system, "a linear fractional form")
     function, box = as_polynomial(system), system.box
     if function is None:
         raise InputError("only a polynomial becomes a linear fractional form without error",
@@ -269,10 +270,3 @@ def multi_affine(model: Model) -> bool:
     assert isinstance(function.basis, Polynomial)
     used = np.any(function.coefficients != 0, axis=(1, 2))
     return bool(function.basis.exponents[used].max(initial=0) <= 1)
-
-
-def _without_offsets(system: LPVStateSpace, what: str) -> None:
-    for name in ("state_offset", "output_offset"):
-        if np.any(getattr(system, name)):
-            raise InputError(f"{what} has no constant terms", got=f"{name} is not zero",
-                             mend="shift states and outputs to the equilibrium first")

@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.lmi.certificate import diagonal
 from lpvid.model.lft import LFTModel
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.synthesis.forms import to_lft
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_check import LoopStorage
@@ -132,7 +132,7 @@ class FractionalController:
     repetitions: tuple[int, ...]
     storage: LoopStorage | None = None
 
-    def at(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, delta: np.ndarray) -> Matrices:
         """A_K, B_K, C_K, D_K at normalised scheduling values δ of shape (len(repetitions),).
 
         Parameters

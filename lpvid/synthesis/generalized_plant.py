@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.signals import signal_names
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Scheduling
 
@@ -51,6 +52,27 @@ class PlantMatrices:
             Without the first axis.
         """
         return PlantMatrices(*(getattr(self, f)[k] for f in self.__dataclass_fields__))
+
+
+def refuse_offsets(system: LPVStateSpace, what: str) -> None:
+    """Raise for a system with constant terms.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        The system.
+    what : str
+        What it is to be, for the error.
+
+    Raises
+    ------
+    InputError
+        A state or output offset that is not zero.
+    """
+    for name in ("state_offset", "output_offset"):
+        if np.any(getattr(system, name)):
+            raise InputError(f"{what} has no constant terms", got=f"{name} is not zero",
+                             mend="shift states and outputs to the equilibrium first")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +121,7 @@ class GeneralizedPlant:
     measurements: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        inputs, outputs = self._names(self.system.inputs), self._names(self.system.outputs)
+        inputs, outputs = signal_names(self.system.inputs), signal_names(self.system.outputs)
         for field, known in (("inputs", inputs), ("outputs", outputs)):
             if len(set(known)) != len(known):
                 raise InputError(f"two {field} of a plant bear one name", got=", ".join(known), mend="rename one")
@@ -112,27 +134,20 @@ class GeneralizedPlant:
         if self.system.input_stage is not None:
             raise InputError("a plant for synthesis is linear in its inputs", got="a system with an input stage",
                              mend="put the stage's inverse into the controller and design for the linear part")
-        for name in ("state_offset", "output_offset"):
-            if np.any(getattr(self.system, name)):
-                raise InputError("a plant for synthesis has no constant terms", got=f"{name} is not zero",
-                                 mend="shift states and outputs to the equilibrium first")
+        refuse_offsets(self.system, "a plant for synthesis")
         if not self.disturbances or not self.performance:
             raise InputError("a plant needs a disturbance and a performance signal that are neither control nor "
                              "measurement", got=f"inputs {', '.join(inputs)}; outputs {', '.join(outputs)}")
 
-    @staticmethod
-    def _names(signals: Sequence) -> tuple[str, ...]:
-        return tuple(s.name for s in signals)
-
     @property
     def disturbances(self) -> tuple[str, ...]:
         """Names of w."""
-        return tuple(n for n in self._names(self.system.inputs) if n not in self.controls)
+        return tuple(n for n in signal_names(self.system.inputs) if n not in self.controls)
 
     @property
     def performance(self) -> tuple[str, ...]:
         """Names of z."""
-        return tuple(n for n in self._names(self.system.outputs) if n not in self.measurements)
+        return tuple(n for n in signal_names(self.system.outputs) if n not in self.measurements)
 
     @property
     def box(self) -> Scheduling:
@@ -162,7 +177,7 @@ class GeneralizedPlant:
         tuple of arrays
             A, B1, B2, C1, D11, D12, C2, D21 and D22.
         """
-        inputs, outputs = self._names(self.system.inputs), self._names(self.system.outputs)
+        inputs, outputs = signal_names(self.system.inputs), signal_names(self.system.outputs)
         w, u = ([inputs.index(n) for n in names] for names in (self.disturbances, self.controls))
         z, y = ([outputs.index(n) for n in names] for names in (self.performance, self.measurements))
         return (a, b[:, :, w], b[:, :, u], c[:, z], d[:, z][:, :, w], d[:, z][:, :, u], c[:, y], d[:, y][:, :, w],

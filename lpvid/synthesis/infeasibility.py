@@ -68,18 +68,12 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
             return "infeasible", why + " (shown by a dual matrix)", mend + (slow if scheduled else "")
     frozen = max((least_gain(problem.plant, k) for k in range(len(problem.plant.A))), default=np.inf)
     held = f"; {frozen:.4g} is the least gain with the scheduling held" if np.isfinite(frozen) and scheduled else ""
-    lost = _lost(plant)
-    held = f"; {lost}" if lost else held
+    if plant.sample_time is None and plant.box.names:  # a mode slower than the plant's pace, out of reach in between
+        points = tensor(convex_axes(plant))
+        lost = slow_mode_out_of_reach(plant, points, pace(plant.at(points).A))
+        held = f"; {lost}" if lost else held
     return ("numerical", f"no solver found a usable answer, and none showed that there is no controller{held}",
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
-
-
-def _lost(plant: GeneralizedPlant) -> str:
-    """Where between points a mode slower than the plant's pace is out of reach; in continuous time."""
-    if plant.sample_time is not None or not plant.box.names:
-        return ""
-    points = tensor(convex_axes(plant))
-    return slow_mode_out_of_reach(plant, points, pace(plant.at(points).A))
 
 
 def _slowly_refuted(problem: ProjectedInequalities, half: Half, root: np.ndarray) -> bool:

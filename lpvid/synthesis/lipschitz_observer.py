@@ -134,13 +134,13 @@ class LipschitzObserver:
         """
         started = time.perf_counter()
         problem = _Parts.of(self, plant)
-        found = self._least(problem)
+        least = problem.solved(self, None)
         method = "no gain makes the error decay for every such nonlinearity"
-        if found is None:
+        if least is None:
             return LipschitzEstimate(None, None, None, None, method, f"a smaller constant than {self.constant:g}, or "
                                      f"more measurements than {', '.join(plant.measurements)}",
                                      time.perf_counter() - started)
-        gamma, law = found
+        gamma, law = problem.solved(self, self.back_off * least[0]) or least  # the tamest a little above the least
         observer, error = problem.built(law)
         blocks = Lipschitz(tuple(f"{n}_difference" for n in problem.phi), tuple(f"{n}_error" for n in problem.q),
                            bound=self.constant)
@@ -149,14 +149,6 @@ class LipschitzObserver:
             return LipschitzEstimate(None, None, None, gamma, "the promise could not be verified",
                                      "raise back_off or points", time.perf_counter() - started)
         return LipschitzEstimate(observer, error, gain, gamma, seconds=time.perf_counter() - started)
-
-    def _least(self, problem: _Parts) -> tuple[float, MatrixFunction] | None:
-        """The tamest gain a little above the least bound."""
-        least = problem.solved(self, None)
-        if least is None:
-            return None
-        tamed = problem.solved(self, self.back_off * least[0])
-        return tamed if tamed is not None else least
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,9 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.lft import held
+from lpvid.model.state_space import Matrices
 from lpvid.synthesis.matrix_function import MatrixFunction
 
-Frozen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""(N, …) A, B, C, D at points of the scheduling."""
 Moving = tuple[MatrixFunction, MatrixFunction, MatrixFunction, MatrixFunction]
 """A, B, C, D over a basis."""
 
@@ -33,7 +32,7 @@ class SamplingRule(ABC):
         """r where the state after one sample is off by O(T^r); None where it is exact for held u and p."""
 
     @abstractmethod
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         """Continuous to discrete, at points.
 
         Parameters
@@ -50,7 +49,7 @@ class SamplingRule(ABC):
         """
 
     @abstractmethod
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         """Discrete to continuous, at points.
 
         Parameters
@@ -113,11 +112,11 @@ class ZeroOrderHold(SamplingRule):
     def accuracy(self) -> None:
         return None
 
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         return (*held(a, b, period), c, d)
 
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         if not a.shape[1]:
             return system
@@ -168,13 +167,13 @@ class Tustin(SamplingRule):
     def accuracy(self) -> int:
         return 3
 
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         back = np.linalg.inv(np.eye(a.shape[1]) - a * period / 2)
         bd = back @ b * period
         return back @ (np.eye(a.shape[1]) + a * period / 2), bd, c @ back, d + c @ bd / 2
 
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         if a.shape[1] and np.min(np.abs(np.linalg.eigvals(a) + 1)) < 1e-9:
             raise InputError("a discrete pole at −1 has no continuous counterpart under Tustin's rule",
@@ -214,7 +213,7 @@ class Taylor(SamplingRule):
     def accuracy(self) -> int:
         return self.order + 1
 
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         term = total = np.broadcast_to(np.eye(a.shape[1]), a.shape)
         for k in range(1, self.order):
@@ -222,7 +221,7 @@ class Taylor(SamplingRule):
             total = total + term
         return np.eye(a.shape[1]) + period * total @ a, period * total @ b, c, d
 
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         gap = a - np.eye(a.shape[1])
         power = total = np.broadcast_to(np.eye(a.shape[1]), a.shape)
