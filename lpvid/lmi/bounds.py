@@ -1,4 +1,4 @@
-"""Further claims of a matrix function of p: H2 norm, decay rate, region of frozen poles, rms and peak of the outputs."""
+"""Further claims of a matrix function of p: H2 norm, decay rate, region of frozen poles, rms and peak of outputs."""
 
 from __future__ import annotations
 

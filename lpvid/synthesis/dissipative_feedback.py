@@ -249,7 +249,7 @@ def _proof(p: np.ndarray, loop: LPVStateSpace, gamma: float) -> GainCertificate 
 def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace, spread: np.ndarray) -> GainCertificate | None:
     """The least bound that a constant storage function of the loop itself proves; None for none."""
     points = tensor(design_axes(loop.box, 3, is_affine(loop.basis)))
-    a, b, c, d = (np.array(m) for m in zip(*(loop.frozen(x) for x in points), strict=True))
+    a, b, c, d = loop.at(points)
     idle = replace(plant.at(np.repeat(plant.box.centre[None], len(points), axis=0)), A=a, B1=b, C1=c, D11=d)
     units = Units.of(idle)
     whole = units.apply(idle)

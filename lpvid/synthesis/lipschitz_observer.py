@@ -241,13 +241,11 @@ class _Parts:
         plant, f = self.plant, plant_functions(self.plant)
         d, out = plant.disturbances, plant.performance
         phi, w = [d.index(x) for x in self.phi], [i for i, x in enumerate(d) if x not in self.phi]
-        nu, ny, nz, n = len(plant.controls), len(plant.measurements), len(out), plant.order
+        ny, nz, n = len(plant.measurements), len(out), plant.order
         every, rows = list(range(n)), list(range(ny))
         e, b1, d21 = f["B1"][every, phi], f["B1"][every, w], f["D21"][rows, w]
         state = f["A"] - law @ f["C2"]
-        observer = [[state, e, law], [f["C1"], np.zeros((nz, len(phi) + ny))]]
-        if nu:
-            observer = [[state, f["B2"] - law @ f["D22"], e, law], [f["C1"], f["D12"], np.zeros((nz, len(phi) + ny))]]
+        observer = [[state, f["B2"] - law @ f["D22"], e, law], [f["C1"], f["D12"], np.zeros((nz, len(phi) + ny))]]
         error = function_block([[state, e, b1 - law @ d21],
                                 [f["C1"], np.zeros((nz, len(phi))), f["D11"][list(range(nz)), w]]])
         signals = {s.name: s for s in (*plant.system.inputs, *plant.system.outputs)}

@@ -135,9 +135,8 @@ def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, 
     points, width = box.grid(SCREEN.get(len(box.names), 2)), np.array(box.upper) - np.array(box.lower)
     steps = np.diag(1e-5 * width)
     slopes = np.stack([(values(points + e) - values(points - e)) / max(2 * e.sum(), 1e-300) for e in steps], axis=1)
-    system = tuple(np.array(m) for m in zip(*(loop.frozen(p) for p in points), strict=True))
     rates = np.array([r or 0.0 for r in box.rate])
-    return certify_gain(system, values(points), bound, slopes=slopes, rate=rates).holds  # type: ignore[arg-type]
+    return certify_gain(loop.at(points), values(points), bound, slopes=slopes, rate=rates).holds
 
 
 def _proposals(formula: FeedbackLaw, box: Scheduling,

@@ -152,9 +152,7 @@ def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
     whole = function_block([
         [p["A"], p["B1"], p["B2"], np.zeros((s.order, nz))], [p["C1"], p["D11"], p["D12"], -np.eye(nz)],
         [p["C2"], p["D21"], p["D22"], np.zeros((ny, nz))],
-        [np.zeros((nu, s.order + nw)), np.eye(nu), np.zeros((nu, nz))]]) if nu else function_block([
-            [p["A"], p["B1"], np.zeros((s.order, nz))], [p["C1"], p["D11"], -np.eye(nz)],
-            [p["C2"], p["D21"], np.zeros((ny, nz))]])
+        [np.zeros((nu, s.order + nw)), np.eye(nu), np.zeros((nu, nz))]])
     estimates = named(plant, plant.performance, "_estimate")
     system = assembled(whole, s.order, plant, (*named(plant, (*plant.disturbances, *plant.controls)), *estimates),
                        (*named(plant, plant.performance, "_error"), *named(plant, plant.measurements),
@@ -219,10 +217,9 @@ class _ObserverProblem(GainProblem):
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:
         plant, p, gain = self.plant, plant_functions(self.plant), self.observer_gain(shaped)
-        nu, ny = len(plant.controls), len(plant.measurements)
+        ny = len(plant.measurements)
         state, known = p["A"] - gain @ p["C2"], p["B2"] - gain @ p["D22"]
-        whole = function_block([[state, known, gain], [p["C1"], p["D12"], np.zeros((len(plant.performance), ny))]]
-                               if nu else [[state, gain], [p["C1"], np.zeros((len(plant.performance), ny))]])
+        whole = function_block([[state, known, gain], [p["C1"], p["D12"], np.zeros((len(plant.performance), ny))]])
         return assembled(whole, plant.order, plant, named(plant, (*plant.controls, *plant.measurements)),
                          named(plant, plant.performance, "_estimate"))
 
