@@ -200,11 +200,7 @@ class RobustBound(LyapunovInequality):
     """(p + w + …) diag(M, γ⁻¹I) over (r, z)."""
     uncertain: int
     gamma: float
-
-    @property
-    def power(self) -> int:  # type: ignore[override]
-        """Degree in the system's matrices."""
-        return 2
+    power: int = 2
 
     def matrix(self, pieces: Pieces) -> np.ndarray:
         q, s = pieces, pieces.sign

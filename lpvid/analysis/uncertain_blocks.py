@@ -43,17 +43,15 @@ class Block(ABC):
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
+    follows: ClassVar[bool] = False
+    """The nominal block is p = q, not p = 0."""
+
     def __post_init__(self) -> None:
         for field in ("inputs", "outputs"):
             value = getattr(self, field)
             object.__setattr__(self, field, (value,) if isinstance(value, str) else tuple(value))
         if not self.inputs or not self.outputs:
             raise InputError("a block of uncertainty needs inputs and outputs of the system", got=repr(self))
-
-    @property
-    def follows(self) -> bool:
-        """The nominal block is p = q, not p = 0."""
-        return False
 
     def _square(self) -> int:
         if len(self.inputs) != len(self.outputs):
@@ -328,15 +326,12 @@ class Delay(Block):
     """
 
     longest: float = 0.0
+    follows: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._square()
         _checks.positive(self.longest, "the longest delay", "s")
-
-    @property
-    def follows(self) -> bool:
-        return True
 
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         if sample_time is not None:

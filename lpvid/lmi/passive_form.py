@@ -230,11 +230,7 @@ class Dissipation(LyapunovInequality):
 
     system: Driven
     storage: Storage
-
-    @property
-    def power(self) -> int:  # type: ignore[override]
-        """Degree in the system's matrices."""
-        return 2
+    power: int = 2
 
     def matrix(self, pieces: Pieces) -> np.ndarray:
         q, n, nu = pieces, self.system.order, len(self.system.inputs)

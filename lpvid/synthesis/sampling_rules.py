@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -100,17 +101,22 @@ class SamplingRule(ABC):
         """
 
 
+class PointwiseRule(SamplingRule, ABC):
+    """A rule that needs inverses or exponentials, which are no finite sums over a basis."""
+
+    def sample_exactly(self, system: Moving, period: float) -> None:
+        return None
+
+    def restore_exactly(self, system: Moving, period: float) -> None:
+        return None
+
+
 @dataclass(frozen=True)
-class ZeroOrderHold(SamplingRule):
+class ZeroOrderHold(PointwiseRule):
     """A_d = exp(A T), B_d = ∫₀ᵀ exp(A t) dt B: exact while u and p are held (Tóth, Heuberger & Van den Hof 2010)."""
 
-    @property
-    def label(self) -> str:
-        return "zero-order hold"
-
-    @property
-    def accuracy(self) -> None:
-        return None
+    label: ClassVar[str] = "zero-order hold"
+    accuracy: ClassVar[None] = None
 
     def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
@@ -136,12 +142,6 @@ class ZeroOrderHold(SamplingRule):
             out[0][k], out[1][k] = _logarithm(a[k], b[k], period)
         return (*out, c, d)
 
-    def sample_exactly(self, system: Moving, period: float) -> None:
-        return None
-
-    def restore_exactly(self, system: Moving, period: float) -> None:
-        return None
-
 
 def _logarithm(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     """A and B of one point from the logarithm of [A_d B_d; 0 I]."""
@@ -153,19 +153,14 @@ def _logarithm(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray,
 
 
 @dataclass(frozen=True)
-class Tustin(SamplingRule):
+class Tustin(PointwiseRule):
     """s = (2/T)(z − 1)/(z + 1): keeps stability and the gains at rest; frequencies are bent (ω → (2/T) tan ωT/2).
 
     A_d = (I − AT/2)⁻¹(I + AT/2), B_d = (I − AT/2)⁻¹ B T, C_d = C (I − AT/2)⁻¹, D_d = D + C B_d/2.
     """
 
-    @property
-    def label(self) -> str:
-        return "Tustin"
-
-    @property
-    def accuracy(self) -> int:
-        return 3
+    label: ClassVar[str] = "Tustin"
+    accuracy: ClassVar[int] = 3
 
     def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
@@ -180,12 +175,6 @@ class Tustin(SamplingRule):
                              got=f"poles {np.round(np.linalg.eigvals(a).ravel(), 6).tolist()[:8]}")
         forward = 2 * np.linalg.inv(a + np.eye(a.shape[1]))  # I − AT/2
         return (a - np.eye(a.shape[1])) @ forward / period, forward @ b / period, c @ forward, d - c @ forward @ b / 2
-
-    def sample_exactly(self, system: Moving, period: float) -> None:
-        return None
-
-    def restore_exactly(self, system: Moving, period: float) -> None:
-        return None
 
 
 @dataclass(frozen=True)
