@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from lpvid.analysis.gain_bounds import ATTEMPT, worst_pole
 from lpvid.codec import Encoded
 from lpvid.lmi.bound_certificate import BoundCertificate, inequality_of
 from lpvid.lmi.certificate import grid
-from lpvid.lmi.certificate_common import certificate_kind
+from lpvid.lmi.certificate_common import Certificate, certificate_kind
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.inequality import recheck_inequality
@@ -21,6 +22,7 @@ from lpvid.lmi.storage_search import StorageSearch
 from lpvid.scheduling import Basis, Scheduling
 
 Region = tuple[np.ndarray, np.ndarray]
+C = TypeVar("C", bound=Certificate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +143,7 @@ class BoundSearch:
         BoundCertificate or None
             None where no basis gives one.
         """
-        return _first(self._proposed(level, bases))
+        return first_proven(self._proposed(level, bases))
 
     def _proposed(self, level: float, bases: Iterable[Basis]) -> Iterator[BoundCertificate]:
         frame = self.frame()
@@ -190,8 +192,20 @@ class BoundSearch:
                                 outcome.margin, outcome.between_grid, solver)
 
 
-def _first(found: Iterator[BoundCertificate]) -> BoundCertificate | None:
-    on_grid: BoundCertificate | None = None
+def first_proven(found: Iterable[C]) -> C | None:
+    """The first certificate that holds between grid points, else the first that holds on a grid.
+
+    Parameters
+    ----------
+    found : iterable of certificates
+        In the order of preference; it is left where one between grid points is met.
+
+    Returns
+    -------
+    certificate or None
+        None where there is none.
+    """
+    on_grid: C | None = None
     for certificate in found:
         if certificate.between_grid:
             return certificate

@@ -271,7 +271,7 @@ def requested_box(box: Scheduling, rate: Rate, range: Range, keep: bool = False)
     for name, bound in rates.items():
         if bound is not None and not _checks.real(bound, f"the rate of '{name}'") >= 0:
             raise InputError(f"the rate of '{name}' must not be negative", got=bound)
-    limits = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
+    limits = box.limits
     if range is not None:
         single = len(box.names) == 1 and not isinstance(range, Mapping) and np.shape(range) == (2,)
         for name, pair in _per_variable([range] if single else range, box.names, "range").items():

@@ -161,19 +161,11 @@ def largest_range(model: Model, rate: Rate = None, range: Range = None, *, towar
     start = requested_box(model.box, rate, range)
     if not np.any(start.half_width > 0):
         raise InputError("a largest range needs a scheduling variable that moves", got="none")
-    best: dict[float, StabilityCertificate] = {}
-
-    def holds(factor: float) -> bool:
-        found = certificate_for(model, scaled(start, factor, towards))
-        if found is not None and found.between_grid:
-            best[factor] = found
-        return factor in best
-
-    factor = _edge(holds, 1.0, 1 / 64, WIDEST)
+    factor, best = _edge(lambda share: certificate_for(model, scaled(start, share, towards)), 1.0, 1 / 64, WIDEST)
     if factor is None:
         return LargestRange(0.0, None, towards, _why(model, scaled(start, 1 / 64, towards)), None)
     limit = "none" if factor >= WIDEST else _why(model, scaled(start, factor * (1 + 2 * PRECISION), towards))
-    return LargestRange(factor, scaled(start, factor, towards), towards, limit, best[factor])
+    return LargestRange(factor, scaled(start, factor, towards), towards, limit, best)
 
 
 def largest_rate(model: Model, range: Range = None) -> LargestRate:
@@ -194,24 +186,19 @@ def largest_rate(model: Model, range: Range = None) -> LargestRate:
     found = certificate_for(model, box)
     if found is not None and found.between_grid:
         return LargestRate((math.inf,) * len(box.names), box.names, box.units, found)
-    best: dict[float, StabilityCertificate] = {}
     system = autonomous(model)
     columns = [box.names.index(r.name) for r in system.readings]
     slow = frozen_rates(system, grid(box, 9 if len(box.names) < 3 else 3)[:, columns])
     pace = 1 / model.sample_time if model.sample_time is not None else float(np.abs(slow).max())
     width = 2 * box.half_width
 
-    def holds(speed: float) -> bool:
-        rates = tuple(float(w * speed * pace) for w in width)
-        certificate = certificate_for(model, replace(box, rate=rates))
-        if certificate is not None and certificate.between_grid:
-            best[speed] = certificate
-        return speed in best
+    def rates(speed: float) -> tuple[float, ...]:
+        return tuple(float(w * speed * pace) for w in width)
 
-    speed = None if slow.max() >= 0 else _edge(holds, 0.05, SLOWEST, 1.0 if model.sample_time else 1e3)
-    if speed is None:
-        return LargestRate(None, box.names, box.units, None)
-    return LargestRate(tuple(float(w * speed * pace) for w in width), box.names, box.units, best[speed])
+    speed, best = (None, None) if slow.max() >= 0 else _edge(
+        lambda speed: certificate_for(model, replace(box, rate=rates(speed))), 0.05, SLOWEST,
+        1.0 if model.sample_time else 1e3)
+    return LargestRate(None if speed is None else rates(speed), box.names, box.units, best)
 
 
 def certified_share(certificate: StabilityCertificate, models: Iterable[Model], level: float = 0.95
@@ -280,8 +267,20 @@ def scaled(box: Scheduling, factor: float, towards: str) -> Scheduling:
                    upper=tuple((high + (1 - share) * grow).tolist()))
 
 
-def _edge(holds: Callable[[float], bool], start: float, least: float, most: float) -> float | None:
-    """The largest value to `PRECISION` at which `holds`, from `start` by doubling or halving and then bisection."""
+def _edge(certified: Callable[[float], StabilityCertificate | None], start: float, least: float, most: float
+          ) -> tuple[float | None, StabilityCertificate | None]:
+    """The largest value to `PRECISION` that is certified between grid points, with its certificate.
+
+    From `start` by doubling or halving and then bisection.
+    """
+    best: dict[float, StabilityCertificate] = {}
+
+    def holds(value: float) -> bool:
+        found = certified(value)
+        if found is not None and found.between_grid:
+            best[value] = found
+        return value in best
+
     low, high = (start, None) if holds(start) else (None, start)
     while high is None and low is not None and low < most:
         trial = min(2 * low, most)
@@ -289,12 +288,10 @@ def _edge(holds: Callable[[float], bool], start: float, least: float, most: floa
     while low is None and high is not None and high > least:
         trial = max(0.5 * high, least)
         low, high = (trial, high) if holds(trial) else (None, trial)
-    if low is None or high is None:
-        return low
-    while high - low > PRECISION * low:
+    while low is not None and high is not None and high - low > PRECISION * low:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
-    return low
+    return (None, None) if low is None else (low, best[low])
 
 
 def _why(model: Model, box: Scheduling) -> str:

@@ -10,15 +10,14 @@ import numpy as np
 
 from lpvid.analysis.bound import scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
-from lpvid.analysis.gain import rated
-from lpvid.analysis.gain_bounds import usable, worst_pole
+from lpvid.analysis.gain import requested
+from lpvid.analysis.gain_bounds import storage_bases, worst_pole
 from lpvid.lmi.bound_certificate import has_h2_norm
+from lpvid.lmi.bounds import CovarianceBound
 from lpvid.lmi.certificate import grid
-from lpvid.lmi.covariance_bound import CovarianceBound
-from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import frame_of, gramian
 from lpvid.lmi.inequality import recheck_inequality
-from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import StorageSearch
 from lpvid.model.state_space import LPVStateSpace
@@ -103,15 +102,14 @@ def output_bound(system: LPVStateSpace, peak: bool, rate: Rate = None, basis: Ba
     -------
     OutputBound
     """
-    plant = driven(system, () if basis is None else tuple(n for n in basis.names if n in system.box.names))
-    box = box_of(plant.readings, rated(system.box, rate, range))
+    plant, box = requested(system, rate, basis, range)
     if not has_h2_norm(plant) or worst_pole(plant, box)[0] >= 0:
         return OutputBound(peak, math.inf, math.inf, False, None)
     lower = _reached(plant, box, peak)
     if not plant.order or not box.half_width.any():
         return _still(plant, box, peak, lower)
     best = OutputBound(peak, lower, math.inf, False, None)
-    for own in _bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]:
+    for own in storage_bases(plant, box, basis, highest=1):
         found = _searched(plant, box, own, peak, lower)
         if found is not None and (found.upper < best.upper or best.storage is None):
             best = found
@@ -178,12 +176,6 @@ def _still(plant: Driven, box: Scheduling, peak: bool, lower: float) -> OutputBo
         if found is not None:
             return replace(found, lower=lower)
     return OutputBound(peak, lower, math.inf, False, None)
-
-
-def _bases(plant: Driven, box: Scheduling) -> list[Basis]:
-    moving = tuple(n for n, low, high, r in zip(box.names, box.lower, box.upper, box.rate, strict=True)
-                   if high > low and (r is not None or plant.sample_time is not None))
-    return [Polynomial((), 0), *([Polynomial(moving, 1).bound(box)] if moving else [])]
 
 
 def _reached(plant: Driven, box: Scheduling, peak: bool) -> float:

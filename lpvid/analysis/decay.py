@@ -6,11 +6,9 @@ import math
 
 from lpvid.analysis.bound import Bound, BoundSearch, judged, largest
 from lpvid.analysis.certificates import Range, Rate
-from lpvid.analysis.gain import rated
-from lpvid.analysis.gain_bounds import storage_bases, usable, worst_pole
+from lpvid.analysis.gain import requested
+from lpvid.analysis.gain_bounds import storage_bases, worst_pole
 from lpvid.lmi.bound_certificate import BoundCertificate
-from lpvid.lmi.driven import driven
-from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 
@@ -40,8 +38,7 @@ def decay_rate(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = N
     >>> found.upper, round(found.lower, 1)
     (2.0, 2.0)
     """
-    plant = driven(system, () if basis is None else tuple(n for n in basis.names if n in system.box.names))
-    box = box_of(plant.readings, rated(system.box, rate, range))
+    plant, box = requested(system, rate, basis, range)
     worst = worst_pole(plant, box)[0]
     frozen = -worst if plant.sample_time is None else -math.log(max(1 + worst, 1e-6)) / plant.sample_time
     if worst >= 0:
@@ -50,7 +47,7 @@ def decay_rate(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = N
         return Bound("decay-rate", "not certified", 0.0, math.inf, None, "the model has no state that could decay")
     search = BoundSearch(plant, box, "decay-rate")
     best: BoundCertificate | None = None
-    for own in storage_bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]:
+    for own in storage_bases(plant, box, basis):
         found: dict[float, BoundCertificate] = {}
 
         def holds(level: float, own: Basis = own, found: dict[float, BoundCertificate] = found) -> bool:

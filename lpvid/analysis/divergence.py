@@ -124,7 +124,9 @@ def _growth(system: Driven, path: np.ndarray, durations: np.ndarray, columns: li
     read = [np.roll(path[:, c], r.lag) for c, r in zip(columns, system.readings, strict=True)]
     matrices = system.state_matrices(np.column_stack(read) if read else np.zeros((len(path), 0)))
     if system.sample_time is None:
-        matrices = _exponentials(matrices, durations)
+        from scipy.linalg import expm
+
+        matrices = expm(matrices * durations[:, None, None])
         period = float(durations.sum())
     else:
         period = len(path) * system.sample_time
@@ -137,12 +139,6 @@ def _growth(system: Driven, path: np.ndarray, durations: np.ndarray, columns: li
         product, log = product / size, log + math.log(size)
     radius = float(np.abs(np.linalg.eigvals(product)).max())
     return (log + math.log(radius)) / period if radius > 0 else -math.inf
-
-
-def _exponentials(matrices: np.ndarray, durations: np.ndarray) -> np.ndarray:
-    from scipy.linalg import expm
-
-    return expm(matrices * durations[:, None, None])
 
 
 def _paths(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:

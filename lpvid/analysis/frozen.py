@@ -326,6 +326,24 @@ def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:
     return np.abs(poles) - 1.0 if discrete else np.real(poles)
 
 
+def pole_margins(a: np.ndarray, discrete: bool) -> np.ndarray:
+    """(N,) largest `stability_margin` of the poles of each matrix: negative where all of them decay.
+
+    Parameters
+    ----------
+    a : (N, n, n) array
+        State matrices.
+    discrete : bool
+        Discrete time.
+
+    Returns
+    -------
+    (N,) array
+        −∞ without states.
+    """
+    return stability_margin(np.linalg.eigvals(a), discrete).max(axis=1, initial=-np.inf)
+
+
 # -- bases ------------------------------------------------------------------------------------------------------------
 
 

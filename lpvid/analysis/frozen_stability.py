@@ -10,6 +10,7 @@ from lpvid import _checks
 from lpvid.analysis.critical import CriticalScheduling, critical_scheduling
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability_margin
 from lpvid.codec import Encoded
+from lpvid.lmi.certificate import tensor
 from lpvid.model.adaptable import checked_model
 
 
@@ -93,9 +94,10 @@ def frozen_stability(model: Model, points: int | None = None) -> FrozenStability
         worst, at = (-1.0 if models.discrete else -np.inf), box.centre
     else:
         worst, at = _worst(models, grid)
+        cube = tensor([np.linspace(-1.0, 1.0, 9 if count < 3 else 3)] * count)
         for shrink in range(1, 13 if count <= 8 else 1):
             reach = box.half_width * 2.0 / (points - 1) * 0.5 ** (shrink - 1)
-            local = np.clip(at + (_cube(count) * reach), box.lower, box.upper)
+            local = np.clip(at + cube * reach, box.lower, box.upper)
             better, place = _worst(models, local)
             if better > worst:
                 worst, at = better, place
@@ -109,9 +111,3 @@ def _worst(models: FrozenFamily, p: np.ndarray) -> tuple[float, np.ndarray]:
     margin = stability_margin(models.poles(p), models.discrete).max(axis=1)
     i = int(np.argmax(margin))
     return float(margin[i]), p[i]
-
-
-def _cube(count: int) -> np.ndarray:
-    steps = np.linspace(-1.0, 1.0, 9 if count < 3 else 3)
-    return np.stack(np.meshgrid(*[steps] * count, indexing="ij"), axis=-1).reshape(-1, count) if count else np.zeros(
-        (1, 0))

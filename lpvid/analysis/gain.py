@@ -184,6 +184,27 @@ def _judged(plant: Driven, worst: WorstCase, certificate: GainCertificate | None
                 seconds=seconds)
 
 
+def requested(system: LPVStateSpace, rate: Rate, basis: Basis | None, range: Range) -> tuple[Driven, Scheduling]:
+    """What an analysis is about: the linear part of a system, and the box of what it reads.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        The model.
+    rate, range
+        As for `rated`.
+    basis : Basis or None
+        Of the storage function: what it reads is listed too.
+
+    Returns
+    -------
+    (Driven, Scheduling)
+        Both with one entry for each reading.
+    """
+    plant = driven(system, () if basis is None else tuple(n for n in basis.names if n in system.box.names))
+    return plant, box_of(plant.readings, rated(system.box, rate, range))
+
+
 def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
     """The requested box: rates left out are the box's own, an infinite one is no bound.
 

@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 
+from lpvid.analysis.frozen import pole_margins
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
-from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import ROUGHLY, StorageProposal, StorageSearch
 from lpvid.scheduling import Basis, Polynomial, Scheduling
@@ -67,7 +67,7 @@ class GainBounds:
             [units per second] of each variable; in continuous time only which of them are None counts.
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
-        for basis in self._bases(box):
+        for basis in storage_bases(self.system, box, self.basis):
             search = self._search(basis, box, DENSITIES[0])
             if search.affordable:
                 search.prepare(box)
@@ -87,7 +87,7 @@ class GainBounds:
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         best: GainCertificate | None = None
-        for basis in self._bases(box):
+        for basis in storage_bases(self.system, box, self.basis):
             found = self._with(basis, box)
             if found is None:
                 continue
@@ -106,12 +106,6 @@ class GainBounds:
             points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
             self._frame = frame_of(self.system, points, self.floor)
         return self._frame
-
-    def _bases(self, box: Scheduling) -> Iterator[Basis]:
-        if self.basis is not None:
-            yield self.basis
-            return
-        yield from storage_bases(self.system, box)
 
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
         on_grid: GainCertificate | None = None
@@ -148,7 +142,7 @@ class GainBounds:
             for share in RELAXED:
                 inner = next(search.roomiest(proposal.level * (1 + share), box, settings=ROUGHLY), None)
                 if inner is not None:
-                    for between in _blended(proposal, inner):
+                    for between in blended(proposal, inner):
                         yield from self._relaxed(search, box, between, (0.0,))
             return
 
@@ -162,13 +156,26 @@ class GainBounds:
                 yield storage, gamma, outcome, proposal.solver
 
 
-def _blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
+def blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
+    """From one proposal towards another, with the last one's margin: an inequality linear in P and level has them all.
+
+    Parameters
+    ----------
+    least, inner : StorageProposal
+        Of the least level, and with room to spare.
+
+    Yields
+    ------
+    StorageProposal
+        At the shares `BLENDS` of the way.
+    """
     for part in BLENDS:
         yield replace(inner, matrices=(1 - part) * least.matrices + part * inner.matrices,
                       level=(1 - part) * least.level + part * inner.level)
 
 
-def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:
+def storage_bases(system: Driven, box: Scheduling, basis: Basis | None = None, highest: int | None = None
+                  ) -> Iterator[Basis]:
     """Bases of storage functions from poor to rich: a constant, then polynomials in what may not jump.
 
     Parameters
@@ -177,17 +184,25 @@ def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:
         For the kind of time.
     box : Scheduling
         With the rates.
+    basis : Basis, optional
+        The one to take instead.
+    highest : int, optional
+        Degree; left out, by the number of variables.
 
     Yields
     ------
     Basis
         In discrete time polynomials of degree 1 also in variables that may jump.
     """
+    if basis is not None:
+        yield usable(basis, box, system.sample_time is not None)
+        return
     yield Polynomial((), 0)
     bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
     names = box.names if system.sample_time is not None else tuple(bounded)
     names = tuple(n for n in names if box.upper[box.names.index(n)] > box.lower[box.names.index(n)])
-    for degree in range(1, (HIGHEST.get(len(names), 1) if bounded else 1) + 1) if names else ():
+    most = (highest or HIGHEST.get(len(names), 1)) if bounded else 1
+    for degree in range(1, most + 1) if names else ():
         yield Polynomial(names, degree).bound(box)
 
 
@@ -220,7 +235,7 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
     bound = basis.bound(box)
     if discrete:
         return bound
-    for reading in readings_of(bound):
+    for reading in bound.readings():
         if (reading.degree or reading.frequency) and box.rate[box.names.index(reading.name)] is None:
             raise InputError(f"the storage function depends on '{reading.name}', whose rate has no bound",
                              why="in continuous time it could jump", mend=f"give a rate for '{reading.name}'")
@@ -250,7 +265,6 @@ def worst_pole(system: Driven, box: Scheduling) -> tuple[float, np.ndarray]:
     points = grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3))
     if not system.order:
         return -math.inf, points[0]
-    poles = np.linalg.eigvals(system.matrices(points)[0])
-    level = poles.real.max(axis=1) if system.sample_time is None else np.abs(poles).max(axis=1) - 1
+    level = pole_margins(system.matrices(points)[0], system.sample_time is not None)
     worst = int(level.argmax())
     return float(level[worst]), points[worst]

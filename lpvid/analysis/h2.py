@@ -8,15 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvid.analysis.bound import Bound, BoundSearch, judged, scaled_outputs
+from lpvid.analysis.bound import Bound, BoundSearch, first_proven, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
-from lpvid.analysis.gain import rated
-from lpvid.analysis.gain_bounds import BLENDS, storage_bases, usable, worst_pole
+from lpvid.analysis.gain import requested
+from lpvid.analysis.gain_bounds import blended, storage_bases, worst_pole
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
-from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, gramian
-from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage_search import ROUGHLY, Claim, StorageProposal, StorageSearch
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
@@ -55,20 +54,18 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     >>> round(found.lower, 6), round(found.upper, 4), found.verdict
     (0.5, 0.5, 'certified')
     """
-    plant = driven(system, () if basis is None else tuple(n for n in basis.names if n in system.box.names))
-    box = box_of(plant.readings, rated(system.box, rate, range))
+    plant, box = requested(system, rate, basis, range)
     if not has_h2_norm(plant):
         return Bound("h2-norm", "not certified", math.inf, math.inf, None, "with feedthrough in continuous time white "
                      "noise passes with infinite variance")
     if worst_pole(plant, box)[0] >= 0:
         return Bound("h2-norm", "unstable", math.inf, math.inf, None, "a frozen pole does not decay")
     lower = _largest_frozen_h2(plant, box)
-    bases = storage_bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]
     best: BoundCertificate | None = None
-    for own in bases:
+    for own in storage_bases(plant, box, basis):
         if best is not None and _effort(plant, box, own) > MOST_EFFORT:
             break
-        found = _with(plant, box, own, lower or 1.0)
+        found = first_proven(_certified(plant, box, own, lower or 1.0))
         if found is None:
             continue
         if best is None or (found.level < best.level and found.between_grid >= best.between_grid):
@@ -80,23 +77,18 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
                   "no storage function was found that bounds the variance")
 
 
-def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> BoundCertificate | None:
+def _certified(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> Iterator[BoundCertificate]:
     search = BoundSearch(plant, box, "h2-norm")
     frame = search.frame()
     size = typical * math.sqrt(frame.time)  # of the outputs, that the level is about one in the frame's unit of time
     unit = scaled_outputs(plant, 1 / size)
-    on_grid: BoundCertificate | None = None
     for density in (2.0, 5.0) if plant.order <= 6 else (2.0,):
         inner = StorageSearch(unit, box, basis, frame, _variance, density)
-        if not inner.affordable:
-            return None
-        for proposal in _proposals(inner):
+        for proposal in _proposals(inner) if inner.affordable else ():
             found = search.checked(proposal.matrices * size**2, basis, typical * math.sqrt(proposal.level),
                                    proposal.solver)
-            if found is not None and found.between_grid:
-                return found
-            on_grid = on_grid or found
-    return on_grid
+            if found is not None:
+                yield found
 
 
 def _effort(plant: Driven, box: Scheduling, basis: Basis) -> int:
@@ -117,11 +109,8 @@ def _proposals(search: StorageSearch) -> Iterator[StorageProposal]:
         yield replace(least, level=least.level * (1 + share) ** 2)
     for share in RELAXED:
         roomy = next(search.roomiest(least.level * (1 + share) ** 2, settings=ROUGHLY), None)
-        if roomy is None:
-            continue
-        for part in BLENDS:  # the inequality is linear in P and the variance
-            yield replace(roomy, matrices=(1 - part) * least.matrices + part * roomy.matrices,
-                          level=(1 - part) * least.level + part * roomy.level)
+        if roomy is not None:
+            yield from blended(least, roomy)  # the inequality is linear in P and the variance
 
 
 def _largest_frozen_h2(plant: Driven, box: Scheduling) -> float:

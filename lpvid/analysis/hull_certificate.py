@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 
+from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.analysis.gain import Gain
 from lpvid.lmi.affine import block, he
@@ -66,8 +67,7 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     a, b, c, d = plant.matrices(points)
     discrete = plant.sample_time is not None
     signals = plant.inputs, plant.outputs
-    poles = np.linalg.eigvals(a) if a.shape[1] else np.full((len(a), 1), 0.0 if discrete else -1.0)
-    level = (np.abs(poles) - 1 if discrete else np.real(poles)).max(axis=1)
+    level = pole_margins(a, discrete)
     if level.max() >= 0:
         where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(hull.names, vertices[int(level.argmax())], strict=True))
         return Gain("unstable", math.inf, math.inf, None, None, *signals,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from lpvid.analysis.bound import first_proven
 from lpvid.analysis.certificates import Range, Rate, behind_filter, requested_box
 from lpvid.analysis.passivity_certificate import PassivityCertificate, reading_box, recheck_passivity
 from lpvid.analysis.passivity_margin import passivity_margin
@@ -75,17 +76,16 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
     fault = obstacle(model) or _hopeless(model, scheduling)
     if fault:
         return _none(model, scheduling, fault)
-    tried = list(dict.fromkeys((scheduling, behind_filter(model, scheduling))))
-    on_grid: PassivityCertificate | None = None
-    for box in tried:
-        for order in np.arange(degree + 1 if _moves(model, box) else 1):
-            for storage, multiplier, outcome in _proofs(model, box, int(order)):
-                found = certificate_of(model, storage, multiplier, outcome)
-                if found.between_grid:
-                    return found
-                on_grid = on_grid or found
-    return on_grid or _none(model, scheduling, "no storage function was found, nor a steady motion that gives energy: "
+    found = first_proven(_certificates(model, scheduling, degree))
+    return found or _none(model, scheduling, "no storage function was found, nor a steady motion that gives energy: "
                             "passivity is open here")
+
+
+def _certificates(model: LPVTransferFunction, scheduling: Scheduling, degree: int) -> Iterator[PassivityCertificate]:
+    for box in dict.fromkeys((scheduling, behind_filter(model, scheduling))):
+        for order in np.arange(degree + 1 if _moves(model, box) else 1):
+            for proof in _proofs(model, box, int(order)):
+                yield certificate_of(model, *proof)
 
 
 def certificate_of(model: LPVTransferFunction, storage: Storage, multiplier: np.ndarray, outcome: Recheck

@@ -11,12 +11,10 @@ import numpy as np
 
 from lpvid.analysis.bound import Bound, BoundSearch, judged
 from lpvid.analysis.certificates import Range
-from lpvid.analysis.gain import rated
+from lpvid.analysis.gain import requested
 from lpvid.analysis.gain_bounds import storage_bases
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import grid
-from lpvid.lmi.driven import driven
-from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 
@@ -63,8 +61,7 @@ def certify_region(system: LPVStateSpace, region: Region, *, range: Range = None
     if fixed.shape != varying.shape or fixed.ndim != 2 or not np.array_equal(fixed, fixed.T):
         raise InputError("a pole region needs a symmetric L and an M of the same size",
                          got=f"shapes {fixed.shape} and {varying.shape}")
-    plant = driven(system)
-    box = box_of(plant.readings, rated(system.box, None, range))
+    plant, box = requested(system, None, None, range)
     still = replace(box, rate=(0.0,) * len(box.names))
     points = grid(still, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3))
     poles = np.linalg.eigvals(plant.matrices(points)[0])

@@ -14,7 +14,6 @@ from lpvid.lmi.certificate import EPS, GRID, Recheck, grid
 from lpvid.lmi.certificate_common import StorageCertificate
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
-from lpvid.lmi.readings import readings_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
@@ -155,8 +154,7 @@ class RatedGainCertificate(StorageCertificate):
         if set(self.basis.names) - {names[i] for i in moving}:
             return Recheck(False, False, math.nan, "P depends on a variable whose rate the model does not read")
         own = [i for i in range(len(names)) if i not in rates]
-        still = Scheduling(*(tuple(getattr(self.box, f)[i] for i in own)
-                             for f in ("names", "lower", "upper", "rate", "units")))
+        still = self.box.part([names[i] for i in own])
         points = grid(still, GRID.get(len(own), 3))
         columns = [still.names.index(n) for n in self.basis.names]
         p = np.tensordot(self.basis.evaluate(points[:, columns]), self.matrices, axes=1)
@@ -166,8 +164,7 @@ class RatedGainCertificate(StorageCertificate):
         for corner in itertools.product(*((self.box.lower[i], self.box.upper[i]) for i in rates)):
             whole = np.zeros((len(points), len(names)))
             whole[:, own], whole[:, rates] = points, corner
-            phi = model.basis.evaluate(whole[:, [names.index(n) for n in model.basis.names]])
-            a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (model.A, model.B, model.C, model.D))
+            a, b, c, d = model.at(whole)
             drift = sum((speed * slopes[names[i]] for i, speed in zip(moving, corner, strict=True)
                          if names[i] in slopes), start=np.zeros_like(p))
             try:
@@ -220,7 +217,7 @@ class _Coordinates:
 
 def _affine_in_rates(model: LPVStateSpace) -> bool:
     """Along each rate; a polynomial over p and the rates lists every term of its degree, so by its coefficients."""
-    read = [r for r in readings_of(model.basis) if r.name.endswith(RATE)]
+    read = [r for r in model.basis.readings() if r.name.endswith(RATE)]
     if not any(r.degree > 1 or r.frequency for r in read):
         return True
     if not isinstance(model.basis, Polynomial):

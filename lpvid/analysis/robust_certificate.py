@@ -20,13 +20,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from lpvid import _checks
-from lpvid.analysis.uncertain_blocks import PSD, Block, block_from_dict, diagonal
+from lpvid.analysis.uncertain_blocks import PSD, Block, block_from_dict
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine
-from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.affine import given
+from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
@@ -94,20 +93,25 @@ class Uncertain:
                             for b, own in zip(self.blocks, parts, strict=True)))
 
 
-def given(matrix: np.ndarray) -> Affine:
-    """A known matrix where an unknown one could stand.
+def places(base: Driven, blocks: Sequence[Block]) -> tuple[list[int], list[int], list[int], list[int]]:
+    """Which inputs and outputs of a system belong to its blocks.
 
     Parameters
     ----------
-    matrix : (m, n) array
-        Known values.
+    base : Driven
+        The system.
+    blocks : sequence of Block
+        Its blocks.
 
     Returns
     -------
-    Affine
-        The matrix, without unknowns.
+    tuple of lists
+        Places of p and w among the inputs, of q and z among the outputs.
     """
-    return Affine(np.asarray(matrix, dtype=float), sparse.csr_array((np.size(matrix), 0)))
+    p = [base.inputs.index(n) for b in blocks for n in b.inputs]
+    q = [base.outputs.index(n) for b in blocks for n in b.outputs]
+    return (p, [i for i in range(len(base.inputs)) if i not in p],
+            q, [i for i in range(len(base.outputs)) if i not in q])
 
 
 def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[float], also: tuple[str, ...] = ()
@@ -144,10 +148,7 @@ def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[flo
             raise InputError("two blocks of uncertainty drive one input", got=", ".join(used))
         if not set(own) - set(used):
             raise InputError(f"no {side} of the system are left for a gain", got=", ".join(own))
-    p = [base.inputs.index(n) for b in blocks for n in b.inputs]
-    w = [i for i in range(len(base.inputs)) if i not in p]
-    q = [base.outputs.index(n) for b in blocks for n in b.outputs]
-    z = [i for i in range(len(base.outputs)) if i not in q]
+    p, w, q, z = places(base, blocks)
     filters = [b.filter(poles, base.sample_time) for b in blocks]
     fa, fc = (diagonal(*(f[i] for f in filters)) for i in (0, 2))
     order, rows = sum(len(f[1]) for f in filters), sum(len(f[3]) for f in filters)
@@ -199,11 +200,7 @@ class RobustBound(LyapunovInequality):
     """(p + w + …) diag(M, γ⁻¹I) over (r, z)."""
     uncertain: int
     gamma: float
-
-    @property
-    def power(self) -> int:  # type: ignore[override]
-        """Degree in the system's matrices."""
-        return 2
+    power: int = 2
 
     def matrix(self, pieces: Pieces) -> np.ndarray:
         q, s = pieces, pieces.sign
@@ -224,11 +221,9 @@ class RobustBound(LyapunovInequality):
         return s * (flow + out.swapaxes(2, 3) @ weight @ out) + supply
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        n, size = len(root), len(root) + len(self.system.inputs)
         at = self.storage.box.centre[None, :]
         still = np.full((1, at.shape[1]), 0.5)
-        scale = np.eye(size)
-        scale[:n, :n] = root
+        scale = diagonal(root, np.eye(len(self.system.inputs)))
         value = self.evaluate(at, still, scale)[0][0, 0]
         return scale / np.sqrt(np.maximum(np.abs(np.diag(value)), 1e-12 * np.abs(value).max()))[:, None]
 

@@ -12,14 +12,15 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.certificates import Range, Rate
+from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.gain import rated
-from lpvid.analysis.gain_bounds import usable
-from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, given, recheck_robust, uncertain
-from lpvid.analysis.uncertain_blocks import PSD, Block, diagonal
+from lpvid.analysis.gain_bounds import storage_bases
+from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, places, recheck_robust, uncertain
+from lpvid.analysis.uncertain_blocks import PSD, Block
 from lpvid.codec import Coded, null
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
-from lpvid.lmi.certificate import grid
+from lpvid.lmi.affine import Affine, block, block_diagonal, combined
+from lpvid.lmi.certificate import diagonal, grid
 from lpvid.lmi.driven import Driven, Matrices
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.program import Program
@@ -27,7 +28,7 @@ from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import SOLVERS, sample
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling import Basis, Scheduling
 
 MARGIN = 1e-7
 """of the inequalities, in balanced coordinates; what is reported is checked apart from it"""
@@ -134,7 +135,7 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
         _checks.positive(pole, "a pole of the filters", "1/s")
     whole = uncertain(system, blocks, poles, also)
     best: RobustCertificate | None = None
-    for trial in _bases(whole.whole, box, basis):
+    for trial in storage_bases(whole.whole, box, basis, highest=1):
         found = _certified(whole, box, trial, nominal, points)
         if found is not None and (best is None or found.gamma < best.gamma):
             best = found
@@ -167,18 +168,10 @@ class _Nominal:
 
     def matrices(self, points: np.ndarray) -> Matrices:
         """A, B, C, D from w to z at N points."""
-        delta = [np.eye(len(b.inputs)) if b.follows else np.zeros((len(b.inputs), len(b.outputs)))
-                 for b in self.blocks]
-        return self.closed(points, delta)
-
-    def closed(self, points: np.ndarray, delta: Sequence[np.ndarray]) -> Matrices:
-        """The system with constant matrices for its blocks."""
         a, b, c, d = self.base.matrices(points)
-        p = [self.base.inputs.index(n) for x in self.blocks for n in x.inputs]
-        q = [self.base.outputs.index(n) for x in self.blocks for n in x.outputs]
-        w = [i for i in _range(b.shape[2]) if i not in p]
-        z = [i for i in _range(c.shape[1]) if i not in q]
-        k = diagonal(*delta)
+        p, w, q, z = places(self.base, self.blocks)
+        k = diagonal(*(np.eye(len(x.inputs)) if x.follows else np.zeros((len(x.inputs), len(x.outputs)))
+                       for x in self.blocks))
         loop = np.linalg.solve(np.eye(len(p)) - k @ d[:, q][:, :, p], np.broadcast_to(k, (len(a), *k.shape)))
         u, v = loop @ c[:, q], loop @ d[:, q][:, :, w]
         return (a + b[:, :, p] @ u, b[:, :, w] + b[:, :, p] @ v, c[:, z] + d[:, z][:, :, p] @ u,
@@ -189,27 +182,12 @@ _range = range  # an argument of the public function bears its name
 
 
 def _refuse_unstable(nominal: _Nominal, points: np.ndarray, box: Scheduling) -> None:
-    a = nominal.matrices(points)[0]
-    if not a.shape[1]:
-        return
-    poles = np.linalg.eigvals(a)
-    level = (np.abs(poles) - 1 if nominal.sample_time is not None else poles.real).max(axis=1)
+    level = pole_margins(nominal.matrices(points)[0], nominal.sample_time is not None)
     if level.max() >= 0:
         at = points[int(level.argmax())]
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(box.names, at, strict=True)) or "every time"
         raise InputError("the system is not stable without uncertainty", got=f"a pole beyond the limit at {where}",
                          mend="stabilise it, or narrow the range")
-
-
-def _bases(system: Driven, box: Scheduling, basis: Basis | None) -> Iterator[Basis]:
-    if basis is not None:
-        yield usable(basis, box, system.sample_time is not None)
-        return
-    yield Polynomial((), 0)
-    moving = tuple(n for n, low, high, r in zip(box.names, box.lower, box.upper, box.rate, strict=True)
-                   if high > low and (r is not None or system.sample_time is not None))
-    if moving:
-        yield Polynomial(moving, 1).bound(box)
 
 
 def _certified(system: Uncertain, box: Scheduling, basis: Basis, nominal: _Nominal, points: np.ndarray
@@ -234,9 +212,7 @@ def _certified(system: Uncertain, box: Scheduling, basis: Basis, nominal: _Nomin
 
 def _framed(system: Uncertain, frame: Frame) -> Frame:
     """Coordinates of the system's states with the filters' own."""
-    n, total = system.base.order, system.whole.order
-    states = np.eye(total)
-    states[:n, :n] = frame.states
+    states = diagonal(frame.states, np.eye(system.whole.order - system.base.order))
     return Frame(states, frame.time, frame.gain)
 
 
@@ -253,7 +229,7 @@ def _proposals(system: Uncertain, box: Scheduling, basis: Basis, frame: Frame
             if kind == PSD:
                 program.require(own[-1], margin=MARGIN)
         parts.append(own)
-    multiplier = _diagonal([b.multiplier(own, system.poles) for b, own in zip(system.blocks, parts, strict=True)])
+    multiplier = block_diagonal([b.multiplier(own, system.poles) for b, own in zip(system.blocks, parts, strict=True)])
     level = program.unknowns.scalar()
     template = Storage(np.zeros((basis.size, n, n)), basis, box, whole.sample_time)
     points, shifts = sample(whole, template, 1.0, 2)
@@ -271,16 +247,16 @@ def _proposals(system: Uncertain, box: Scheduling, basis: Basis, frame: Frame
     for k in _range(len(points)):
         both, seen, out = (np.hstack([x, y]) for x, y in ((a[k], b[k]), (c[k, :rows], d[k, :rows]),
                                                           (c[k, rows:], d[k, rows:])))
-        now, eye = _sum(p, psi[k]), np.eye(n, both.shape[1])
+        now, eye = combined(p, psi[k]), np.eye(n, both.shape[1])
         program.require(now, margin=MARGIN)
         supply = level.times(np.diag(np.r_[np.zeros(n + np_), np.ones(nw)]))
         constraint = seen.T @ multiplier @ seen
         for step in moved[k]:
             if discrete:
-                flow = both.T @ _sum(p, step) @ both - eye.T @ now @ eye
+                flow = both.T @ combined(p, step) @ both - eye.T @ now @ eye
             else:
                 cross = eye.T @ now @ both
-                flow = cross + cross.T + eye.T @ _sum(p, step) @ eye
+                flow = cross + cross.T + eye.T @ combined(p, step) @ eye
             program.require(block([[supply - flow - constraint, out.T], [out, level.times(np.eye(len(out)))]]),
                             margin=MARGIN)
     program.minimise(level)
@@ -319,10 +295,7 @@ def _reached(system: Uncertain, points: np.ndarray, nominal: _Nominal) -> float:
                   else np.geomspace(poles.min() / 10, 10 * poles.max(), FREQUENCIES)]
     best = 0.0
     m = [x[: len(points)] for x in system.base.matrices(points)]
-    p = [system.base.inputs.index(n) for x in system.blocks for n in x.inputs]
-    q = [system.base.outputs.index(n) for x in system.blocks for n in x.outputs]
-    w = [i for i in _range(m[1].shape[2]) if i not in p]
-    z = [i for i in _range(m[2].shape[1]) if i not in q]
+    p, w, q, z = places(system.base, system.blocks)
     for frequency in omega:
         s = np.exp(1j * frequency) if discrete else 1j * frequency
         try:
@@ -345,17 +318,3 @@ def _clean(matrix: np.ndarray, kind: str) -> np.ndarray:
     floor = 1e-12 * max(values.max(initial=0.0), 1e-12)
     found = vectors * np.maximum(values, floor) @ vectors.T
     return 0.5 * (found + found.T)
-
-
-def _sum(matrices: Sequence[Affine], weights: np.ndarray) -> Affine:
-    total = float(weights[0]) * matrices[0]
-    for x, weight in zip(matrices[1:], weights[1:], strict=True):
-        total = total + float(weight) * x
-    return total
-
-
-def _diagonal(parts: Sequence[Affine]) -> Affine:
-    if len(parts) == 1:
-        return parts[0]
-    return block([[x if i == k else given(np.zeros((x.shape[0], y.shape[0]))) for k, y in enumerate(parts)]
-                  for i, x in enumerate(parts)])

@@ -13,14 +13,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, block_diagonal
+from lpvid.lmi.certificate import diagonal
+from lpvid.model.state_space import Matrices
 
-Filter = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 PSD, SKEW = "symmetric, positive semidefinite", "antisymmetric"
 
 
@@ -39,17 +43,15 @@ class Block(ABC):
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
+    follows: ClassVar[bool] = False
+    """The nominal block is p = q, not p = 0."""
+
     def __post_init__(self) -> None:
         for field in ("inputs", "outputs"):
             value = getattr(self, field)
             object.__setattr__(self, field, (value,) if isinstance(value, str) else tuple(value))
         if not self.inputs or not self.outputs:
             raise InputError("a block of uncertainty needs inputs and outputs of the system", got=repr(self))
-
-    @property
-    def follows(self) -> bool:
-        """The nominal block is p = q, not p = 0."""
-        return False
 
     def _square(self) -> int:
         if len(self.inputs) != len(self.outputs):
@@ -58,7 +60,7 @@ class Block(ABC):
         return len(self.inputs)
 
     @abstractmethod
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         """Ψ as (A, B, C, D) from (q, p) to r.
 
         Parameters
@@ -136,7 +138,26 @@ class Block(ABC):
 
 
 @dataclass(frozen=True)
-class Parametric(Block):
+class Bounded(Block):
+    """A block whose size has a bound.
+
+    Parameters
+    ----------
+    bound : float
+        Of the kind's own size.
+    """
+
+    bound: float = 1.0
+    SIZE: ClassVar[str] = "the bound of a block"
+    """What an error calls it."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _checks.positive(self.bound, self.SIZE)
+
+
+@dataclass(frozen=True)
+class Parametric(Bounded):
     """p = δ q with an unknown real number |δ| ≤ bound, the same for all pairs of a block.
 
     A constant δ commutes with filters: [b²S T; Tᵀ −S] with S ⪰ 0 and T = −Tᵀ over (Hq, Hp). A δ that moves keeps S and
@@ -154,15 +175,14 @@ class Parametric(Block):
     0.2
     """
 
-    bound: float = 1.0
     moving: bool = False
+    SIZE: ClassVar[str] = "the bound of a parameter"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._square()
-        _checks.positive(self.bound, "the bound of a parameter")
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         return _both(bank((), None) if self.moving else bank(poles, sample_time), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
@@ -178,7 +198,7 @@ class Parametric(Block):
 
 
 @dataclass(frozen=True)
-class Dynamic(Block):
+class Dynamic(Bounded):
     """p = Δ q with an unknown stable linear time-invariant system, ‖Δ‖∞ ≤ bound: neglected dynamics.
 
     diag(b² S⊗I, −S⊗I) over (Hq, Hp), S ⪰ 0: filters of one signal commute with Δ, of whatever size it is.
@@ -189,13 +209,9 @@ class Dynamic(Block):
         Largest gain ‖Δ‖∞.
     """
 
-    bound: float = 1.0
+    SIZE: ClassVar[str] = "the bound of neglected dynamics"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _checks.positive(self.bound, "the bound of neglected dynamics")
-
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         return _both(bank(poles, sample_time), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
@@ -211,7 +227,7 @@ class Dynamic(Block):
 
 
 @dataclass(frozen=True)
-class Lipschitz(Block):
+class Lipschitz(Bounded):
     """p = φ(q, t) without memory and |φ(q, t)| ≤ bound·|q|, of any size: τ(b²|q|² − |p|²), τ ≥ 0.
 
     Parameters
@@ -220,13 +236,9 @@ class Lipschitz(Block):
         Lipschitz constant of a φ with φ(0) = 0.
     """
 
-    bound: float = 1.0
+    SIZE: ClassVar[str] = "a Lipschitz constant"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _checks.positive(self.bound, "a Lipschitz constant")
-
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         return _both(bank((), None), len(self.outputs), len(self.inputs))
 
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
@@ -272,7 +284,7 @@ class Sector(Block):
         if not _checks.real(self.lower, "lower") < _checks.real(self.upper, "upper"):
             raise InputError("a sector's lower bound lies below its upper one", got=f"{self.lower} and {self.upper}")
 
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         a, b, c, _ = bank(poles if self.slope else (), sample_time)
         k, v = len(a), self._rows()[1]
         return a, b @ v, np.vstack([np.zeros((2, k)), c[1:]]), np.vstack([np.eye(2), np.zeros((k, 2))])
@@ -314,17 +326,14 @@ class Delay(Block):
     """
 
     longest: float = 0.0
+    follows: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._square()
         _checks.positive(self.longest, "the longest delay", "s")
 
-    @property
-    def follows(self) -> bool:
-        return True
-
-    def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
+    def filter(self, poles: Sequence[float], sample_time: float | None) -> Matrices:
         if sample_time is not None:
             raise InputError("an uncertain delay is stated in continuous time", got=f"a period of {sample_time:g} s",
                              mend="a known one in discrete time is exact: lpv.delay")
@@ -345,9 +354,7 @@ class Delay(Block):
 
     def multiplier(self, parts: Sequence[Affine], poles: Sequence[float]) -> Affine:
         m = len(self.inputs)
-        first, second = (_norm_bounded(s, b, m, m) for s, b in zip(parts, (2.0, self.longest), strict=True))
-        wide = np.zeros((first.shape[0], second.shape[0]))
-        return block([[first, wide], [wide.T, second]])
+        return block_diagonal([_norm_bounded(s, b, m, m) for s, b in zip(parts, (2.0, self.longest), strict=True)])
 
     def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
         tau = self.longest * float(generator.choice([0.0, 1.0, generator.uniform(0, 1)]))
@@ -374,32 +381,7 @@ def block_from_dict(data: Mapping) -> Block:
     return kind(**{k: v for k, v in data.items() if k != "kind"})
 
 
-def diagonal(*matrices: np.ndarray) -> np.ndarray:
-    """Matrices along the diagonal; those without rows or columns keep their place.
-
-    Parameters
-    ----------
-    *matrices : (m, n) arrays
-        Of any shape.
-
-    Returns
-    -------
-    (M, N) array
-        M rows and N columns in all.
-
-    Examples
-    --------
-    >>> diagonal(np.ones((1, 2)), np.ones((2, 0))).shape
-    (3, 2)
-    """
-    rows, columns = (np.cumsum([0, *(m.shape[i] for m in matrices)]) for i in (0, 1))
-    found = np.zeros((rows[-1], columns[-1]), dtype=np.result_type(*matrices))
-    for m, i, j in zip(matrices, rows, columns, strict=False):
-        found[i : i + m.shape[0], j : j + m.shape[1]] = m
-    return found
-
-
-def bank(poles: Sequence[float], sample_time: float | None) -> Filter:
+def bank(poles: Sequence[float], sample_time: float | None) -> Matrices:
     """(1, a/(s + a), …) of one signal, in discrete time (1, (1 − α)/(z − α), …).
 
     Parameters
@@ -423,17 +405,17 @@ def bank(poles: Sequence[float], sample_time: float | None) -> Filter:
             np.vstack([np.ones((1, 1)), np.zeros((n, 1))]))
 
 
-def _repeated(f: Filter, m: int) -> Filter:
+def _repeated(f: Matrices, m: int) -> Matrices:
     """The filter for each of m signals; outputs by filter first."""
     a, b, c, d = (np.kron(x, np.eye(m)) for x in f)
     return a, b, c, d
 
 
-def _both(f: Filter, nq: int, np_: int) -> Filter:
+def _both(f: Matrices, nq: int, np_: int) -> Matrices:
     return _stacked([(_repeated(f, nq), np.eye(nq, nq + np_)), (_repeated(f, np_), np.eye(np_, nq + np_, nq))])
 
 
-def _stacked(parts: Sequence[tuple[Filter, np.ndarray]]) -> Filter:
+def _stacked(parts: Sequence[tuple[Matrices, np.ndarray]]) -> Matrices:
     """Filters one above the other, each with its own reading of (q, p)."""
     a, c = (diagonal(*(f[i] for f, _ in parts)) for i in (0, 2))
     b, d = (np.vstack([f[i] @ into for f, into in parts]) for i in (1, 3))
@@ -442,17 +424,10 @@ def _stacked(parts: Sequence[tuple[Filter, np.ndarray]]) -> Filter:
 
 def _norm_bounded(s: Affine, bound: float, nq: int, np_: int) -> Affine:
     """diag(b² S⊗I, −S⊗I)."""
-    left, right = bound**2 * _spread(s, nq), -_spread(s, np_)
-    wide = np.zeros((left.shape[0], right.shape[0]))
-    return block([[left, wide], [wide.T, right]])
+    return block_diagonal([bound**2 * _spread(s, nq), -_spread(s, np_)])
 
 
 def _spread(s: Affine, m: int) -> Affine:
     """S⊗I."""
-    total = None
-    for e in np.eye(m):
-        into = np.kron(np.eye(s.shape[0]), e[:, None])
-        part = into @ s @ into.T
-        total = part if total is None else total + part
-    assert total is not None
-    return total
+    parts = (np.kron(np.eye(s.shape[0]), e[:, None]) for e in np.eye(m))
+    return reduce(add, (into @ s @ into.T for into in parts))

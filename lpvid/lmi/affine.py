@@ -61,8 +61,9 @@ class Affine:
         other = _as_affine(other, self.shape)
         if other.shape != self.shape:
             raise InputError("matrices of different shapes cannot be added", got=f"{self.shape} and {other.shape}")
-        a, b = _widened(self.linear, other.linear)
-        return Affine(self.constant + other.constant, (a + b).tocsr())
+        width = max(self.linear.shape[1], other.linear.shape[1])
+        linear: Any = widened(self.linear, width) + widened(other.linear, width)
+        return Affine(self.constant + other.constant, linear.tocsr())
 
     __radd__ = __add__
 
@@ -244,7 +245,7 @@ def block(rows: Sequence[Sequence[Affine | np.ndarray]]) -> Affine:
     >>> block([[gamma, np.zeros((1, 2))], [np.zeros((2, 1)), np.eye(2)]]).shape
     (3, 3)
     """
-    parts = [[b if isinstance(b, Affine) else _as_affine(np.atleast_2d(b), np.shape(b)) for b in row] for row in rows]
+    parts = [[b if isinstance(b, Affine) else given(b) for b in row] for row in rows]
     heights, widths = [row[0].shape[0] for row in parts], [b.shape[1] for b in parts[0]]
     for i, row in enumerate(parts):
         if [b.shape for b in row] != [(heights[i], w) for w in widths]:
@@ -265,19 +266,104 @@ def block(rows: Sequence[Sequence[Affine | np.ndarray]]) -> Affine:
     return Affine(constant, sparse.csr_array((np.concatenate(data), index), shape=(constant.size, size)))
 
 
-def _as_affine(value: Affine | Known, shape: tuple[int, ...]) -> Affine:
-    if isinstance(value, Affine):
-        return value
-    matrix = np.asarray(value, dtype=float)
-    if matrix.ndim == 0:
-        matrix = float(matrix) * np.eye(shape[0], shape[1])
+def given(value: Known) -> Affine:
+    """Known numbers where unknown ones could stand.
+
+    Parameters
+    ----------
+    value : (m, n) array or float
+        The numbers; one alone is (1, 1).
+
+    Returns
+    -------
+    Affine
+        Over no unknowns.
+    """
+    matrix = np.atleast_2d(np.asarray(value, dtype=float))
     return Affine(matrix, sparse.csr_array((matrix.size, 0)))
 
 
-def _widened(a: Any, b: Any) -> tuple[Any, Any]:
-    width = max(a.shape[1], b.shape[1])
+def combined(matrices: Sequence[Affine], weights: np.ndarray) -> Affine:
+    """Σ_m weights[m] · matrices[m].
 
-    def wide(m: Any) -> Any:
-        return sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], width))
+    Parameters
+    ----------
+    matrices : sequence of Affine
+        M of them, of equal shape.
+    weights : (M,) array
+        Their weights.
 
-    return wide(a), wide(b)
+    Returns
+    -------
+    Affine
+        The sum.
+    """
+    total = float(weights[0]) * matrices[0]
+    for matrix, weight in zip(matrices[1:], weights[1:], strict=True):
+        if weight:
+            total = total + float(weight) * matrix
+    return total
+
+
+def trace(matrix: Affine, weight: np.ndarray | None = None) -> Affine:
+    """tr W M.
+
+    Parameters
+    ----------
+    matrix : (n, n) Affine
+        M.
+    weight : (n, n) array, optional
+        W; the identity where it is left out.
+
+    Returns
+    -------
+    (1, 1) Affine
+        The trace.
+    """
+    across = (np.eye(matrix.shape[0]) if weight is None else weight).T
+    row = sparse.csr_array(across.reshape(1, -1))
+    return Affine(np.array([[np.sum(across * matrix.constant)]]), (row @ matrix.linear).tocsr())
+
+
+def block_diagonal(parts: Sequence[Affine]) -> Affine:
+    """Square matrices along a diagonal.
+
+    Parameters
+    ----------
+    parts : sequence of Affine
+        From the upper left.
+
+    Returns
+    -------
+    Affine
+        Zero beside them; (0, 0) for none.
+    """
+    if not parts:
+        return given(np.zeros((0, 0)))
+    sizes = [part.shape[0] for part in parts]
+    return block([[part if i == k else np.zeros((sizes[i], sizes[k])) for k in range(len(parts))]
+                  for i, part in enumerate(parts)])
+
+
+def widened(linear: Any, unknowns: int) -> Any:
+    """A linear part with columns for unknowns that it does not know.
+
+    Parameters
+    ----------
+    linear : (m, k) sparse array
+        By rows.
+    unknowns : int
+        K ≥ k.
+
+    Returns
+    -------
+    (m, K) sparse array
+        The same entries.
+    """
+    return sparse.csr_array((linear.data, linear.indices, linear.indptr), shape=(linear.shape[0], unknowns))
+
+
+def _as_affine(value: Affine | Known, shape: tuple[int, ...]) -> Affine:
+    if isinstance(value, Affine):
+        return value
+    return given(float(value) * np.eye(shape[0], shape[1]) if np.ndim(value) == 0 else value)

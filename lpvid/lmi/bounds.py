@@ -1,4 +1,4 @@
-"""Further claims that a storage function can carry: H2 norm, decay rate, region of the frozen poles."""
+"""Further claims of a matrix function of p: H2 norm, decay rate, region of frozen poles, rms and peak of outputs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
@@ -49,13 +49,10 @@ class H2Bound(LyapunovInequality):
             state = s * (product + product.swapaxes(2, 3) + q.later + ct @ q.C)
             spent = q.B.swapaxes(2, 3) @ q.P @ q.B
         trace = np.trace(spent, axis1=2, axis2=3)[..., None, None]
-        return _diagonal(q, state, self.level**2 + s * trace)
+        return diagonal(state, self.level**2 + s * trace)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        scale = np.zeros((len(root) + 1,) * 2)
-        scale[:-1, :-1] = root * math.sqrt(pace(self.system, self.storage, root))
-        scale[-1, -1] = 1 / max(self.level, 1e-300)
-        return scale
+        return diagonal(root * math.sqrt(pace(self.system, self.storage, root)), np.eye(1) / max(self.level, 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +134,53 @@ class RegionBound(LyapunovInequality):
         return np.kron(np.eye(len(self.fixed)), root * math.sqrt(pace(self.system, self.storage, root)))
 
 
+@dataclass(frozen=True, eq=False)
+class CovarianceBound(LyapunovInequality):
+    """Q̇ − AQ − QAᵀ − BBᵀ ≻ 0, in discrete time Q⁺ − AQAᵀ − BBᵀ ≻ 0, and ν² > tr(CQCᵀ + DDᵀ) or ν²I ≻ CQCᵀ + DDᵀ.
+
+    Q(p) is then above the covariance of the states from rest under white noise of unit intensity, so that E|z|² ≤ ν² at
+    every instant; and xᵀQ⁻¹x is at most the energy of any w so far, so that |z|² ≤ ν²‖w‖² where the second holds
+    (Boyd, El Ghaoui, Feron & Balakrishnan 1994, sections 6.2.1 and 10.1). In continuous time D must be zero.
+
+    Parameters
+    ----------
+    system : Driven
+    storage : Storage
+        Q(p).
+    level : float
+        ν.
+    peak : bool
+        The second of the two conditions on ν.
+    """
+
+    system: Driven
+    storage: Storage
+    level: float
+    peak: bool
+    power: int = 2
+
+    def matrix(self, pieces: Pieces) -> np.ndarray:
+        q, s = pieces, pieces.sign
+        noise, at = q.B @ q.B.swapaxes(2, 3), q.A.swapaxes(2, 3)
+        if self.system.sample_time is not None:
+            state = q.later + s * (q.A @ q.P @ at + noise)
+        else:
+            product = q.A @ q.P
+            state = q.later + s * (product + product.swapaxes(2, 3) + noise)
+        seen = q.C @ q.P @ q.C.swapaxes(2, 3) + q.D @ q.D.swapaxes(2, 3)
+        if not self.peak:
+            seen = np.trace(seen, axis1=2, axis2=3)[..., None, None]
+        return diagonal(state, self.level**2 * np.eye(seen.shape[-1]) + s * seen)
+
+    def congruence(self, root: np.ndarray) -> np.ndarray:
+        n, m = len(root), self.system.coefficients.shape[1] - len(root) if self.peak else 1
+        if self.system.sample_time is None and n:
+            a = self.system.matrices(self.storage.box.centre[None, :])[0][0]
+            size = float(np.linalg.norm(root @ a @ np.linalg.inv(root), 2))
+            root = root / np.sqrt(size if 0 < size < np.inf else 1.0)
+        return diagonal(root, np.eye(m) / max(self.level, 1e-300))
+
+
 def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *, budget: int | None = None) -> Recheck:
     """Check P(p) ≻ 0 and the decrease of V = xᵀP(p)x at least as exp(−2αt), between grid points if the budget allows.
 
@@ -157,12 +201,3 @@ def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *,
     if system.order == 0:
         return Recheck(True, True, 1.0, "the model has no memory")
     return recheck_inequality(DecayBound(system, storage, exponent, in_seconds=True), budget=budget)
-
-
-def _diagonal(q: Pieces, state: np.ndarray, scalar: np.ndarray) -> np.ndarray:
-    """(N, T, n + 1, n + 1) both blocks."""
-    count, moves = q.later.shape[:2]
-    n = state.shape[-1]
-    out = np.zeros((count, moves, n + 1, n + 1))
-    out[:, :, :n, :n], out[:, :, n:, n:] = state, scalar
-    return out

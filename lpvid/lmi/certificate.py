@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,12 +56,12 @@ def grid(box: Scheduling, points: int) -> np.ndarray:
                     for lo, up in zip(box.lower, box.upper, strict=True)])
 
 
-def tensor(axes: list[np.ndarray]) -> np.ndarray:
+def tensor(axes: Sequence[np.ndarray]) -> np.ndarray:
     """(N, axes) all combinations of the values on several axes.
 
     Parameters
     ----------
-    axes : list of arrays
+    axes : sequence of arrays
         Values on each axis.
 
     Returns
@@ -69,3 +70,29 @@ def tensor(axes: list[np.ndarray]) -> np.ndarray:
         The last axis runs fastest.
     """
     return np.array(list(itertools.product(*axes)), dtype=float).reshape(math.prod(map(len, axes)), len(axes))
+
+
+def diagonal(*parts: np.ndarray) -> np.ndarray:
+    """Matrices, or stacks of them, along a diagonal; those without rows or columns keep their place.
+
+    Parameters
+    ----------
+    *parts : (…, m, n) arrays
+        Of any shape; leading axes that can be broadcast.
+
+    Returns
+    -------
+    (…, M, N) array
+        M rows and N columns in all.
+
+    Examples
+    --------
+    >>> diagonal(np.ones((1, 2)), np.ones((2, 0))).shape
+    (3, 2)
+    """
+    rows, columns = (np.cumsum([0, *(p.shape[axis] for p in parts)]) for axis in (-2, -1))
+    leading = np.broadcast_shapes(*(p.shape[:-2] for p in parts))
+    found = np.zeros((*leading, rows[-1], columns[-1]), dtype=np.result_type(float, *parts))
+    for part, i, j in zip(parts, rows, columns, strict=False):
+        found[..., i : i + part.shape[-2], j : j + part.shape[-1]] = part
+    return found

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.readings import Reading, reading_weights, readings_of
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.lmi.readings import Reading, reading_weights
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling
 
 Model = LPVTransferFunction | LPVStateSpace
-Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ class Driven:
         (A, B, C, D), each (1, …)
             Not negative.
         """
-        limits = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
+        limits = box.limits
         for reading in self.readings:  # a delayed copy has the box of its variable
             limits.setdefault(reading.name, limits[reading.label])
         weights = np.append(basis_ceilings(self.basis, limits), 1.0)
@@ -153,7 +152,7 @@ def autonomous(model: Model) -> Driven:
     else:
         raise InputError("a stability certificate needs an LPV transfer function or state space",
                          got=type(model).__name__)
-    found = readings_of(model.basis)
+    found = model.basis.readings()
     if any(r.frequency for r in found):
         raise InputError("a stability certificate needs a basis of polynomials or splines", got=model.basis.labels,
                          mend="use lpvid.decay_rate or lpvid.l2_gain, which also cover trigonometric dependence")
@@ -164,8 +163,8 @@ def autonomous(model: Model) -> Driven:
                   _digest(model, coefficients), (), ())
 
 
-def _digest(model: Model, coefficients: np.ndarray) -> str:
-    text = json.dumps([model.basis.to_dict(), model.sample_time, list(coefficients.shape)], sort_keys=True)
+def _digest(model: Model, coefficients: np.ndarray, *more: int) -> str:
+    text = json.dumps([model.basis.to_dict(), model.sample_time, *more, list(coefficients.shape)], sort_keys=True)
     return hashlib.sha256(text.encode() + np.ascontiguousarray(coefficients, dtype="<f8").tobytes()).hexdigest()
 
 
@@ -192,17 +191,13 @@ def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
     if not isinstance(model, LPVStateSpace):
         raise InputError("a gain needs a state-space model with named inputs and outputs", got=type(model).__name__,
                          mend="make one with lpv.realize(model, form=\"augmented\")")
-    n, size = model.order, model.basis.size
-    stacked = np.zeros((size + 1, n + model.n_outputs, n + model.n_filter_inputs))
-    stacked[:size] = np.concatenate([np.concatenate([model.A, model.B], axis=2),
-                                     np.concatenate([model.C, model.D], axis=2)], axis=1)
-    found = tuple(r for r in readings_of(model.basis) if r.degree or r.frequency)
+    whole = np.block([[model.A, model.B], [model.C, model.D]])
+    stacked = np.concatenate([whole, np.zeros((1, *whole.shape[1:]))])
+    found = tuple(r for r in model.basis.readings() if r.degree or r.frequency)
     found += tuple(Reading(name, 0, 0) for name in also if name not in [r.label for r in found])
     if model.sample_time is None and any(r.lag for r in found):
         raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
-    text = json.dumps([model.basis.to_dict(), model.sample_time, n, list(stacked.shape)], sort_keys=True)
-    digest = hashlib.sha256(text.encode() + np.ascontiguousarray(stacked, dtype="<f8").tobytes()).hexdigest()
-    return Driven(stacked, n, model.basis, found, model.sample_time, digest,
+    return Driven(stacked, model.order, model.basis, found, model.sample_time, _digest(model, stacked, model.order),
                   tuple(s.name for s in model.filter_inputs), tuple(s.name for s in model.outputs))
 
 

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.certificate import EPS, Recheck
+from lpvid.lmi.certificate import EPS, Recheck, diagonal
 from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Basis, Scheduling
 
 
@@ -56,11 +56,8 @@ class BoundedReal(LyapunovInequality):
         return _bounded_real(pieces, self.gamma, discrete)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        n, m = len(root), len(self.system.inputs) + len(self.system.outputs)
-        scale = np.zeros((n + m, n + m))
-        scale[:n, :n] = root * math.sqrt(pace(self.system, self.storage, root))
-        scale[n:, n:] = np.eye(m) / math.sqrt(self.gamma)
-        return scale
+        signals = np.eye(len(self.system.inputs) + len(self.system.outputs)) / math.sqrt(self.gamma)
+        return diagonal(root * math.sqrt(pace(self.system, self.storage, root)), signals)
 
 
 def pace(system: Driven, storage: Storage, root: np.ndarray) -> float:
@@ -104,10 +101,9 @@ def _bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
         return np.broadcast_to(x, (*moves, *x.shape[2:]))
 
     output, direct = wide(q.C), wide(q.D)
-    return np.concatenate([
-        np.concatenate([wide(state), wide(cross), output.swapaxes(2, 3)], axis=3),
-        np.concatenate([wide(cross).swapaxes(2, 3), supply, direct.swapaxes(2, 3)], axis=3),
-        np.concatenate([output, direct, q.eye(q.C.shape[2], gamma)], axis=3)], axis=2)
+    return np.block([[wide(state), wide(cross), output.swapaxes(2, 3)],
+                     [wide(cross).swapaxes(2, 3), supply, direct.swapaxes(2, 3)],
+                     [output, direct, q.eye(q.C.shape[2], gamma)]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,10 +218,9 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
     return recheck_inequality(BoundedReal(system, storage, gamma), budget=budget)
 
 
-def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], P: np.ndarray, gamma: float, *,
-                 slopes: np.ndarray | None = None, rate: np.ndarray | float | None = None,
-                 later: np.ndarray | None = None,
-                 magnitudes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None) -> Recheck:
+def certify_gain(system: Matrices, P: np.ndarray, gamma: float, *, slopes: np.ndarray | None = None,
+                 rate: np.ndarray | float | None = None, later: np.ndarray | None = None,
+                 magnitudes: Matrices | None = None) -> Recheck:
     """Check the bounded-real inequality at N points for matrices given as arrays, with a bound of the rounding errors.
 
     Continuous time unless `later` is given. What lies between the points is not covered.
@@ -267,11 +262,11 @@ def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], 
     except np.linalg.LinAlgError:
         return Recheck(False, False, -math.inf, "P is not positive definite at a point")
     n, m = p.shape[1], b.shape[2] + c.shape[1]
-    scale = np.zeros((len(p), 1, n + m, n + m))
-    scale[:, 0, :n, :n], scale[:, 0, n:, n:] = root, np.eye(m) / math.sqrt(gamma)
+    weight = root
     if not discrete and n:
         speed = np.linalg.norm(np.linalg.solve(root.swapaxes(1, 2), a) @ root.swapaxes(1, 2), 2, axis=(1, 2))
-        scale[:, 0, :n, :n] /= np.sqrt(np.maximum(speed, 1e-300))[:, None, None]
+        weight = root / np.sqrt(np.maximum(speed, 1e-300))[:, None, None]
+    scale = diagonal(weight, np.eye(m) / math.sqrt(gamma))[:, None]
     system = a, b, c, d
     a, b, c, d, p = (x[:, None] for x in (*system, p))
     value = scale @ _bounded_real(Pieces(a, b, c, d, p, after), gamma, discrete) @ scale.swapaxes(2, 3)

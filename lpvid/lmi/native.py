@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from lpvid.lmi.affine import Affine
+from lpvid.lmi.affine import Affine, widened
 
 NAME = "CLARABEL"
 STATUS = {"Solved": "optimal", "AlmostSolved": "optimal_inaccurate"}
@@ -99,8 +99,7 @@ class Conic:
             goal[: objective.linear.shape[1]] = objective.linear.toarray().ravel()
         curved: Any = sparse.csc_array((size, size))
         if squares is not None:
-            m = squares.linear
-            wide: Any = sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], size))
+            wide = widened(squares.linear, size)
             curved = sparse.csc_array(wide.T @ wide)
             goal += wide.T @ squares.constant.ravel()
         return cls(parts, sizes, goal, curved)
@@ -215,8 +214,7 @@ def _vector(matrix: Affine | None, n: int, size: int) -> tuple[Any, np.ndarray]:
     if matrix is None:
         return sparse.csr_array((len(rows), size)), np.zeros(len(rows))
     weight = np.where(rows == columns, 1.0, np.sqrt(2.0)) / 2
-    m = matrix.linear
-    linear = sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], size))
+    linear = widened(matrix.linear, size)
     both: Any = linear[rows * n + columns] + linear[columns * n + rows]
     constant = matrix.constant[rows, columns] + matrix.constant[columns, rows]
     return sparse.csr_array(sparse.diags_array(weight) @ both), weight * constant

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
-from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -125,7 +125,7 @@ def sector_basis(model: LPVTransferFunction) -> Polynomial:
     Polynomial
         The constant 1 where nothing depends on p.
     """
-    names = [r.name for r in readings_of(model.basis) if r.degree or r.frequency]
+    names = [r.name for r in model.basis.readings() if r.degree or r.frequency]
     stage = model.input_stage
     if isinstance(stage, TanhStage) and stage.slope and model.box.names:
         names.append(model.box.names[stage.variable])
@@ -171,7 +171,7 @@ def supplied(model: LPVTransferFunction, multiplier: np.ndarray) -> Driven:
         total[m : m + affine.size, n + 1, n + 1] = multiplier
         total[m : m + squared.size, n + 2, n + 1] = _product(model, multiplier, affine, squared)
     basis = Stacked((model.basis, squared))
-    found = tuple(r for r in readings_of(basis) if r.degree or r.frequency)
+    found = tuple(r for r in basis.readings() if r.degree or r.frequency)
     stage = "" if model.input_stage is None else repr(sorted(model.input_stage.to_dict().items()))
     text = repr((model.basis.to_dict(), model.sample_time, total.shape, stage))
     digest = hashlib.sha256(text.encode() + np.ascontiguousarray(total[:m], dtype="<f8").tobytes()).hexdigest()
@@ -230,11 +230,7 @@ class Dissipation(LyapunovInequality):
 
     system: Driven
     storage: Storage
-
-    @property
-    def power(self) -> int:  # type: ignore[override]
-        """Degree in the system's matrices."""
-        return 2
+    power: int = 2
 
     def matrix(self, pieces: Pieces) -> np.ndarray:
         q, n, nu = pieces, self.system.order, len(self.system.inputs)
@@ -253,8 +249,7 @@ class Dissipation(LyapunovInequality):
     def congruence(self, root: np.ndarray) -> np.ndarray:
         """P(centre) to the identity, and the inputs' own entries of M(centre) to one."""
         n, nu = len(root), len(self.system.inputs)
-        scale = np.eye(n + nu)
-        scale[:n, :n] = root
+        scale = diagonal(root, np.eye(nu))
         moves = np.full((1, len(self.storage.box.names)), 0.5)
         value, _ = self.evaluate(self.storage.box.centre[None, :], moves, scale)
         own = np.diag(value[0, 0])[n:]

@@ -26,7 +26,6 @@ from lpvid.lmi.certificate import tensor
 from lpvid.lmi.passive_form import sector_basis, shift, slack
 from lpvid.lmi.passive_unknowns import Iterate, PassiveUnknowns, affine, mixed
 from lpvid.lmi.program import Program
-from lpvid.lmi.readings import readings_of
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
@@ -79,8 +78,8 @@ class PassiveProgram:
     @property
     def basis(self) -> Polynomial:
         """Basis of P."""
-        names = tuple(n for n, low, high in zip(self.box.names, self.box.lower, self.box.upper, strict=True)
-                      if high > low and n in self._read)
+        read = sector_basis(self.model).names
+        names = tuple(n for n, (low, high) in self.box.limits.items() if high > low and n in read)
         return Polynomial(names if self.degree else (), self.degree if names else 0).bound(self.box)
 
     def _pieces(self, name: str) -> int:
@@ -89,14 +88,15 @@ class PassiveProgram:
         With coefficients affine in p and P(p⁺) at its ends, M is concave in p but for λ v₀, so that the ends suffice
         while the knee stands still; they and the middle serve a knee that moves, and twice the degree in all others.
         """
-        degree = next((r.degree for r in readings_of(self.model.basis) if r.name == name), 0)
+        degree = next((r.degree for r in self.model.basis.readings() if r.name == name), 0)
         stage = self.model.input_stage
         knee = isinstance(stage, TanhStage) and stage.slope != 0 and self.box.names[stage.variable] == name
         return self.density * (2 * max(degree, self.degree) if max(degree, self.degree) > 1 else 2 if knee else 1)
 
-    @property
-    def _read(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*sector_basis(self.model).names,)))
+    def _sector(self, points: np.ndarray) -> np.ndarray:
+        """(N, L) basis of λ."""
+        basis = sector_basis(self.model)
+        return basis.evaluate(points[:, [self.box.names.index(n) for n in basis.names]])
 
     def samples(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """(N, variables) points p, and for each the p⁺ (T, variables) that one sample can lead to.
@@ -108,12 +108,12 @@ class PassiveProgram:
         list of (T, variables) arrays
             One for each point; T may differ.
         """
-        axes = []
-        for name, low, high in zip(self.box.names, self.box.lower, self.box.upper, strict=True):
-            breaks = [b for r in readings_of(self.model.basis) if r.name == name for b in r.breaks if low < b < high]
+        axes, read = [], sector_basis(self.model).names
+        for name, (low, high) in self.box.limits.items():
+            breaks = [b for r in self.model.basis.readings() if r.name == name for b in r.breaks if low < b < high]
             cells = itertools.pairwise((low, *breaks, high))
             axes.append(np.unique(np.concatenate([a + nodes(self._pieces(name)) * (b - a) for a, b in cells]))
-                        if high > low and name in self._read else np.array([0.5 * (low + high)]))
+                        if high > low and name in read else np.array([0.5 * (low + high)]))
         points = tensor(axes) if axes else np.zeros((1, 0))
         ahead = []
         for point in points:
@@ -248,8 +248,7 @@ class PassiveProgram:
                 corner = np.zeros((len(ab), len(ab), unknowns.size))
                 corner[:, :, unknowns.storage] = -mixed(psi, inverse @ unknowns.units @ inverse)
                 constant = np.block([[now[0], ab.T], [ab, 2 * inverse]])
-                linear = np.concatenate([np.concatenate([now[1], move.transpose(1, 0, 2)], axis=1),
-                                         np.concatenate([move, corner], axis=1)])
+                linear = np.vstack([np.hstack([now[1], move.transpose(1, 0, 2)]), np.hstack([move, corner])])
                 program.require(affine(constant, linear))
         self._positive(program, unknowns, STEP)
         last = np.zeros((1, 1, unknowns.size))
@@ -276,7 +275,6 @@ class PassiveProgram:
             definite or λ is negative at one of them.
         """
         worst, (n, nu) = -np.inf, self.sizes
-        basis = sector_basis(self.model)
         try:
             frame = np.linalg.inv(np.linalg.cholesky(current_centre(self, iterate))).T
         except np.linalg.LinAlgError:
@@ -292,8 +290,7 @@ class PassiveProgram:
             value[n] += 0.5 * h
             value[:, n] += 0.5 * h
             if nu > 1:
-                columns = [self.box.names.index(m) for m in basis.names]
-                own = float(basis.evaluate(point[None, columns])[0] @ iterate.multiplier)
+                own = float(self._sector(point[None])[0] @ iterate.multiplier)
                 if own < 0:
                     return np.inf
                 value[n, n + 1] -= 0.5 * own
@@ -323,8 +320,7 @@ class PassiveProgram:
             linear[n, :, : slope.shape[1]] += 0.5 * slope
             linear[:, n, : slope.shape[1]] += 0.5 * slope
         if nu > 1:
-            basis = sector_basis(self.model)
-            own = basis.evaluate(point[None, [self.box.names.index(m) for m in basis.names]])[0]
+            own = self._sector(point[None])[0]
             linear[n, n + 1, unknowns.multiplier] -= 0.5 * own
             linear[n + 1, n, unknowns.multiplier] -= 0.5 * own
             linear[n + 1, n + 1, unknowns.multiplier] += own * slack(self.model, point[None])[0]
@@ -337,8 +333,7 @@ class PassiveProgram:
         """Put an unknown s ≤ λ v₀ of this point in the place of λ v₀."""
         n, stage = self.sizes[0], self.model.input_stage
         assert isinstance(stage, TanhStage)
-        basis = sector_basis(self.model)
-        own = basis.evaluate(point[None, [self.box.names.index(m) for m in basis.names]])[0]
+        own = self._sector(point[None])[0]
         place = unknowns.product.start + i
         linear[n + 1, n + 1, unknowns.multiplier] = 0.0
         linear[n + 1, n + 1, place] = 1.0
@@ -369,7 +364,9 @@ class PassiveProgram:
         """P ≽ 0 and λ ≥ 0 at the corners of the box."""
         points, _ = self.samples()
         n, _ = self.sizes
-        ends = points if self.degree > 1 else points[np.all(self._at_end(points), axis=1)]
+        still = np.array([m not in self.basis.names for m in self.box.names], dtype=bool)
+        at_end = (points == np.array(self.box.lower)) | (points == np.array(self.box.upper)) | still
+        ends = points if self.degree > 1 else points[np.all(at_end, axis=1)]
         total = np.zeros((1, 1, unknowns.size))
         for psi in np.unique(self.psi(ends), axis=0) if n else ():
             linear = np.zeros((n, n, unknowns.size))
@@ -378,19 +375,12 @@ class PassiveProgram:
             total += np.einsum("aak->k", linear)
         if n:
             program.require(affine(np.full((1, 1), LARGEST), -total))
-        basis = sector_basis(self.model)
         if unknowns.multiplier.stop > unknowns.multiplier.start:
-            for own in np.unique(basis.evaluate(points[:, [self.box.names.index(m) for m in basis.names]]), axis=0):
+            for own in np.unique(self._sector(points), axis=0):
                 linear = np.zeros((1, 1, unknowns.size))
                 linear[0, 0, unknowns.multiplier] = own
                 program.require(affine(np.zeros((1, 1)), linear))
                 program.require(affine(np.full((1, 1), LARGEST), -linear))
-
-    def _at_end(self, points: np.ndarray) -> np.ndarray:
-        """(N, variables) whether a coordinate is at an end of its range, or does not matter."""
-        low, high = np.array(self.box.lower), np.array(self.box.upper)
-        inner = np.array([n in self.basis.names for n in self.box.names], dtype=bool)
-        return (points == low) | (points == high) | ~inner
 
     def _solution(self, program: Program, unknowns: PassiveUnknowns, frame: np.ndarray
                   ) -> tuple[np.ndarray, Iterate] | None:

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from lpvid.lmi import native
-from lpvid.lmi.affine import Affine, Unknowns
+from lpvid.lmi.affine import Affine, Unknowns, widened
 from lpvid.lmi.suppress_output import quiet
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
@@ -210,17 +209,12 @@ class Program:
         constraints = []
         for matrix, scaled in self._required:
             n = matrix.shape[0]
-            flat = _flat(matrix, size) @ x + matrix.constant.ravel()
+            flat = widened(matrix.linear, size) @ x + matrix.constant.ravel()
             for name, part in scaled.items():
                 theta = parameters.setdefault(name, cp.Parameter(name=name))
-                flat = flat + theta * (_flat(part, size) @ x + part.constant.ravel())
+                flat = flat + theta * (widened(part.linear, size) @ x + part.constant.ravel())
             constraints.append(cp.reshape(flat, (n, n), order="C") >> 0 if n > 1 else flat >= 0)
-        goal = 0 if self._objective is None else (_flat(self._objective, size) @ x)[0]
+        goal = 0 if self._objective is None else (widened(self._objective.linear, size) @ x)[0]
         if self._squares is not None:
-            goal = goal + 0.5 * cp.sum_squares(_flat(self._squares, size) @ x + self._squares.constant.ravel())
+            goal = goal + 0.5 * cp.sum_squares(widened(self._squares.linear, size) @ x + self._squares.constant.ravel())
         return cp.Problem(cp.Minimize(goal), constraints), x, parameters
-
-
-def _flat(matrix: Affine, size: int) -> Any:
-    m = matrix.linear
-    return sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], size))

@@ -52,24 +52,5 @@ def box_of(readings: tuple[Reading, ...], scheduling: Scheduling) -> Scheduling:
         In the order of the readings, named by their labels.
     """
     index = [scheduling.names.index(r.name) for r in readings]
-    return Scheduling(tuple(r.label for r in readings), tuple(scheduling.lower[i] for i in index),
-                      tuple(scheduling.upper[i] for i in index), tuple(scheduling.rate[i] for i in index),
-                      tuple(scheduling.units[i] for i in index))
-
-
-def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
-    """What a basis reads: each variable at each delay; refuses one that is neither piecewise polynomial nor Fourier.
-
-    Parameters
-    ----------
-    basis : Basis
-        Piecewise polynomial or trigonometric.
-    shift : int
-        Samples by which every delay is moved.
-
-    Returns
-    -------
-    tuple of Reading
-        With degree, breaks and frequency.
-    """
-    return basis.readings(shift)
+    return Scheduling(tuple(r.label for r in readings), *(tuple(getattr(scheduling, field)[i] for i in index)
+                                                          for field in ("lower", "upper", "rate", "units")))

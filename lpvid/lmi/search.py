@@ -179,7 +179,9 @@ class LyapunovSearch:
             states = np.linalg.inv(np.linalg.cholesky(self._centre())).T
         except np.linalg.LinAlgError:
             return
-        system, time = self.system, self._unit_of_time()
+        system, time = self.system, 1.0
+        if system.sample_time is None:  # the time in which the fastest frozen mode has the rate 1
+            time = 1 / max(float(np.abs(np.linalg.eigvals(system.state_matrices(grid(self.box, 3)))).max()), 1e-300)
         decay = partial(DecayBound, level=exponent * time)
         search = StorageSearch(system, self.box, self.basis(degree), Frame(states, time, 1.0), lambda _: decay, DENSITY)
         if not search.affordable:
@@ -188,13 +190,6 @@ class LyapunovSearch:
             yield self._storage(found.matrices, degree), found.solver
             if found.margin < 1e-7:
                 return
-
-    def _unit_of_time(self) -> float:
-        """In which the fastest frozen mode has the rate 1; 1 in discrete time."""
-        if self.system.sample_time is not None:
-            return 1.0
-        poles = np.linalg.eigvals(self.system.state_matrices(grid(self.box, 3)))
-        return 1 / max(float(np.abs(poles).max()), 1e-300)
 
     def _centre(self) -> np.ndarray:
         points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))

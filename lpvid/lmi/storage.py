@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.lmi.box_positivity import Axis
 from lpvid.lmi.driven import basis_ceilings
-from lpvid.lmi.readings import Reading, readings_of
+from lpvid.lmi.readings import Reading
 from lpvid.scheduling import Basis, Scheduling
 
 
@@ -42,7 +42,7 @@ class Storage:
     @cached_property
     def readings(self) -> dict[int, Reading]:
         """Degree or frequency of P in each variable of the box that it depends on."""
-        return {self.box.names.index(r.name): r for r in readings_of(self.basis) if r.degree or r.frequency}
+        return {self.box.names.index(r.name): r for r in self.basis.readings() if r.degree or r.frequency}
 
     @cached_property
     def moving(self) -> list[int]:
@@ -188,8 +188,7 @@ class Storage:
         ((n, n) array, (n, n) array)
             Not negative; the second one [1/s].
         """
-        limits = dict(zip(self.box.names, zip(self.box.lower, self.box.upper, strict=True), strict=True))
-        ceiling = basis_ceilings(self.basis, limits)
+        ceiling = basis_ceilings(self.basis, self.box.limits)
         size = np.tensordot(ceiling, np.abs(self.matrices), axes=1)
         speed = sum((self.box.rate[i] or 0.0) * self._steepness(i) for i in self.moving)
         return size, speed * size

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from lpvid.lmi.affine import Affine
+from lpvid.lmi.affine import Affine, given
 from lpvid.lmi.bernstein import nodes
 from lpvid.lmi.box_positivity import Axis
 from lpvid.lmi.certificate import tensor
@@ -177,8 +177,7 @@ class StorageSearch:
             if least:
                 program.require(matrix + level.times(rise), margin=INTERIOR, scaled=moved)
             else:
-                fixed = Affine(rise, sparse.csr_array((rise.size, matrix.linear.shape[1])))
-                program.require(matrix - level.times(np.eye(len(rise))), scaled={**moved, "level": fixed})
+                program.require(matrix - level.times(np.eye(len(rise))), scaled={**moved, "level": given(rise)})
         for p in self._matrices(box):
             program.require(p - (INTERIOR * eye if least else level.times(eye)))
             if capped:

@@ -13,6 +13,7 @@ from lpvid import _checks
 from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal, as_signals
+from lpvid.model.state_space import Matrices
 from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Scheduling
 
@@ -162,7 +163,7 @@ class LFTModel(Coded):
         normal = (np.asarray(points, dtype=float) - self.scheduling.centre) / half
         return np.repeat(normal, self.repetitions, axis=1)
 
-    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, points: np.ndarray) -> Matrices:
         """(N, …) A, B, C, D at points of shape (N, n_scheduling); raises where the form is ill posed.
 
         Parameters
@@ -192,7 +193,7 @@ class LFTModel(Coded):
         whole = self.matrix[np.ix_(outside, across)] + (self.matrix[outside, n : n + r] * delta[:, None, :]) @ inner
         return whole[:, :n, :n], whole[:, :n, n:], whole[:, n:, :n], whole[:, n:, n:]
 
-    def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def frozen(self, p: Sequence[float] | np.ndarray) -> Matrices:
         """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,).
 
         Parameters
@@ -288,7 +289,7 @@ class LFTModel(Coded):
         p = _checks.shaped(np.asarray(scheduling, dtype=float), (len(u), len(self.scheduling.names)), "scheduling")
         a, b, c, d = self.at(p)
         if not self.is_discrete:
-            a, b = _held(a, b, _checks.positive(sample_time if sample_time else math.nan, "sample_time", "s"))
+            a, b = held(a, b, _checks.positive(sample_time if sample_time else math.nan, "sample_time", "s"))
         x = np.zeros(self.order) if initial is None else _checks.shaped(np.asarray(initial, dtype=float),
                                                                         (self.order,), "initial")
         out = np.empty((len(u), len(self.outputs)))
@@ -345,8 +346,21 @@ class LFTModel(Coded):
                 f"states, Δ {{{size}}}, {clock}")
 
 
-def _held(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(N, …) matrices over one sample of held input and scheduling: exp of [A B; 0 0] T."""
+def held(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """(N, …) matrices over one sample of held input and scheduling: exp of [A B; 0 0] T.
+
+    Parameters
+    ----------
+    a, b : (N, n, n) and (N, n, m) array
+        Of a continuous system.
+    period : float
+        Sample [s].
+
+    Returns
+    -------
+    (N, n, n) and (N, n, m) array
+        Of the sampled one.
+    """
     from scipy.linalg import expm
 
     n, m = b.shape[1:]

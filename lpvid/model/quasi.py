@@ -31,6 +31,7 @@ class SelfScheduled(ABC):
     outputs: tuple[Signal, ...]
     scheduling_stage: SchedulingStage | None
     input_stage: None = None
+    n_outputs: ClassVar[int] = 1
     metadata: Mapping
 
     @property
@@ -107,11 +108,6 @@ class SelfScheduled(ABC):
         -------
         (n,) array
         """
-
-    @property
-    def n_outputs(self) -> int:
-        """One."""
-        return 1
 
     @property
     @abstractmethod

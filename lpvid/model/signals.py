@@ -69,3 +69,35 @@ def as_signals(given: Sequence, prefix: str, count: int) -> tuple[Signal, ...]:
     """
     listed = (given,) if isinstance(given, (str, Signal)) else tuple(given)
     return tuple(s if isinstance(s, Signal) else Signal(str(s)) for s in listed) or signals((), prefix, count)
+
+
+def signal_names(signals: Sequence[Signal]) -> tuple[str, ...]:
+    """Names without units.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Inputs or outputs of a model.
+
+    Returns
+    -------
+    tuple of str
+        In their order.
+    """
+    return tuple(s.name for s in signals)
+
+
+def listed_signals(signals: Sequence[Signal]) -> str:
+    """Names for a message.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Inputs or outputs of a model.
+
+    Returns
+    -------
+    str
+        In their order.
+    """
+    return ", ".join(signal_names(signals))

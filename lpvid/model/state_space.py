@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lpvid import _checks
 from lpvid.codec import VERBATIM
@@ -14,7 +16,10 @@ from lpvid.model.lpv_model import LPVModel
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _point
-from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""A, B, C, D, at one value of the scheduling or (N, …) at several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +107,62 @@ class LPVStateSpace(LPVModel):
             set_(self, "sample_time", _checks.positive(self.sample_time, "sample_time", "s"))
         self._settle(ny, nu, f"D of shape {d.shape}")
 
+    @classmethod
+    def of(cls, whole: np.ndarray, order: int, basis: Basis, sample_time: float | None,
+           scheduling: Scheduling | None = None, **more: Any) -> LPVStateSpace:
+        """The system of one matrix [A B; C D] over a basis.
+
+        Parameters
+        ----------
+        whole : (M, n + ny, n + nu) array
+            The matrix, one for each function of the basis.
+        order : int
+            n.
+        basis : Basis
+            M functions.
+        sample_time : float or None
+            Period [s]; None in continuous time.
+        scheduling : Scheduling, optional
+            Box and rate bounds of the basis's variables.
+        **more
+            Further fields, such as `inputs` and `outputs`.
+
+        Returns
+        -------
+        LPVStateSpace
+            n states, nu inputs, ny outputs.
+        """
+        n = order
+        return cls(whole[:, :n, :n], whole[:, :n, n:], whole[:, n:, :n], whole[:, n:, n:], basis, sample_time,
+                   scheduling, **more)
+
+    @classmethod
+    def still(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, sample_time: float | None = None,
+              **more: Any) -> LPVStateSpace:
+        """A system without scheduling.
+
+        Parameters
+        ----------
+        a, b, c, d : (n, n), (n, nu), (ny, n) and (ny, nu) array
+            Its matrices.
+        sample_time : float or None
+            Period [s]; None in continuous time.
+        **more
+            Further fields, such as `inputs` and `outputs`.
+
+        Returns
+        -------
+        LPVStateSpace
+            Over the constant alone.
+
+        Examples
+        --------
+        >>> LPVStateSpace.still([[-2.0]], [[1.0]], [[1.0]], [[0.0]]).frozen_poles([]).tolist()
+        [-2.0]
+        """
+        matrices = (np.asarray(m, dtype=float)[None] for m in (a, b, c, d))
+        return cls(*matrices, basis=Polynomial((), 0), sample_time=sample_time, **more)
+
     @property
     def order(self) -> int:
         """Number of states."""
@@ -132,7 +193,7 @@ class LPVStateSpace(LPVModel):
         """Measured samples from which a free run takes its state: two per state, at least four."""
         return max(2 * self.order, 4) if self.order else 0
 
-    def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def frozen(self, p: Sequence[float] | np.ndarray) -> Matrices:
         """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,).
 
         Parameters
@@ -146,6 +207,23 @@ class LPVStateSpace(LPVModel):
             A (n, n), B (n, nu), C (ny, n), D (ny, nu).
         """
         phi = self.basis.evaluate(_point(p, self.box))[0]
+        a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (self.A, self.B, self.C, self.D))
+        return a, b, c, d
+
+    def at(self, points: np.ndarray) -> Matrices:
+        """(N, …) A, B, C, D at points of shape (N, n_scheduling).
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+            In the units of the variables.
+
+        Returns
+        -------
+        tuple of arrays
+            Along their first axis the points.
+        """
+        phi = self.basis.evaluate(np.asarray(points, dtype=float))
         a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (self.A, self.B, self.C, self.D))
         return a, b, c, d
 

@@ -97,6 +97,23 @@ class Scheduling(Coded):
         """Lower and upper end of each variable."""
         return {n: (a, b) for n, a, b in zip(self.names, self.lower, self.upper, strict=True)}
 
+    def part(self, names: Sequence[str]) -> Scheduling:
+        """Some of the variables, with their box and rate bounds.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Which, in the order wanted.
+
+        Returns
+        -------
+        Scheduling
+            Of these alone.
+        """
+        index = [self.names.index(n) for n in names]
+        return Scheduling(*(tuple(getattr(self, field)[i] for i in index)
+                            for field in ("names", "lower", "upper", "rate", "units")))
+
     def contains(self, p: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
         """(n,) bool: which samples of `p` (n, len(names)) lie in the box, within `tolerance` of its width.
 

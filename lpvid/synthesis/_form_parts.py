@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
+from lpvid.lmi.certificate import tensor
 from lpvid.model.designed import KEY, role_of
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
@@ -95,8 +96,7 @@ def values(model: Model, points: np.ndarray) -> np.ndarray:
     if isinstance(model, LPVStateSpace):
         return matrix(model).at(points[:, [model.box.names.index(n) for n in model.basis.names]])
     a, b, c, d = model.at(points)
-    whole = np.concatenate([np.concatenate([a, b], axis=2), np.concatenate([c, d], axis=2)], axis=1)
-    return np.concatenate([whole, np.zeros((*whole.shape[:2], 1))], axis=2)
+    return np.block([[a, b, np.zeros((*a.shape[:2], 1))], [c, d, np.zeros((*c.shape[:2], 1))]])
 
 
 def matrix(system: LPVStateSpace) -> MatrixFunction:
@@ -105,20 +105,16 @@ def matrix(system: LPVStateSpace) -> MatrixFunction:
         raise InputError("a system that reads its scheduling at several times has no other form",
                          got=", ".join(system.basis.labels), mend="make the delayed variables signals of their own")
     assert system.state_offset is not None and system.output_offset is not None
-    top = np.concatenate([system.A, system.B, system.state_offset[:, :, None]], axis=2)
-    bottom = np.concatenate([system.C, system.D, system.output_offset[:, :, None]], axis=2)
-    return MatrixFunction(system.basis, np.concatenate([top, bottom], axis=1))
+    return MatrixFunction(system.basis, np.block([[system.A, system.B, system.state_offset[:, :, None]],
+                                                  [system.C, system.D, system.output_offset[:, :, None]]]))
 
 
 def rebuilt(function: MatrixFunction, model: Model) -> LPVStateSpace:
     """The system of a matrix [A B f; C D g], with signals, clock and box of another one."""
-    n, m, x = model.order, len(model.inputs), function.coefficients
-    box = model.box
-    index = [box.names.index(name) for name in function.basis.names]
-    kept = Scheduling(*(tuple(getattr(box, f)[i] for i in index) for f in ("names", "lower", "upper", "rate", "units")))
-    return LPVStateSpace(x[:, :n, :n], x[:, :n, n : n + m], x[:, n:, :n], x[:, n:, n : n + m], function.basis,
-                         model.sample_time, kept, x[:, :n, -1], x[:, n:, -1], inputs=model.inputs,
-                         outputs=model.outputs, metadata={KEY: role} if (role := role_of(model)) else {})
+    n, x = model.order, function.coefficients
+    return LPVStateSpace.of(x[:, :, :-1], n, function.basis, model.sample_time, model.box.part(function.basis.names),
+                            state_offset=x[:, :n, -1], output_offset=x[:, n:, -1], inputs=model.inputs,
+                            outputs=model.outputs, metadata={KEY: role} if (role := role_of(model)) else {})
 
 
 def as_polynomial(system: LPVStateSpace) -> MatrixFunction | None:
@@ -128,8 +124,3 @@ def as_polynomial(system: LPVStateSpace) -> MatrixFunction | None:
     if not isinstance(wide, Polynomial):
         return None
     return MatrixFunction(wide, np.tensordot(into.T, function.coefficients, axes=1)).trimmed()
-
-
-def tensor(axes: Sequence[np.ndarray]) -> np.ndarray:
-    """(N, n) all combinations, the last axis fastest."""
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)) if axes else np.empty((1, 0))

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov, solve_discrete_lyapunov
 
-from lpvid.lmi.affine import Affine, he
+from lpvid.analysis.frozen import basis_values
+from lpvid.lmi.affine import Affine, he, trace
 from lpvid.lmi.program import Program
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 
 
-def frozen_matrices(system: LPVStateSpace, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def frozen_matrices(system: LPVStateSpace, grid: np.ndarray) -> Matrices:
     """(N, …) A, B, C, D at the points of a grid over the system's box."""
-    phi = system.basis.evaluate(grid) if system.basis.lags == (0, 0) else np.vstack(
-        [system.basis.evaluate(point[None]) for point in grid])
+    phi = basis_values(system.basis, grid)
     a, b, c, d = (np.tensordot(phi, getattr(system, name), axes=1) for name in "ABCD")
     return a, b, c, d
 
@@ -46,22 +46,13 @@ def bounding_gramian(a: np.ndarray, b: np.ndarray, weight: np.ndarray, discrete:
     for x, y in zip(a, b, strict=True):
         left: Affine = (p - x @ p @ x.T) if discrete else -he(x @ p)
         program.require(left - y @ y.T, margin=1e-9)
-    program.minimise(_trace(weight / max(np.trace(weight), 1e-300) + 1e-6 * np.eye(n), p))
+    program.minimise(trace(p, weight / max(np.trace(weight), 1e-300) + 1e-6 * np.eye(n)))
     for solution in program.solve():
         found = solution[p]
         factor = _smallest_factor(found, a, b, discrete)
         if factor is not None:
             return factor * found * np.outer(scale, scale)
     return None
-
-
-def _trace(weight: np.ndarray, p: Affine) -> Affine:
-    total = None
-    for i, e in enumerate(np.eye(len(weight))):
-        term = (weight[i][None] @ p) @ e[:, None]
-        total = term if total is None else total + term
-    assert total is not None
-    return total
 
 
 def _smallest_factor(p: np.ndarray, a: np.ndarray, b: np.ndarray, discrete: bool) -> float | None:

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, block_diagonal, combined, given, trace
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.design_grid import columns, design_axes, finer, is_affine, tensor
@@ -155,17 +154,14 @@ class _Limited:
         new, nk, nu = program.unknowns, self.controller.order, len(self.plant.controls)
         n = self.plant.order + nk
         q, level = new.symmetric(n), new.scalar()
-        diagonal = [new.scalar() for _ in range(nu)]
-        u = diagonal[0].times(np.diag(np.eye(nu)[0]))
-        for i in range(1, nu):
-            u = u + diagonal[i].times(np.diag(np.eye(nu)[i]))
+        u = block_diagonal([new.scalar() for _ in range(nu)])
         y = None if self.energy is None else new.matrix(nu, n)
         z = [new.matrix(nk, nu) for _ in range(self.controller.basis.size)]
         for matrix in self._inequalities(q, u, y, z, level):
             program.require(matrix, margin=1e-9)
         for part in z:  # E = Z U⁻¹ stays moderate
             if nk:
-                tall = [[LARGEST * u, part.T], [part, LARGEST * _scaled_identity(u, nk)]]
+                tall = [[LARGEST * u, part.T], [part, (LARGEST * trace(u)).times(np.eye(nk))]]
                 program.require(block(tall))
         program.minimise(level)
         for found in program.solve(solvers=PATIENT):
@@ -179,13 +175,10 @@ class _Limited:
 
     def slack(self, values: dict[str, np.ndarray], level: float) -> float:
         """Smallest eigenvalue, relative to the largest, of all inequalities with these matrices; numpy alone."""
-        def given(matrix: np.ndarray) -> Affine:
-            return Affine(np.asarray(matrix, dtype=float), sparse.csr_array((np.size(matrix), 0)))
-
         y = None if self.energy is None else given(values["Y"])
         least = math.inf
         for matrix in self._inequalities(given(values["Q"]), given(values["U"]), y, [given(m) for m in values["Z"]],
-                                         given(np.array([[level]]))):
+                                         given(level)):
             m = matrix.constant
             scale = 1 / np.sqrt(np.maximum(np.diag(m), 1e-300))
             low = float(np.linalg.eigvalsh(scale[:, None] * (0.5 * (m + m.T)) * scale)[0])
@@ -195,15 +188,13 @@ class _Limited:
     def _inequalities(self, q: Affine, u: Affine, y: Affine | None, z: list[Affine], level: Affine
                       ) -> Iterator[Affine]:
         from lpvid.synthesis.interconnection import close_loop_at
-        from lpvid.synthesis.shaped_loop import combined
 
         k, plant, discrete = self.controller, self.plant, self.plant.sample_time is not None
         phi = columns(plant.box, k.basis, self.points)
         at = plant.at(self.points)
-        order = ([s.name for s in k.inputs].index(n) for n in plant.measurements)
+        inputs = [[s.name for s in k.inputs].index(n) for n in plant.measurements]
         rows = [[s.name for s in k.outputs].index(n) for n in plant.controls]
-        inputs = list(order)
-        ak, bk, ck, dk = (np.tensordot(phi, m, axes=1) for m in (k.A, k.B, k.C, k.D))
+        ak, bk, ck, dk = k.at(self.points[:, [plant.box.names.index(n) for n in k.basis.names]])
         bk, ck, dk = bk[:, :, inputs], ck[:, rows], dk[:, rows][:, :, inputs]
         loop = close_loop_at(at, ak, bk, ck, dk)
         for i in range(len(self.points)):
@@ -231,12 +222,3 @@ class _Limited:
                 if math.isfinite(limit):
                     row = np.eye(y.shape[0])[i : i + 1] @ y
                     yield block([[q, row.T], [row, np.array([[limit**2 / self.energy]])]])
-
-
-def _scaled_identity(u: Affine, size: int) -> Affine:
-    """trace(U)·I of another size."""
-    n = u.shape[0]
-    trace = np.eye(n)[:1] @ u @ np.eye(n)[:, :1]
-    for i in range(1, n):
-        trace = trace + np.eye(n)[i : i + 1] @ u @ np.eye(n)[:, i : i + 1]
-    return trace.times(np.eye(size))

@@ -95,7 +95,7 @@ def plant_to_continuous(plant: PlantMatrices, sign: float) -> PlantMatrices:
         Of the continuous plant.
     """
     p, w, z = plant, plant.B1.shape[2], plant.C1.shape[1]
-    d = np.concatenate([np.concatenate([p.D11, p.D12], axis=2), np.concatenate([p.D21, p.D22], axis=2)], axis=1)
+    d = np.block([[p.D11, p.D12], [p.D21, p.D22]])
     a, b, c, d = to_continuous((p.A, np.concatenate([p.B1, p.B2], axis=2), np.concatenate([p.C1, p.C2], axis=1), d),
                                sign)
     return PlantMatrices(a, b[..., :w], b[..., w:], c[:, :z], d[:, :z, :w], d[:, :z, w:], c[:, z:], d[:, z:, :w],

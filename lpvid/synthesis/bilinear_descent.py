@@ -15,15 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 
-from lpvid.lmi.affine import Affine, block, he
+from lpvid.lmi.affine import Affine, block, combined, given, he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import PlantMatrices
-from lpvid.synthesis.shaped_loop import combined
 from lpvid.synthesis.shaped_program import PATIENT
-from lpvid.synthesis.shaped_program import known as known_number
 
 STRICT = 1e-7
 """margin of the inequalities, in scaled units"""
@@ -159,7 +159,7 @@ class BilinearDescent:
         n = m.A.shape[1]
         p = [program.unknowns.symmetric(n) for _ in range(self.psi.shape[1])]
         level = program.unknowns.scalar()
-        gamma = known_number(FAR) if slack else level
+        gamma = given(FAR) if slack else level
         moved = None if about is None else self._unknown_gains(program)
         for k in range(len(m.A)):
             at, now = m.point(k), combined(p, self.psi[k])
@@ -214,17 +214,9 @@ class BilinearDescent:
 
     def _unknown_gains(self, program: Program) -> list[Affine]:
         rows, columns = np.nonzero(self.free)
-        found = []
-        for _ in range(self.phi.shape[1]):
-            entries = program.unknowns.matrix(len(rows), 1)
-            total = None
-            for i, (r, c) in enumerate(zip(rows, columns, strict=True)):
-                into = np.zeros((self.free.shape[0], len(rows)))
-                into[r, i] = 1.0
-                across = np.zeros((1, self.free.shape[1]))
-                across[0, c] = 1.0
-                term = into @ entries @ across
-                total = term if total is None else total + term
-            assert total is not None
-            found.append(total)
-        return found
+        into, across, one = np.eye(self.free.shape[0])[rows], np.eye(self.free.shape[1])[columns], np.eye(len(rows))
+
+        def placed(entries: Affine) -> Affine:
+            return reduce(add, (np.outer(r, e) @ entries @ c[None] for r, e, c in zip(into, one, across, strict=True)))
+
+        return [placed(program.unknowns.matrix(len(rows), 1)) for _ in range(self.phi.shape[1])]

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from lpvid.analysis.frozen_norms import largest_frozen_norm
+from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.driven import driven
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
@@ -92,10 +93,7 @@ def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage:
         None where P shows no decay at some point of the box.
     """
     (a, b, c, d), _ = _corners(loop)
-    root = [np.linalg.inv(np.linalg.cholesky(p[0]).T) for p in (storage.first, storage.second)]
-    n = len(root[0])
-    zero = np.zeros((n, len(root[1])))
-    into = storage.mix @ np.block([[root[0], zero], [zero.T, root[1]]])
+    into = storage.mix @ diagonal(*(np.linalg.inv(np.linalg.cholesky(p[0]).T) for p in (storage.first, storage.second)))
     out = np.linalg.inv(into)
     a, b, c = out @ a @ into, out @ b, c @ into
     m = np.eye(a.shape[1]) - a @ a.swapaxes(1, 2) if loop.is_discrete else -(a + a.swapaxes(1, 2))

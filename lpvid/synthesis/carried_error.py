@@ -13,9 +13,8 @@ from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.figures import channel
-from lpvid.synthesis.finer_tables import finer_of
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.interconnection import close_loop, finer_of
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.sampled_plants import DENSER
 

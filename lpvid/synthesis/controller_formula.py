@@ -273,11 +273,7 @@ class ControllerFormula:
     def _lyapunov(self, points: np.ndarray) -> LyapunovPair:
         x, y = self.variations.at(points, self.plant.units.time)
         return LyapunovPair(x.at(self.pair.x), y.at(self.pair.y), x.slope(self.pair.x), y.slope(self.pair.y),
-                        _by_measurements(self.variations))
-
-
-def _by_measurements(variations: Variations) -> bool:
-    return variations.varying != "controls" or not variations.moving
+                            self.variations.varying != "controls" or not self.variations.moving)
 
 
 def _balanced(variations: Variations, pair: MatrixPair, points: np.ndarray) -> tuple[MatrixPair, np.ndarray]:

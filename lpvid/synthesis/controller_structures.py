@@ -25,8 +25,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial
-from lpvid.synthesis.design_grid import over
+from lpvid.scheduling import Basis
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import connect
 from lpvid.synthesis.matrix_function import block
@@ -74,15 +73,14 @@ class Attached:
         LPVStateSpace
             From measurements to controls.
         """
-        box, m, nv, nx = self.plant.box, basis.size, *self.free.shape
+        box = self.plant.box.part(basis.names)
         demands, readings = named(self.plant, self.plant.controls), named(self.plant, self.plant.measurements)
-        law = LPVStateSpace(np.zeros((m, 0, 0)), np.zeros((m, 0, nx)), np.zeros((m, nv, 0)), gains, basis,
-                            self.plant.sample_time, over(box, basis.names), inputs=readings, outputs=demands)
+        law = LPVStateSpace.of(gains, 0, basis, self.plant.sample_time, box, inputs=readings, outputs=demands)
         whole = connect([self.interface, law], self.measurements, self.controls)
         kept = {"rows": [d.name.removesuffix(DEMAND) for d in demands],
                 "columns": [r.name.removeprefix(READING) for r in readings],
                 "free": self.free.tolist(), "basis": basis.to_dict(), "gains": np.asarray(gains).tolist(),
-                "box": over(box, basis.names).to_dict()}
+                "box": box.to_dict()}
         return whole.replace(metadata={**whole.metadata, GAINS: kept})
 
 
@@ -315,9 +313,8 @@ def _gainful(plant: GeneralizedPlant, d: np.ndarray, readings: Sequence[str], a:
 def _system(plant: GeneralizedPlant, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray,
             inputs: Sequence[str], outputs: Sequence[str]) -> LPVStateSpace:
     units = {s.name: s.unit for s in (*plant.system.inputs, *plant.system.outputs)}
-    return LPVStateSpace(a[None], b[None], c[None], d[None], Polynomial((), 0), plant.sample_time,
-                         inputs=tuple(Signal(n, units.get(n, "")) for n in inputs),
-                         outputs=tuple(Signal(n, units.get(n, "")) for n in outputs))
+    return LPVStateSpace.still(a, b, c, d, plant.sample_time, inputs=tuple(Signal(n, units.get(n, "")) for n in inputs),
+                               outputs=tuple(Signal(n, units.get(n, "")) for n in outputs))
 
 
 def _demands(names: Sequence[str]) -> list[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.controller_formula import FeedbackLaw
-from lpvid.synthesis.design_grid import columns, interpolating, over, tensor
+from lpvid.synthesis.design_grid import columns, interpolating, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop_at
 from lpvid.synthesis.loop_check import gain_bounds
@@ -66,12 +68,8 @@ def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
         Near the formula, not equal to it: its bound must be checked.
     """
     box = formula.plant.plant.box
-    basis: Basis | None = None
-    for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
-        if high > low:
-            factor = Spline(name, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
-            basis = factor if basis is None else Product(basis, factor)
-    assert basis is not None
+    basis: Basis = reduce(Product, (Spline(n, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
+                                    for n, (low, high) in box.limits.items() if high > low))
     points = dense(box, 3 * segments)
     k, slopes = formula.at(points)
     return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)
@@ -134,9 +132,7 @@ def matrices_at(controller: LPVStateSpace, box: Scheduling, points: np.ndarray) 
     (A, B, C, D), each (N, …)
         Frozen matrices.
     """
-    phi = columns(box, controller.basis, points)
-    a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (controller.A, controller.B, controller.C, controller.D))
-    return a, b, c, d
+    return controller.at(points[:, [box.names.index(n) for n in controller.basis.names]])
 
 
 def bounds_at(formula: FeedbackLaw, points: np.ndarray, controller: LPVStateSpace | None = None) -> np.ndarray:
@@ -215,7 +211,7 @@ def _written(formula: FeedbackLaw, basis: Basis, inverse: np.ndarray, k: Matrice
     if slopes.shape[1]:
         basis, k = with_rates(basis, k, slopes, formula.variations.moving)
         box = rated_box(box, formula.variations.moving)
-    return LPVStateSpace(*k, basis, plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
+    return LPVStateSpace(*k, basis, plant.sample_time, box.part(basis.names), inputs=named(plant, plant.measurements),
                          outputs=named(plant, plant.controls))
 
 

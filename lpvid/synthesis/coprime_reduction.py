@@ -95,18 +95,16 @@ def reduce_coprime(system: LPVStateSpace, order: int | None = None, *, tolerance
     ny = system.n_outputs
     whole = function_block([[own["A"] + injection @ own["C"], own["B"] + injection @ own["D"], injection],
                             [own["C"], own["D"], np.eye(ny)]])
-    n, x = system.order, whole.coefficients
     corrections = tuple(Signal(f"correction of {s.name}", s.unit) for s in system.outputs)
-    factors = LPVStateSpace(x[:, :n, :n], x[:, :n, n:], x[:, n:, :n], x[:, n:, n:], whole.basis, system.sample_time,
-                            system.scheduling, inputs=(*system.filter_inputs, *corrections), outputs=system.outputs)
+    factors = LPVStateSpace.of(whole.coefficients, system.order, whole.basis, system.sample_time, system.scheduling,
+                               inputs=(*system.filter_inputs, *corrections), outputs=system.outputs)
     reduced = reduce_order(factors, order, tolerance=tolerance, points=points, certified=certified)
     small, nu = reduced.model, system.n_filter_inputs
     part = {"A": small.A, "B": small.B[:, :, :nu], "L": small.B[:, :, nu:], "C": small.C, "D": small.D[:, :, :nu]}
     f = {name: MatrixFunction(small.basis, value) for name, value in part.items()}
     back = function_block([[f["A"] - f["L"] @ f["C"], f["B"] - f["L"] @ f["D"]], [f["C"], f["D"]]]).trimmed()
-    k, y = small.order, back.coefficients
-    model = LPVStateSpace(y[:, :k, :k], y[:, :k, k:], y[:, k:, :k], y[:, k:, k:], back.basis, system.sample_time,
-                          system.scheduling, inputs=system.filter_inputs, outputs=system.outputs)
+    model = LPVStateSpace.of(back.coefficients, small.order, back.basis, system.sample_time, system.scheduling,
+                             inputs=system.filter_inputs, outputs=system.outputs)
     return CoprimeReduction(model, reduced, injection)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, trace
 from lpvid.lmi.program import Program
 from lpvid.synthesis.shaped_loop import Matrix, ShapedLoop
 
@@ -202,7 +202,7 @@ class H2(CovarianceCriterion):
 
     def output(self, program: Program, level: Affine, size: int) -> Affine:
         z = program.unknowns.symmetric(size)
-        program.require(level - _trace(z))
+        program.require(level - trace(z))
         return z
 
 
@@ -236,6 +236,9 @@ Criterion = HInfinity | CovarianceCriterion
 class Region(ABC):
     """A convex region of the complex plane, L + sM + s̄Mᵀ ≺ 0 (Chilali & Gahinet 1996), that all frozen poles share."""
 
+    discrete: ClassVar[bool | None]
+    """True where the plane is that of z, False for s, None for both."""
+
     @abstractmethod
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """L (symmetric) and M.
@@ -247,11 +250,6 @@ class Region(ABC):
         (m, m) array
             M, of any form.
         """
-
-    @property
-    @abstractmethod
-    def discrete(self) -> bool | None:
-        """True where the plane is that of z, False for s, None for both."""
 
     def require(self, program: Program, loops: Sequence[ShapedLoop]) -> None:
         """L ⊗ 𝐗 + M ⊗ 𝐀 + Mᵀ ⊗ 𝐀ᵀ ≺ 0 in every loop.
@@ -325,13 +323,10 @@ class HalfPlane(Region):
     """
 
     decay: float = 0.0
+    discrete: ClassVar[bool | None] = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "decay", _checks.real(self.decay, "the decay of a half plane"))
-
-    @property
-    def discrete(self) -> bool | None:
-        return False
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """L = 2·decay and M = 1: 2 Re s + 2·decay < 0."""
@@ -352,14 +347,11 @@ class Disc(Region):
 
     centre: float
     radius: float
+    discrete: ClassVar[bool | None] = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", _checks.real(self.centre, "the centre of a disc"))
         object.__setattr__(self, "radius", _checks.positive(self.radius, "the radius of a disc"))
-
-    @property
-    def discrete(self) -> bool | None:
-        return None
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """[−radius, s − centre; s̄ − centre, −radius] ≺ 0."""
@@ -383,24 +375,13 @@ class Cone(Region):
     """
 
     damping: float
+    discrete: ClassVar[bool | None] = False
 
     def __post_init__(self) -> None:
         if not 0 < _checks.real(self.damping, "the damping of a cone") < 1:
             raise InputError("the damping ratio of a cone must lie between 0 and 1", got=self.damping)
 
-    @property
-    def discrete(self) -> bool | None:
-        return False
-
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """L = 0, M of sin θ = √(1 − ζ²) on the diagonal and ± cos θ = ± ζ beside it."""
         cosine, sine = self.damping, math.sqrt(1 - self.damping**2)
         return np.zeros((2, 2)), np.array([[sine, cosine], [-cosine, sine]])
-
-
-def _trace(matrix: Affine) -> Affine:
-    n = matrix.shape[0]
-    total = np.eye(n)[:1] @ matrix @ np.eye(n)[:, :1]
-    for i in range(1, n):
-        total = total + np.eye(n)[i : i + 1] @ matrix @ np.eye(n)[:, i : i + 1]
-    return total

@@ -10,7 +10,6 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
 
 WHOLE = 1e-6
 """samples by which a delay may miss a whole number of them"""
@@ -59,8 +58,7 @@ def delay(seconds: float, sample_time: float | None = None, *, order: int = 2, i
     else:
         a, b, c, d = _register(tau / _checks.positive(sample_time, "sample_time", "s"))
     ends = [x if isinstance(x, Signal) else Signal(x) for x in (input, output)]
-    return LPVStateSpace(a[None], b[None], c[None], d[None], Polynomial((), 0), sample_time, inputs=(ends[0],),
-                         outputs=(ends[1],))
+    return LPVStateSpace.still(a, b, c, d, sample_time, inputs=(ends[0],), outputs=(ends[1],))
 
 
 def delay_error(seconds: float, order: int, frequency: float) -> float:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import tensor
 from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 
@@ -62,22 +64,6 @@ def _smaller(variables: int, points: int) -> str:
     fewer = f"at most {most} points along each variable, " if 2 <= most < points else ""
     return (f"{fewer}a form of the plant with fewer scheduling variables (another realisation, or a reduced one), or "
             "one that is affine in each, of which the corners alone are looked at")
-
-
-def tensor(axes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(N, n_scheduling) all combinations.
-
-    Parameters
-    ----------
-    axes : tuple of arrays
-        Values of each variable.
-
-    Returns
-    -------
-    (N, n_scheduling) array
-        The last variable runs fastest; one row without columns where there is no variable.
-    """
-    return np.array(list(itertools.product(*axes)), dtype=float) if axes else np.empty((1, 0))
 
 
 def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
@@ -170,12 +156,7 @@ def interpolating(box: Scheduling, axes: tuple[np.ndarray, ...]) -> Basis:
     """
     factors: list[Basis] = [Spline(n, len(a) - 1, 1, tuple(a.tolist())) for n, a in zip(box.names, axes, strict=True)
                             if len(a) > 1]
-    if not factors:
-        return Polynomial((), 0)
-    basis = factors[0]
-    for factor in factors[1:]:
-        basis = Product(basis, factor)
-    return basis
+    return reduce(Product, factors) if factors else Polynomial((), 0)
 
 
 def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tuple[np.ndarray, ...],
@@ -278,23 +259,21 @@ def storage_for(lyapunov: Basis) -> Basis:
 
 
 def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:
-    """The part of a box that a basis reads, in the order of its names.
+    """The part of a box that a basis reads, in the order of its names (`Scheduling.part`).
 
     Parameters
     ----------
     box : Scheduling
-        With all scheduling variables.
+        All variables.
     names : tuple of str
-        Some of its variables.
+        The basis's own.
 
     Returns
     -------
     Scheduling
-        With their ranges, rates and units.
+        Of these alone.
     """
-    index = [box.names.index(n) for n in names]
-    return Scheduling(names, *(tuple(getattr(box, field)[i] for i in index)
-                               for field in ("lower", "upper", "rate", "units")))
+    return box.part(names)
 
 
 def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
@@ -360,12 +339,28 @@ def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> Non
     InputError
         A variable that is not in the box, or one with width and no rate bound in continuous time.
     """
-    from lpvid.lmi.readings import readings_of
-
-    readings_of(basis)
+    basis.readings()
     for name in basis.names:
         i = box.names.index(_checks.known_name(name, box.names, "scheduling variable"))
         if sample_time is None and box.rate[i] is None and box.upper[i] > box.lower[i]:
             raise InputError(f"the Lyapunov matrix depends on '{name}', whose rate has no bound",
                              why="a function that may jump cannot decrease along every trajectory",
                              mend=f"give '{name}' a rate bound in its Scheduling, or leave it out of `lyapunov`")
+
+
+def check_back_off(factor: float) -> None:
+    """Refuse a factor above the least gain that is below one.
+
+    Parameters
+    ----------
+    factor : float
+        The back-off of a design.
+
+    Raises
+    ------
+    InputError
+        A factor below 1.
+    """
+    if not _checks.real(factor, "back_off") >= 1:
+        raise InputError("back_off must be at least 1", got=factor, why="it multiplies the least gain",
+                         mend="1.02 stops 2 % above it")

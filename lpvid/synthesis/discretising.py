@@ -9,12 +9,13 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.lmi.certificate import tensor
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.scheduling.algebra import common
-from lpvid.synthesis._form_parts import checking_points, matrix, rebuilt, tensor
+from lpvid.synthesis._form_parts import checking_points, matrix, rebuilt
 from lpvid.synthesis.matrix_function import MatrixFunction, block
-from lpvid.synthesis.sampling_rules import Frozen, Moving, SamplingRule, ZeroOrderHold, remainder
+from lpvid.synthesis.sampling_rules import Moving, SamplingRule, ZeroOrderHold, remainder
 
 SAMPLES = 400
 """Length of the comparison run."""
@@ -178,13 +179,13 @@ def _moving(system: LPVStateSpace) -> Moving:
     return whole[states, states], whole[states, rest], whole[rest, states], whole[rest, rest]
 
 
-def _frozen(system: LPVStateSpace, points: np.ndarray) -> Frozen:
+def _frozen(system: LPVStateSpace, points: np.ndarray) -> Matrices:
     whole, n = matrix(system).at(points), system.order
     return whole[:, :n, :n], whole[:, :n, n:], whole[:, n:, :n], whole[:, n:, n:]
 
 
-def _whole(x: Frozen) -> np.ndarray:
-    return np.concatenate([np.concatenate(x[:2], axis=2), np.concatenate(x[2:], axis=2)], axis=1)
+def _whole(x: Matrices) -> np.ndarray:
+    return np.block([[x[0], x[1]], [x[2], x[3]]])
 
 
 def _built(parts: Moving, system: LPVStateSpace, period: float | None) -> LPVStateSpace:
@@ -291,7 +292,7 @@ def _run_error(continuous: LPVStateSpace, discrete: LPVStateSpace, period: float
     return gap / size if size else gap
 
 
-def _run(system: Frozen, u: np.ndarray) -> np.ndarray:
+def _run(system: Matrices, u: np.ndarray) -> np.ndarray:
     a, b, c, d = system
     x, out = np.zeros(a.shape[1]), np.empty((len(u), c.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):

@@ -9,19 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.frozen_norms import h_infinity_norm, largest_frozen_norm
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, trace
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Product, Scheduling
 from lpvid.synthesis._gramians import averaged_gramian
-from lpvid.synthesis.design_grid import design_axes, is_affine, tensor, varies
+from lpvid.synthesis.design_grid import check_back_off, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import named, written
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Units
 from lpvid.synthesis.shaped_program import PATIENT
@@ -89,8 +90,7 @@ class DissipativeFeedback:
     points: int = 7
 
     def __post_init__(self) -> None:
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain")
+        check_back_off(self.back_off)
         _checks.count(self.points, "points of a design grid", at_least=2)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
@@ -168,7 +168,7 @@ def _effort(plant: GeneralizedPlant, at: PlantMatrices) -> np.ndarray:
 
 def _left_alone(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) -> Synthesis | None:
     """Why nothing can be promised: the plant without control does not settle somewhere."""
-    margins = np.linalg.eigvals(at.A).real.max(axis=1)
+    margins = pole_margins(at.A, False)
     worst = int(np.argmax(margins))
     if margins[worst] < 0:
         return None
@@ -202,7 +202,7 @@ def _least(scaled: PlantMatrices, spread: np.ndarray) -> Iterator[tuple[float, n
     program, p = _program(scaled)
     level = program.unknowns.scalar()
     _bounded(program, p, scaled, level)
-    program.minimise(level + TIE * _weighed(p, spread))
+    program.minimise(level + TIE * trace(p, spread))
     for found in program.solve(solvers=PATIENT):
         value = float(found[level][0, 0])
         if value > 0:
@@ -213,19 +213,9 @@ def _tightest(scaled: PlantMatrices, gamma: float, spread: np.ndarray) -> Iterat
     """(P, solver) of the least tr PΣ at a bound."""
     program, p = _program(scaled)
     _bounded(program, p, scaled, gamma**2 * np.eye(scaled.B1.shape[2]))
-    program.minimise(_weighed(p, spread))
+    program.minimise(trace(p, spread))
     for found in program.solve(solvers=PATIENT):
         yield 0.5 * (found[p] + found[p].T), found.solver
-
-
-def _weighed(p: Affine, spread: np.ndarray) -> Affine:
-    """(1, 1) tr PΣ."""
-    eye = np.eye(len(spread))
-    parts = [eye[i:i + 1] @ p @ spread[:, i:i + 1] for i in range(len(spread))]
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
 
 
 def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: np.ndarray, gamma: float,
@@ -237,10 +227,7 @@ def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: n
         return None
     better = _sharpened(plant, loop, spread)
     found = better if better is not None and better.gamma < found.gamma else found
-    k = gain @ reading
-    controller = LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, k.shape[1])), np.zeros((1, len(k), 0)), k[None],
-                               Polynomial((), 0), None, inputs=named(plant, plant.measurements),
-                               outputs=named(plant, plant.controls))
+    controller = written(plant, (gain @ reading)[None], 0, Polynomial((), 0))
     b1 = plant.at(plant.box.centre[None]).B1[0]
     notes = [f"with every demand met the frozen gain is at most {_frozen(loop, 1.0):.4g}, with none "
              f"{_frozen(loop, 0.0):.4g}"]
@@ -262,7 +249,7 @@ def _proof(p: np.ndarray, loop: LPVStateSpace, gamma: float) -> GainCertificate 
 def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace, spread: np.ndarray) -> GainCertificate | None:
     """The least bound that a constant storage function of the loop itself proves; None for none."""
     points = tensor(design_axes(loop.box, 3, is_affine(loop.basis)))
-    a, b, c, d = (np.array(m) for m in zip(*(loop.frozen(x) for x in points), strict=True))
+    a, b, c, d = loop.at(points)
     idle = replace(plant.at(np.repeat(plant.box.centre[None], len(points), axis=0)), A=a, B1=b, C1=c, D11=d)
     units = Units.of(idle)
     whole = units.apply(idle)
@@ -282,18 +269,15 @@ def _normal(covariance: np.ndarray, units: Units) -> np.ndarray:
 def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
     """w → z with s u in place of u, scheduled on the plant's variables and s."""
     s, box = plant.system, plant.box
-    inputs, outputs = [x.name for x in s.inputs], [x.name for x in s.outputs]
-    w = [inputs.index(n) for n in plant.disturbances]
-    z = [outputs.index(n) for n in plant.performance]
     at = plant.at(box.centre[None]).point(0)
     places = [k for k, label in enumerate(s.basis.labels) if label == "1"]
     if not places:
         raise InputError("a dissipative feedback needs a constant among the basis functions",
                          got=", ".join(s.basis.labels), mend="a Polynomial basis")
     own = Polynomial((SHARE,), 1)
+    a, b1, _, c1, d11, *_ = plant.parted(s.A, s.B, s.C, s.D)
     parts = []
-    for matrix, added in ((s.A, at.B2 @ gain), (s.B[:, :, w], None), (s.C[:, z], at.D12 @ gain),
-                          (s.D[:, z][:, :, w], None)):
+    for matrix, added in ((a, at.B2 @ gain), (b1, None), (c1, at.D12 @ gain), (d11, None)):
         wide = np.zeros((2 * len(matrix), *matrix.shape[1:]))
         wide[::2] = matrix
         if added is not None:

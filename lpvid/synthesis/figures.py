@@ -134,8 +134,7 @@ def stays_inside(regions: Sequence[Region], loop: LPVStateSpace) -> tuple[bool, 
         One remark for each region; empty with False.
     """
     points = loop.box.grid(GRID.get(len(loop.box.names), 3))
-    phi = loop.basis.evaluate(points[:, [loop.box.names.index(n) for n in loop.basis.names]])
-    poles = np.linalg.eigvals(np.tensordot(phi, loop.A, axes=1)).ravel() if loop.order else np.empty(0)
+    poles = np.linalg.eigvals(loop.at(points)[0]).ravel() if loop.order else np.empty(0)
     if not np.all(np.abs(poles) < 1 if loop.is_discrete else poles.real < 0):
         return False, ()
     if any(float(r.distance(poles).max(initial=-1.0)) >= 0 for r in regions):

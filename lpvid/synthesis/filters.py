@@ -10,7 +10,6 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
 from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.design_grid import varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -117,8 +116,8 @@ def _filter(omega: float, sample_time: float | None) -> LPVStateSpace:
     if sample_time is None:
         return lowpass(1.0, omega)
     pole = np.exp(-omega * sample_time)
-    a, b, c, d = (np.full((1, 1, 1), value) for value in (pole, 1 - pole, 1.0, 0.0))
-    return LPVStateSpace(a, b, c, d, Polynomial((), 0), sample_time, inputs=(Signal("in"),), outputs=(Signal("out"),))
+    a, b, c, d = (np.full((1, 1), value) for value in (pole, 1 - pole, 1.0, 0.0))
+    return LPVStateSpace.still(a, b, c, d, sample_time, inputs=(Signal("in"),), outputs=(Signal("out"),))
 
 
 steadied = add_actuator_filters

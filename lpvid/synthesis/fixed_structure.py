@@ -12,7 +12,7 @@ from lpvid import _checks
 from lpvid.analysis.gain import Gain, l2_gain
 from lpvid.analysis.hull_certificate import hull_gain
 from lpvid.errors import InputError
-from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.driven import driven
 from lpvid.lmi.frame import frame_of
 from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
@@ -264,8 +264,8 @@ class _Problem:
     def descent(self, gains: np.ndarray, norm: float) -> tuple[BilinearDescent, np.ndarray]:
         """The certified problem in the balanced coordinates x = T x̃ of the loop that some gains make, and T."""
         box, discrete = self.plant.box, self.plant.sample_time is not None
-        loop = close_loop(self.plant, self.attached.controller(self.gain, self.physical(gains)))
-        frame = frame_of(driven(loop), _seen_by(driven(loop), box, self.points), norm)
+        loop = driven(close_loop(self.plant, self.attached.controller(self.gain, self.physical(gains))))
+        frame = frame_of(loop, self.points[:, [box.names.index(r.label) for r in loop.readings]], norm)
         m = _framed(self.coordinates.scaled(_over(self.attached.plant, self.plant, self.few)),
                     self.coordinates.states[:, None] ** -1 * frame.states, frame.time, frame.gain)
         psi, steps = columns(box, self.lyapunov, self.few), []
@@ -319,15 +319,8 @@ def _framed(m: PlantMatrices, states: np.ndarray, time: float, gain: float) -> P
                          m.D22)
 
 
-def _seen_by(system: Driven, box: Scheduling, points: np.ndarray) -> np.ndarray:
-    """The points over the variables that a loop reads."""
-    return points[:, [box.names.index(r.label) for r in system.readings]]
-
-
 def _middle(plant: GeneralizedPlant) -> GeneralizedPlant:
     """The plant at the middle of its box."""
     s = plant.system
-    a, b, c, d = s.frozen(plant.box.centre)
-    still = LPVStateSpace(a[None], b[None], c[None], d[None], Polynomial((), 0), s.sample_time, inputs=s.inputs,
-                          outputs=s.outputs)
+    still = LPVStateSpace.still(*s.frozen(plant.box.centre), s.sample_time, inputs=s.inputs, outputs=s.outputs)
     return GeneralizedPlant(still, plant.controls, plant.measurements)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import tensor
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
@@ -19,10 +21,10 @@ from lpvid.synthesis._form_parts import (
     knots,
     rebuilt,
     stated,
-    tensor,
     values,
 )
 from lpvid.synthesis._horner import fractional
+from lpvid.synthesis.generalized_plant import refuse_offsets
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 
 __all__ = ["Conversion", "from_lft", "multi_affine", "to_affine", "to_gridded", "to_lft", "to_polynomial",
@@ -162,7 +164,7 @@ def to_lft(system: LPVStateSpace) -> Conversion:
     >>> form.model.repetitions, form.exact, round(float(form.model.frozen([0.5])[0][0, 0]), 12)
     ((2,), True, -1.5)
     """
-    _without_offsets(system, "a linear fractional form")
+    refuse_offsets(system, "a linear fractional form")
     function, box = as_polynomial(system), system.box
     if function is None:
         raise InputError("only a polynomial becomes a linear fractional form without error",
@@ -240,9 +242,7 @@ def _axes(box: Scheduling, points: int | Mapping[str, Sequence[float]]) -> dict[
 
 def _interpolated(model: Model, axes: Mapping[str, np.ndarray]) -> LPVStateSpace:
     factors: list[Basis] = [Spline(n, len(x) - 1, 1, tuple(x.tolist())) for n, x in axes.items()]
-    basis: Basis = factors[0] if factors else ONE
-    for factor in factors[1:]:
-        basis = Product(basis, factor)
+    basis = reduce(Product, factors) if factors else ONE
     return rebuilt(MatrixFunction(basis, values(model, tensor(list(axes.values())))), model)
 
 
@@ -270,10 +270,3 @@ def multi_affine(model: Model) -> bool:
     assert isinstance(function.basis, Polynomial)
     used = np.any(function.coefficients != 0, axis=(1, 2))
     return bool(function.basis.exponents[used].max(initial=0) <= 1)
-
-
-def _without_offsets(system: LPVStateSpace, what: str) -> None:
-    for name in ("state_offset", "output_offset"):
-        if np.any(getattr(system, name)):
-            raise InputError(f"{what} has no constant terms", got=f"{name} is not zero",
-                             mend="shift states and outputs to the equilibrium first")

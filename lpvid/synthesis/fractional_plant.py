@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.lmi.certificate import diagonal
 from lpvid.model.lft import LFTModel
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.synthesis.forms import to_lft
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_check import LoopStorage
@@ -131,7 +132,7 @@ class FractionalController:
     repetitions: tuple[int, ...]
     storage: LoopStorage | None = None
 
-    def at(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, delta: np.ndarray) -> Matrices:
         """A_K, B_K, C_K, D_K at normalised scheduling values δ of shape (len(repetitions),).
 
         Parameters
@@ -191,23 +192,3 @@ def _scaled(plant: GeneralizedPlant, c: SignalCoordinates) -> LPVStateSpace:
     n = system.order
     whole = left[:, None] * np.block([[system.A, system.B], [system.C, system.D]]) * right
     return system.replace(A=whole[:, :n, :n], B=whole[:, :n, n:], C=whole[:, n:, :n], D=whole[:, n:, n:])
-
-
-def diagonal(*blocks: np.ndarray) -> np.ndarray:
-    """Blocks on a diagonal.
-
-    Parameters
-    ----------
-    *blocks : (n, n) arrays
-        Square blocks.
-
-    Returns
-    -------
-    (N, N) array
-        N is the sum of their sizes.
-    """
-    ends = np.cumsum([0, *(len(b) for b in blocks)])
-    whole = np.zeros((ends[-1], ends[-1]))
-    for part, a, b in zip(blocks, ends[:-1], ends[1:], strict=True):
-        whole[a:b, a:b] = part
-    return whole

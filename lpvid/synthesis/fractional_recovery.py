@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from lpvid.lmi.certificate import diagonal
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback_search import FeedbackProblem, moderate
 
@@ -70,7 +71,6 @@ def _still(plant: FractionalPlant, gamma: float, scaling: np.ndarray) -> General
              @ diagonal(np.eye(n), back, np.eye(nw) / np.sqrt(gamma), np.eye(nu + r)))
     names = [f"{letter}{i}" for letter, count in (("w", 2 * r + nw), ("u", nu + r)) for i in range(count)]
     shown = [f"{letter}{i}" for letter, count in (("z", 2 * r + nz), ("y", ny + r)) for i in range(count)]
-    system = LPVStateSpace(whole[None, :n, :n], whole[None, :n, n:], whole[None, n:, :n], whole[None, n:, n:],
-                           Polynomial((), 0), 1.0 if plant.discrete else None,
-                           inputs=tuple(map(Signal, names)), outputs=tuple(map(Signal, shown)))
+    system = LPVStateSpace.of(whole[None], n, Polynomial((), 0), 1.0 if plant.discrete else None,
+                              inputs=tuple(map(Signal, names)), outputs=tuple(map(Signal, shown)))
     return GeneralizedPlant(system, tuple(names[2 * r + nw :]), tuple(shown[2 * r + nz :]))

@@ -7,14 +7,15 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg import null_space
 
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, given
+from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.program import Program
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant
 from lpvid.synthesis.fractional_recovery import by_feedback
 from lpvid.synthesis.preconditioning import balancing
+from lpvid.synthesis.scaled_gain import commuting, scaled_form
 from lpvid.synthesis.shaped_program import PATIENT
 
 STRICT = 1e-9
@@ -52,11 +53,11 @@ def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: flo
     program = Program()
     new, n = program.unknowns, plant.order
     r, s = new.symmetric(n), new.symmetric(n)
-    j, l_ = _commuting(program, plant.repetitions), _commuting(program, plant.repetitions)
+    j, l_ = (commuting(new.symmetric, plant.repetitions) for _ in range(2))
     level = new.scalar()
     _primal(program, plant, s, l_, level)
     _primal(program, plant.dual(), r, j, level)
-    apart = _constant(np.ones((1, 1))) if gamma is None else new.scalar()
+    apart = given(1.0) if gamma is None else new.scalar()
     for a, b in ((r, s), (j, l_)):
         if a.shape[0]:
             coupling = apart.times(np.eye(a.shape[0]))
@@ -127,28 +128,10 @@ def _primal(program: Program, plant: FractionalPlant, s: Affine, scaling: Affine
     """The inequality in S and L, on the null space of [C2 D_2d D_21]."""
     n, r, (nw, _, nz, _) = plant.order, sum(plant.repetitions), plant.outer
     free = null_space(plant.stack("y", "xpw")) if plant.outer[3] else np.eye(n + r + nw)
-    state, inner, last = (np.eye(n + r + nw)[a:b] for a, b in ((0, n), (n, n + r), (n + r, n + r + nw)))
-    ahead, seen, out = plant.stack("x", "xpw"), plant.stack("q", "xpw"), plant.stack("z", "xpw")
-    if plant.discrete:
-        total = ahead.T @ s @ ahead - state.T @ s @ state
-    else:
-        cross = state.T @ s @ ahead
-        total = cross + cross.T
-    if r:
-        total = total + seen.T @ scaling @ seen - inner.T @ scaling @ inner
-    total = total - level.times(last.T @ last)
+    ahead, seen, out = (plant.stack(row, "xpw") for row in "xqz")
+    total = scaled_form(ahead, seen, s, scaling, level, discrete=plant.discrete)
     below = out @ free
     program.require(block([[-(free.T @ total @ free), -below.T], [-below, level.times(np.eye(nz))]]), margin=STRICT)
-
-
-def _commuting(program: Program, repetitions: Sequence[int]) -> Affine:
-    """A symmetric matrix that commutes with diag(δ_i I_{r_i})."""
-    repetitions = [k for k in repetitions if k]
-    parts = [program.unknowns.symmetric(k) for k in repetitions]
-    if not parts:
-        return program.unknowns.matrix(0, 0)
-    return block([[p if i == k else np.zeros((repetitions[i], repetitions[k])) for k in range(len(parts))]
-                  for i, p in enumerate(parts)])
 
 
 def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
@@ -255,10 +238,6 @@ def _least_weight(q: np.ndarray, b: np.ndarray) -> float:
     cross = free.T @ q @ reached
     total = reached.T @ q @ reached + (cross.T @ np.linalg.solve(inner, cross) if inner.size else 0.0)
     return max(float(np.linalg.eigvalsh(total / np.outer(sizes[:rank], sizes[:rank])).max(initial=0.0)), 1e-6)
-
-
-def _constant(matrix: np.ndarray) -> Affine:
-    return Affine(matrix, sparse.csr_array((matrix.size, 0)))
 
 
 def _completed(s: np.ndarray, r: np.ndarray, repetitions: Sequence[int] | None = None) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.signals import signal_names
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Scheduling
 
@@ -37,7 +38,7 @@ class PlantMatrices:
     D21: np.ndarray
     D22: np.ndarray
 
-    def point(self, k: int) -> PlantMatrices:
+    def point(self, k: int | slice) -> PlantMatrices:
         """The blocks at one point, as matrices.
 
         Parameters
@@ -51,6 +52,27 @@ class PlantMatrices:
             Without the first axis.
         """
         return PlantMatrices(*(getattr(self, f)[k] for f in self.__dataclass_fields__))
+
+
+def refuse_offsets(system: LPVStateSpace, what: str) -> None:
+    """Raise for a system with constant terms.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        The system.
+    what : str
+        What it is to be, for the error.
+
+    Raises
+    ------
+    InputError
+        A state or output offset that is not zero.
+    """
+    for name in ("state_offset", "output_offset"):
+        if np.any(getattr(system, name)):
+            raise InputError(f"{what} has no constant terms", got=f"{name} is not zero",
+                             mend="shift states and outputs to the equilibrium first")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +121,7 @@ class GeneralizedPlant:
     measurements: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        inputs, outputs = self._names(self.system.inputs), self._names(self.system.outputs)
+        inputs, outputs = signal_names(self.system.inputs), signal_names(self.system.outputs)
         for field, known in (("inputs", inputs), ("outputs", outputs)):
             if len(set(known)) != len(known):
                 raise InputError(f"two {field} of a plant bear one name", got=", ".join(known), mend="rename one")
@@ -112,27 +134,20 @@ class GeneralizedPlant:
         if self.system.input_stage is not None:
             raise InputError("a plant for synthesis is linear in its inputs", got="a system with an input stage",
                              mend="put the stage's inverse into the controller and design for the linear part")
-        for name in ("state_offset", "output_offset"):
-            if np.any(getattr(self.system, name)):
-                raise InputError("a plant for synthesis has no constant terms", got=f"{name} is not zero",
-                                 mend="shift states and outputs to the equilibrium first")
+        refuse_offsets(self.system, "a plant for synthesis")
         if not self.disturbances or not self.performance:
             raise InputError("a plant needs a disturbance and a performance signal that are neither control nor "
                              "measurement", got=f"inputs {', '.join(inputs)}; outputs {', '.join(outputs)}")
 
-    @staticmethod
-    def _names(signals: Sequence) -> tuple[str, ...]:
-        return tuple(s.name for s in signals)
-
     @property
     def disturbances(self) -> tuple[str, ...]:
         """Names of w."""
-        return tuple(n for n in self._names(self.system.inputs) if n not in self.controls)
+        return tuple(n for n in signal_names(self.system.inputs) if n not in self.controls)
 
     @property
     def performance(self) -> tuple[str, ...]:
         """Names of z."""
-        return tuple(n for n in self._names(self.system.outputs) if n not in self.measurements)
+        return tuple(n for n in signal_names(self.system.outputs) if n not in self.measurements)
 
     @property
     def box(self) -> Scheduling:
@@ -149,6 +164,25 @@ class GeneralizedPlant:
         """Sampling period [s]; None in continuous time."""
         return self.system.sample_time
 
+    def parted(self, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Matrices of the whole system sorted by its signals.
+
+        Parameters
+        ----------
+        a, b, c, d : (N, …) arrays
+            A, B, C, D of the system, in the order of its inputs and outputs.
+
+        Returns
+        -------
+        tuple of arrays
+            A, B1, B2, C1, D11, D12, C2, D21 and D22.
+        """
+        inputs, outputs = signal_names(self.system.inputs), signal_names(self.system.outputs)
+        w, u = ([inputs.index(n) for n in names] for names in (self.disturbances, self.controls))
+        z, y = ([outputs.index(n) for n in names] for names in (self.performance, self.measurements))
+        return (a, b[:, :, w], b[:, :, u], c[:, z], d[:, z][:, :, w], d[:, z][:, :, u], c[:, y], d[:, y][:, :, w],
+                d[:, y][:, :, u])
+
     def at(self, points: np.ndarray) -> PlantMatrices:
         """The blocks at points of shape (N, n_scheduling).
 
@@ -162,11 +196,4 @@ class GeneralizedPlant:
         PlantMatrices
             In SI of the signals.
         """
-        s = self.system
-        phi = s.basis.evaluate(np.asarray(points, dtype=float))
-        a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (s.A, s.B, s.C, s.D))
-        inputs, outputs = self._names(s.inputs), self._names(s.outputs)
-        w, u = ([inputs.index(n) for n in names] for names in (self.disturbances, self.controls))
-        z, y = ([outputs.index(n) for n in names] for names in (self.performance, self.measurements))
-        return PlantMatrices(a, b[:, :, w], b[:, :, u], c[:, z], d[:, z][:, :, w], d[:, z][:, :, u], c[:, y],
-                             d[:, y][:, :, w], d[:, y][:, :, u])
+        return PlantMatrices(*self.parted(*self.system.at(points)))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvid.lmi.affine import he
+from lpvid.lmi.affine import combined, he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.assumptions import slow_mode_out_of_reach
 from lpvid.synthesis.balanced_plant import convex_axes
@@ -68,18 +68,12 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
             return "infeasible", why + " (shown by a dual matrix)", mend + (slow if scheduled else "")
     frozen = max((least_gain(problem.plant, k) for k in range(len(problem.plant.A))), default=np.inf)
     held = f"; {frozen:.4g} is the least gain with the scheduling held" if np.isfinite(frozen) and scheduled else ""
-    lost = _lost(plant)
-    held = f"; {lost}" if lost else held
+    if plant.sample_time is None and plant.box.names:  # a mode slower than the plant's pace, out of reach in between
+        points = tensor(convex_axes(plant))
+        lost = slow_mode_out_of_reach(plant, points, pace(plant.at(points).A))
+        held = f"; {lost}" if lost else held
     return ("numerical", f"no solver found a usable answer, and none showed that there is no controller{held}",
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
-
-
-def _lost(plant: GeneralizedPlant) -> str:
-    """Where between points a mode slower than the plant's pace is out of reach; in continuous time."""
-    if plant.sample_time is not None or not plant.box.names:
-        return ""
-    points = tensor(convex_axes(plant))
-    return slow_mode_out_of_reach(plant, points, pace(plant.at(points).A))
 
 
 def _slowly_refuted(problem: ProjectedInequalities, half: Half, root: np.ndarray) -> bool:
@@ -117,15 +111,10 @@ def _refuted(half: Half, root: np.ndarray) -> float:
         return 0.0
     matrices = [program.unknowns.symmetric(n) for _ in range(k)]
     for i in range(len(half.A)):
-        x = matrices[0] * half.variation.values[i, 0]
-        for j in range(1, k):
-            x = x + matrices[j] * half.variation.values[i, j]
+        x = combined(matrices, half.variation.values[i])
         null = null_space(half.B2[i].T)
         for slope in half.variation.slopes[i]:
-            drift = he(half.A[i] @ x)
-            for j in range(k):
-                if slope[j]:
-                    drift = drift + matrices[j] * (half.sign * slope[j])
+            drift = he(half.A[i] @ x) + combined(matrices, half.sign * slope)
             if null.shape[1]:
                 program.require(-(null.T @ drift @ null))
         program.require(x - np.eye(n))

@@ -8,11 +8,10 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.model.signals import Signal
-from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.signals import listed_signals, signal_names
+from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Scheduling
 from lpvid.synthesis._wiring import Drive, Wiring, wire
-from lpvid.synthesis.finer_tables import finer_of, joined
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 
@@ -57,7 +56,7 @@ def close_loop(plant: GeneralizedPlant, controller: LPVStateSpace) -> LPVStateSp
     >>> loop.frozen([0.5])[0], loop.outputs
     (array([[-3.]]), (Signal(name='comfort', unit=''),))
     """
-    inputs, outputs = _names(controller.inputs), _names(controller.outputs)
+    inputs, outputs = signal_names(controller.inputs), signal_names(controller.outputs)
     for have, want, what, of in ((inputs, plant.measurements, "inputs", "measurements"),
                                  (outputs, plant.controls, "outputs", "controls")):
         if set(have) != set(want):
@@ -113,7 +112,7 @@ def connect(systems: Sequence[LPVStateSpace], inputs: Sequence[str], outputs: Se
     if not any(t is not None for t in tables):
         return whole
     finer = _joined([s if t is None else t for s, t in zip(blocks, tables, strict=True)], inputs, outputs, wires)
-    return whole.replace(metadata={**whole.metadata, "interpolation": joined(blocks, finer)})
+    return whole.replace(metadata={**whole.metadata, "interpolation": _tables_joined(blocks, finer)})
 
 
 def _joined(blocks: list[LPVStateSpace], inputs: Sequence[str], outputs: Sequence[str],
@@ -129,7 +128,7 @@ def _joined(blocks: list[LPVStateSpace], inputs: Sequence[str], outputs: Sequenc
 
 
 def close_loop_at(plant: PlantMatrices, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
-                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+                  ) -> Matrices:
     """The closed loop at N points of the scheduling, from the plant's blocks and the controller's matrices there.
 
     u = (I − D_K D22)⁻¹ (C_K x_K + D_K C2 x + D_K D21 w); every array starts with the axis of the points (or none does).
@@ -160,17 +159,9 @@ def close_loop_at(plant: PlantMatrices, a: np.ndarray, b: np.ndarray, c: np.ndar
     f = np.linalg.inv(loop)
     ux, uk, uw = f @ d @ plant.C2, f @ c, f @ d @ plant.D21
     yx, yk, yw = plant.C2 + plant.D22 @ ux, plant.D22 @ uk, plant.D21 + plant.D22 @ uw
-    whole_a = _rows([[plant.A + plant.B2 @ ux, plant.B2 @ uk], [b @ yx, a + b @ yk]])
-    whole_b = _rows([[plant.B1 + plant.B2 @ uw], [b @ yw]])
-    return whole_a, whole_b, _rows([[plant.C1 + plant.D12 @ ux, plant.D12 @ uk]]), plant.D11 + plant.D12 @ uw
-
-
-def _rows(rows: list[list[np.ndarray]]) -> np.ndarray:
-    return np.concatenate([np.concatenate(row, axis=-1) for row in rows], axis=-2)
-
-
-def _names(signals: Sequence[Signal]) -> tuple[str, ...]:
-    return tuple(s.name for s in signals)
+    whole_a = np.block([[plant.A + plant.B2 @ ux, plant.B2 @ uk], [b @ yx, a + b @ yk]])
+    whole_b = np.block([[plant.B1 + plant.B2 @ uw], [b @ yw]])
+    return whole_a, whole_b, np.block([[plant.C1 + plant.D12 @ ux, plant.D12 @ uk]]), plant.D11 + plant.D12 @ uw
 
 
 def _plain(system: LPVStateSpace) -> LPVStateSpace:
@@ -178,7 +169,7 @@ def _plain(system: LPVStateSpace) -> LPVStateSpace:
         raise InputError("a block must be an LPVStateSpace", got=type(system).__name__,
                          mend="turn a python-control system into one with lpvid.synthesis.weights.from_lti")
     if system.input_stage is not None or system.scheduling_stage is not None:
-        raise InputError(f"the block with output {', '.join(_names(system.outputs))} is not linear in its inputs",
+        raise InputError(f"the block with output {listed_signals(system.outputs)} is not linear in its inputs",
                          got="an input or scheduling stage", mend="join its linear part: replace(input_stage=None, …)")
     return system
 
@@ -229,11 +220,9 @@ def _loop_solution(loop: MatrixFunction, names: Sequence[str]) -> MatrixFunction
 
 
 def _assembled(matrices: MatrixFunction, systems: Sequence[LPVStateSpace], w: Wiring) -> LPVStateSpace:
-    n, m = sum(s.order for s in systems), len(w.inputs)
-    x = matrices.coefficients
-    return LPVStateSpace(x[:, :n, :n], x[:, :n, n : n + m], x[:, n:, :n], x[:, n:, n : n + m], matrices.basis,
-                         _clock(systems), _box(matrices.basis.names, systems), x[:, :n, -1], x[:, n:, -1],
-                         inputs=w.inputs, outputs=w.outputs)
+    n, x = sum(s.order for s in systems), matrices.coefficients
+    return LPVStateSpace.of(x[:, :, :-1], n, matrices.basis, _clock(systems), _box(matrices.basis.names, systems),
+                            state_offset=x[:, :n, -1], output_offset=x[:, n:, -1], inputs=w.inputs, outputs=w.outputs)
 
 
 def _clock(systems: Sequence[LPVStateSpace]) -> float | None:
@@ -243,8 +232,8 @@ def _clock(systems: Sequence[LPVStateSpace]) -> float | None:
         if s.sample_time != moving[0].sample_time:
             clocks = " and ".join("continuous time" if t is None else f"{t:.6g} s"
                                   for t in (moving[0].sample_time, s.sample_time))
-            raise InputError(f"the blocks with outputs {', '.join(_names(moving[0].outputs))} and "
-                             f"{', '.join(_names(s.outputs))} have different sampling periods", got=clocks,
+            raise InputError(f"the blocks with outputs {listed_signals(moving[0].outputs)} and "
+                             f"{listed_signals(s.outputs)} have different sampling periods", got=clocks,
                              mend="convert one with lpvid.synthesis.discretising")
     return moving[0].sample_time
 
@@ -257,3 +246,32 @@ def _box(names: Sequence[str], systems: Sequence[LPVStateSpace]) -> Scheduling:
         i = box.names.index(name)
         rows.append((name, box.lower[i], box.upper[i], box.rate[i], box.units[i]))
     return Scheduling(*(tuple(column) for column in zip(*rows, strict=True))) if rows else Scheduling((), (), ())
+
+
+def finer_of(system: LPVStateSpace) -> LPVStateSpace | None:
+    """The finer table behind a block, with the names that its signals have now; None where it has none.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        A table, or a connection of some.
+
+    Returns
+    -------
+    LPVStateSpace or None
+        None also where the number of signals has changed since.
+    """
+    about = system.metadata.get("interpolation") or {}
+    if "finer" not in about:
+        return None
+    finer = LPVStateSpace.from_dict(about["finer"])
+    if len(finer.inputs) != len(system.inputs) or len(finer.outputs) != len(system.outputs):
+        return None  # not the system that the table was taken for
+    return finer.replace(inputs=system.inputs, outputs=system.outputs)
+
+
+def _tables_joined(systems: Sequence[LPVStateSpace], finer: LPVStateSpace) -> dict:
+    """``metadata["interpolation"]`` of what tables were joined to, of which at least one is a table."""
+    parts = [about for s in systems if (about := s.metadata.get("interpolation"))]
+    return {"error": max(p["error"] for p in parts), "knots": {k: v for p in parts for k, v in p["knots"].items()},
+            "finer": finer.to_dict()}

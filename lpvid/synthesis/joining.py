@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.model.signals import Signal
+from lpvid.model.signals import Signal, as_signals, listed_signals
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis._wiring import signed_sum
@@ -39,8 +39,8 @@ def gain(matrix: np.ndarray | Sequence, inputs: Sequence[str | Signal], outputs:
     """
     d = _checks.frozen_array(matrix, "the matrix of a gain", ndim=2)
     _checks.shaped(d, (len(outputs), len(inputs)), "the matrix of a gain")
-    return LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, len(inputs))), np.zeros((1, len(outputs), 0)), d[None],
-                         Polynomial(), None, inputs=_signals(inputs), outputs=_signals(outputs))
+    return LPVStateSpace.of(d[None], 0, Polynomial(), None, inputs=as_signals(inputs, "u", 0),
+                            outputs=as_signals(outputs, "y", 0))
 
 
 def summing_junction(text: str, unit: str = "") -> LPVStateSpace:
@@ -138,8 +138,8 @@ def series(*systems: LPVStateSpace) -> LPVStateSpace:
         if len(before.outputs) != len(after.inputs):
             k = apart.index(after)
             raise InputError("systems in series do not fit", got=f"{len(before.outputs)} output(s) "
-                             f"({_listed(systems[k - 1].outputs)}) for {len(after.inputs)} input(s) "
-                             f"({_listed(systems[k].inputs)})")
+                             f"({listed_signals(systems[k - 1].outputs)}) for {len(after.inputs)} input(s) "
+                             f"({listed_signals(systems[k].inputs)})")
         wires |= {i.name: {o.name: 1.0} for i, o in zip(after.inputs, before.outputs, strict=True)}
     whole = connect(apart, [s.name for s in apart[0].inputs], [s.name for s in apart[-1].outputs], wires)
     return whole.replace(inputs=systems[0].inputs, outputs=systems[-1].outputs)
@@ -172,8 +172,8 @@ def parallel(*systems: LPVStateSpace) -> LPVStateSpace:
     for other in systems[1:]:
         if len(other.inputs) != len(first.inputs) or len(other.outputs) != len(first.outputs):
             raise InputError("systems in parallel have different numbers of signals",
-                             got=f"{_listed(first.inputs)} -> {_listed(first.outputs)} and "
-                                 f"{_listed(other.inputs)} -> {_listed(other.outputs)}")
+                             got=f"{listed_signals(first.inputs)} -> {listed_signals(first.outputs)} and "
+                                 f"{listed_signals(other.inputs)} -> {listed_signals(other.outputs)}")
     apart = [_renamed(s, f"block{k}") for k, s in enumerate(systems)]
     sources = [f"in{i}" for i in range(len(first.inputs))]
     wires = {s.name: {r: 1.0} for a in apart for s, r in zip(a.inputs, sources, strict=True)}
@@ -188,11 +188,3 @@ def _renamed(system: LPVStateSpace, prefix: str) -> LPVStateSpace:
     """Signals of its own, so that nothing joins by name."""
     return system.replace(inputs=tuple(Signal(f"{prefix}.in{i}", s.unit) for i, s in enumerate(system.inputs)),
                           outputs=tuple(Signal(f"{prefix}.out{i}", s.unit) for i, s in enumerate(system.outputs)))
-
-
-def _signals(names: Sequence[str | Signal]) -> tuple[Signal, ...]:
-    return tuple(n if isinstance(n, Signal) else Signal(n) for n in names)
-
-
-def _listed(signals: Sequence[Signal]) -> str:
-    return ", ".join(s.name for s in signals)

@@ -13,20 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import diagonal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.block_proof import gain_figure
 from lpvid.synthesis.criteria import HInfinity
-from lpvid.synthesis.design_grid import fitted, over
+from lpvid.synthesis.design_grid import check_back_off, fitted
 from lpvid.synthesis.figures import Figure, measure
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal, fractional_plant
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.progress import remember, stage
 from lpvid.synthesis.result import Synthesis
@@ -67,9 +67,7 @@ class LFTFeedback:
     back_off: float = 1.05
 
     def __post_init__(self) -> None:
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
-                             mend="1.02 stops 2 % above it")
+        check_back_off(self.back_off)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant with a polynomial basis, its closed loop verified.
@@ -198,8 +196,6 @@ def _written(plant: GeneralizedPlant, c: SignalCoordinates, law: FractionalContr
 
     axes = tuple(np.unique(np.linspace(low, high, 5)) for low, high in zip(box.lower, box.upper, strict=True))
     basis, g = fitted(values, box, axes, Polynomial(box.names, 1))
-    return LPVStateSpace(g[:, :n, :n], g[:, :n, n:], g[:, n:, :n], g[:, n:, n:], basis, plant.sample_time,
-                         over(box, basis.names), inputs=named(plant, plant.measurements),
-                         outputs=named(plant, plant.controls))
+    return written(plant, g, n, basis)
 
 

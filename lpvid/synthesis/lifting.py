@@ -93,14 +93,11 @@ def lift(system: LPVStateSpace) -> Lifting:
             arrays[name][pivot] = 0.0
     moving = [m for m in range(basis.size) if any(x[m].any() for x in arrays.values())]
     lower, upper = (r[moving] for r in basis.ranges(system.box.limits))
-    names = _unique([basis.labels[m] for m in moving])
+    labels = [basis.labels[m] for m in moving]
+    names = tuple(x if labels.count(x) == 1 else f"{x}#{i + 1}" for i, x in enumerate(labels))
     box = Scheduling(names, tuple(lower.tolist()), tuple(upper.tolist()))
     full = {n: np.concatenate([constant[n][None], x[moving]]) for n, x in arrays.items()}
     affine = Polynomial(names, 1)
     lifted = LPVStateSpace(full["A"], full["B"], full["C"], full["D"], affine, system.sample_time, box,
                            full["state_offset"], full["output_offset"], inputs=system.inputs, outputs=system.outputs)
     return Lifting(lifted, basis, tuple(moving))
-
-
-def _unique(labels: list[str]) -> tuple[str, ...]:
-    return tuple(x if labels.count(x) == 1 else f"{x}#{i + 1}" for i, x in enumerate(labels))

@@ -11,18 +11,18 @@ from lpvid import _checks
 from lpvid.analysis.robust_gain import RobustGain, robust_gain
 from lpvid.analysis.uncertain_blocks import Lipschitz
 from lpvid.errors import InputError
-from lpvid.lmi.affine import block, he
+from lpvid.lmi.affine import block, combined, given, he
 from lpvid.lmi.program import Program
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, over, tensor, varies
+from lpvid.synthesis.design_grid import check_back_off, check_rates, columns, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
-from lpvid.synthesis.plant_functions import named, plant_functions
-from lpvid.synthesis.shaped_loop import combined, moves
-from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, known, tame
+from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.shaped_loop import moves
+from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, tame
 
 STRICT = 1e-7
 """margin of the inequalities, in scaled coordinates"""
@@ -112,8 +112,7 @@ class LipschitzObserver:
             value = getattr(self, field)
             object.__setattr__(self, field, (value,) if isinstance(value, str) else tuple(value))
         _checks.positive(self.constant, "a Lipschitz constant")
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain")
+        check_back_off(self.back_off)
 
     def solve(self, plant: GeneralizedPlant) -> LipschitzEstimate:
         """The observer for a plant in continuous time.
@@ -135,13 +134,13 @@ class LipschitzObserver:
         """
         started = time.perf_counter()
         problem = _Parts.of(self, plant)
-        found = self._least(problem)
+        least = problem.solved(self, None)
         method = "no gain makes the error decay for every such nonlinearity"
-        if found is None:
+        if least is None:
             return LipschitzEstimate(None, None, None, None, method, f"a smaller constant than {self.constant:g}, or "
                                      f"more measurements than {', '.join(plant.measurements)}",
                                      time.perf_counter() - started)
-        gamma, law = found
+        gamma, law = problem.solved(self, self.back_off * least[0]) or least  # the tamest a little above the least
         observer, error = problem.built(law)
         blocks = Lipschitz(tuple(f"{n}_difference" for n in problem.phi), tuple(f"{n}_error" for n in problem.q),
                            bound=self.constant)
@@ -150,14 +149,6 @@ class LipschitzObserver:
             return LipschitzEstimate(None, None, None, gamma, "the promise could not be verified",
                                      "raise back_off or points", time.perf_counter() - started)
         return LipschitzEstimate(observer, error, gain, gamma, seconds=time.perf_counter() - started)
-
-    def _least(self, problem: _Parts) -> tuple[float, MatrixFunction] | None:
-        """The tamest gain a little above the least bound."""
-        least = problem.solved(self, None)
-        if least is None:
-            return None
-        tamed = problem.solved(self, self.back_off * least[0])
-        return tamed if tamed is not None else least
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +200,7 @@ class _Parts:
         program = Program()
         p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
         y = [program.unknowns.matrix(n, ny) for _ in range(self.gain.size)]
-        tau, level = program.unknowns.scalar(), program.unknowns.scalar() if bound is None else known(bound)
+        tau, level = program.unknowns.scalar(), program.unknowns.scalar() if bound is None else given(bound)
         program.require(tau, margin=STRICT)
         psi, weights = columns(self.plant.box, self.lyapunov, self.points), columns(self.plant.box, self.gain,
                                                                                     self.points)
@@ -250,13 +241,11 @@ class _Parts:
         plant, f = self.plant, plant_functions(self.plant)
         d, out = plant.disturbances, plant.performance
         phi, w = [d.index(x) for x in self.phi], [i for i, x in enumerate(d) if x not in self.phi]
-        nu, ny, nz, n = len(plant.controls), len(plant.measurements), len(out), plant.order
+        ny, nz, n = len(plant.measurements), len(out), plant.order
         every, rows = list(range(n)), list(range(ny))
         e, b1, d21 = f["B1"][every, phi], f["B1"][every, w], f["D21"][rows, w]
         state = f["A"] - law @ f["C2"]
-        observer = [[state, e, law], [f["C1"], np.zeros((nz, len(phi) + ny))]]
-        if nu:
-            observer = [[state, f["B2"] - law @ f["D22"], e, law], [f["C1"], f["D12"], np.zeros((nz, len(phi) + ny))]]
+        observer = [[state, f["B2"] - law @ f["D22"], e, law], [f["C1"], f["D12"], np.zeros((nz, len(phi) + ny))]]
         error = function_block([[state, e, b1 - law @ d21],
                                 [f["C1"], np.zeros((nz, len(phi))), f["D11"][list(range(nz)), w]]])
         signals = {s.name: s for s in (*plant.system.inputs, *plant.system.outputs)}
@@ -268,7 +257,4 @@ class _Parts:
                 self._system(error, (*differences, *named(plant, [d[i] for i in w])), named(plant, out, "_error")))
 
     def _system(self, whole: MatrixFunction, inputs: tuple[Signal, ...], outputs: tuple[Signal, ...]) -> LPVStateSpace:
-        whole, n = whole.trimmed(), self.plant.order
-        g = whole.coefficients
-        return LPVStateSpace(g[:, :n, :n], g[:, :n, n:], g[:, n:, :n], g[:, n:, n:], whole.basis, None,
-                             over(self.plant.box, whole.basis.names), inputs=inputs, outputs=outputs)
+        return assembled(whole, self.plant.order, self.plant, inputs, outputs)

@@ -123,14 +123,8 @@ def own_certificate(values: Callable[[np.ndarray], np.ndarray], basis: Basis, lo
     points = dense(box, CELLS.get(len(box.names), 4))
     at = values(points)
 
-    def proposals() -> Iterator[tuple[Basis, np.ndarray]]:
-        own = basis.bound(box)
-        for fit in (own, *(r for r in richer_bases(own, box) if r.size > own.size)):
-            matrices = np.tensordot(np.linalg.pinv(columns(box, fit, points)), at, axes=1)
-            yield fit, 0.5 * (matrices + matrices.swapaxes(1, 2))
-
     shares = *(s for s in (1e-6, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 3.5e-2) if s < most - 1), most - 1
-    return proven(loop, promised, proposals(), shares)
+    return proven(loop, promised, fits(at, box, points, own_and_richer(basis, box)), shares)
 
 
 def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, bound: float) -> bool:
@@ -141,9 +135,8 @@ def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, 
     points, width = box.grid(SCREEN.get(len(box.names), 2)), np.array(box.upper) - np.array(box.lower)
     steps = np.diag(1e-5 * width)
     slopes = np.stack([(values(points + e) - values(points - e)) / max(2 * e.sum(), 1e-300) for e in steps], axis=1)
-    system = tuple(np.array(m) for m in zip(*(loop.frozen(p) for p in points), strict=True))
     rates = np.array([r or 0.0 for r in box.rate])
-    return certify_gain(system, values(points), bound, slopes=slopes, rate=rates).holds  # type: ignore[arg-type]
+    return certify_gain(loop.at(points), values(points), bound, slopes=slopes, rate=rates).holds
 
 
 def _proposals(formula: FeedbackLaw, box: Scheduling,
@@ -154,10 +147,52 @@ def _proposals(formula: FeedbackLaw, box: Scheduling,
         yield Polynomial((), 0), written(formula.storage(plant.box.centre[None, :]))
         return
     points = dense(plant.box, CELLS.get(len(plant.box.names), 4))
-    values = written(formula.storage(points))
-    for basis in richer_bases(own, plant.box):
-        matrices = np.tensordot(np.linalg.pinv(columns(plant.box, basis, points)), values, axes=1)
+    yield from fits(written(formula.storage(points)), plant.box, points, richer_bases(own, plant.box))
+
+
+def fits(values: np.ndarray, box: Scheduling, points: np.ndarray, bases: Iterable[Basis]
+         ) -> Iterator[tuple[Basis, np.ndarray]]:
+    """Symmetric matrices known at points, by least squares over one basis after the other.
+
+    Parameters
+    ----------
+    values : (N, n, n) array
+        The matrices.
+    box : Scheduling
+        Variables of the points.
+    points : (N, n_scheduling) array
+        Where they are known.
+    bases : iterable of Basis
+        Functions over some of the variables.
+
+    Yields
+    ------
+    (Basis, (M, n, n) array)
+        A basis and the coefficients over it.
+    """
+    for basis in bases:
+        matrices = np.tensordot(np.linalg.pinv(columns(box, basis, points)), values, axes=1)
         yield basis, 0.5 * (matrices + matrices.swapaxes(1, 2))
+
+
+def own_and_richer(basis: Basis, box: Scheduling) -> Iterator[Basis]:
+    """A basis bound to a box, then those of `richer_bases` with more functions.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of a storage function.
+    box : Scheduling
+        What it is bound to.
+
+    Yields
+    ------
+    Basis
+        The poorest first.
+    """
+    own = basis.bound(box)
+    yield own
+    yield from (richer for richer in richer_bases(own, box) if richer.size > own.size)
 
 
 def richer_bases(basis: Basis, box: Scheduling) -> Iterator[Basis]:

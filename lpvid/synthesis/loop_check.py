@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.lmi.certificate import diagonal
 from lpvid.synthesis.scaling import Matrices
 
 SAFETY = 1e-9
@@ -52,10 +53,7 @@ class LoopStorage:
         (N, n + m, n + m) array
             diag(first, second), in terms of ξ.
         """
-        n = self.first.shape[1]
-        p = np.zeros((len(self.first), *self.mix.shape))
-        p[:, :n, :n], p[:, n:, n:] = self.first, self.second
-        return p
+        return diagonal(self.first, self.second)
 
 
 def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool = False) -> np.ndarray:
@@ -87,10 +85,8 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
         roots = [np.linalg.cholesky(p) for p in (v.first, v.second)]
     except np.linalg.LinAlgError:
         return np.full(len(loop[0]), np.inf)
-    into = np.zeros((len(loop[0]), size, size))
-    into[:, :n, :n], into[:, n:, n:] = (np.linalg.inv(r).swapaxes(1, 2) for r in roots)
-    out = np.zeros_like(into)
-    out[:, :n, :n], out[:, n:, n:] = (r.swapaxes(1, 2) for r in roots)
+    into = diagonal(*(np.linalg.inv(r).swapaxes(1, 2) for r in roots))
+    out = diagonal(*(r.swapaxes(1, 2) for r in roots))
     back = np.linalg.inv(v.mix)
     a, b = out @ (back @ loop[0] @ v.mix) @ into, out @ (back @ loop[1])
     c, d = loop[2] @ v.mix @ into, loop[3]
@@ -100,10 +96,8 @@ def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool =
         m, g = np.eye(size) - at @ a, np.concatenate([-at @ b, c.swapaxes(1, 2)], axis=2)
         h[:, : b.shape[2], : b.shape[2]], sign = b.swapaxes(1, 2) @ b, -1.0
     else:
-        drift = np.zeros_like(into)
-        for block, slope in ((slice(0, n), v.first_slope), (slice(n, size), v.second_slope)):
-            w = into[:, block, block]
-            drift[:, block, block] = w.swapaxes(1, 2) @ slope[:, corner] @ w
+        drift = diagonal(*(w.swapaxes(1, 2) @ slope[:, corner] @ w for w, slope in
+                           ((into[:, :n, :n], v.first_slope), (into[:, n:, n:], v.second_slope))))
         m, g, sign = -(a + at) - drift, np.concatenate([b, c.swapaxes(1, 2)], axis=2), 1.0
     h[:, : b.shape[2], b.shape[2] :] = sign * d.swapaxes(1, 2)
     h[:, b.shape[2] :, : b.shape[2]] = sign * d

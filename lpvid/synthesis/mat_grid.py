@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.synthesis.design_grid import tensor
+from lpvid.lmi.certificate import tensor
 
 
 def read_mat_grid(path: Path) -> tuple[tuple[str, ...], dict[tuple[float, ...], Any]]:

@@ -213,7 +213,7 @@ def block(rows: Sequence[Sequence[MatrixFunction | np.ndarray]]) -> MatrixFuncti
         basis, _, _ = common(basis, part.basis)
     zero = MatrixFunction(basis, np.zeros((basis.size, 1, 1)))
     spread = [[_over(p, common(zero.basis, p.basis)[2]) for p in row] for row in parts]
-    return MatrixFunction(basis, np.concatenate([np.concatenate(row, axis=2) for row in spread], axis=1))
+    return MatrixFunction(basis, np.block(spread))
 
 
 def _over(function: MatrixFunction, into: np.ndarray) -> np.ndarray:

@@ -36,21 +36,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.bilinear import around_feedthrough
 from lpvid.synthesis.criteria import Criterion, HInfinity
-from lpvid.synthesis.design_grid import columns, fitted, over, richer, storage_for, tensor
+from lpvid.synthesis.design_grid import columns, fitted, richer, storage_for, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.reconstruction import dual
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Matrices
 from lpvid.synthesis.shaped_design import KEPT, ShapedProblem, Values, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
+from lpvid.synthesis.shaped_loop import ShapedLoop, moves
 from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
 ABOVE = 1.05
@@ -210,12 +210,10 @@ class _Moving(ShapedProblem):
 
         def law(points: np.ndarray) -> np.ndarray:
             a, b, c, d = self._physical(self._controller_at(shaped, points), points)
-            return np.concatenate([np.concatenate([a, b], axis=2), np.concatenate([c, d], axis=2)], axis=1)
+            return np.block([[a, b], [c, d]])
 
         basis, k = fitted(law, plant.box, self.axes, self.gains)
-        return LPVStateSpace(k[:, :order, :order], k[:, :order, order:], k[:, order:, :order], k[:, order:, order:],
-                             basis, plant.sample_time, over(plant.box, basis.names),
-                             inputs=named(plant, plant.measurements), outputs=named(plant, plant.controls))
+        return written(plant, k, order, basis)
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)

@@ -7,37 +7,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.lmi.affine import combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial
+from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import (
-    check_rates,
     columns,
-    design_axes,
     fitted,
-    is_affine,
-    moving_basis,
-    richer,
     tensor,
-    varies,
 )
-from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.gain_design import GainDesign, GainProblem
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
-from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
+from lpvid.synthesis.shaped_design import listed, settle
+from lpvid.synthesis.shaped_loop import ShapedLoop, moves
+from lpvid.synthesis.shaped_program import Shaped, Shaping, tame
 
 
 @dataclass(frozen=True, eq=False)
-class Observer:
+class Observer(GainDesign):
     """x̂⁺ = A x̂ + B2 u + L(p)(y − C2 x̂ − D22 u), ẑ = C1 x̂ + D12 u: small error z − ẑ, or fast decay of x − x̂.
 
     With P the Lyapunov matrix of the error e⁺ = (A − L C2) e + (B1 − L D21) w and Y = P L (in discrete time Y = HᵀL
@@ -66,21 +60,6 @@ class Observer:
     7
     """
 
-    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
-    regions: Region | Sequence[Region] = ()
-    lyapunov: Basis | None = None
-    gain: Basis | None = None
-    points: int = 7
-    back_off: float = 1.02
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
-        object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
-        moving_basis(self.lyapunov)
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
-                             mend="1.02 stops 2 % above it")
-
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The observer as `controller`, with inputs (controls, measurements) and outputs named ``…_estimate``.
 
@@ -96,7 +75,7 @@ class Observer:
         Synthesis
             "undetectable" where measurements do not show a mode that does not decay.
         """
-        problem = _problem(self, plant)
+        problem = self.problem(_ObserverProblem, plant, ("C2", "D21"))
         points = tensor(problem.axes)
         at = plant.at(points)
         reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
@@ -173,9 +152,7 @@ def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
     whole = function_block([
         [p["A"], p["B1"], p["B2"], np.zeros((s.order, nz))], [p["C1"], p["D11"], p["D12"], -np.eye(nz)],
         [p["C2"], p["D21"], p["D22"], np.zeros((ny, nz))],
-        [np.zeros((nu, s.order + nw)), np.eye(nu), np.zeros((nu, nz))]]) if nu else function_block([
-            [p["A"], p["B1"], np.zeros((s.order, nz))], [p["C1"], p["D11"], -np.eye(nz)],
-            [p["C2"], p["D21"], np.zeros((ny, nz))]])
+        [np.zeros((nu, s.order + nw)), np.eye(nu), np.zeros((nu, nz))]])
     estimates = named(plant, plant.performance, "_estimate")
     system = assembled(whole, s.order, plant, (*named(plant, (*plant.disturbances, *plant.controls)), *estimates),
                        (*named(plant, plant.performance, "_error"), *named(plant, plant.measurements),
@@ -185,19 +162,12 @@ def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
 
 
 @dataclass(frozen=True, eq=False)
-class _ObserverProblem(ShapedProblem):
+class _ObserverProblem(GainProblem):
     """One plant with an observer: its grid, bases and coordinates."""
-
-    lyapunov: Basis
-    gain: Basis
-    axes: tuple[np.ndarray, ...]
-    coordinates: SignalCoordinates
-    matrices: PlantMatrices
 
     @property
     def method(self) -> str:
-        kind = f"P over {', '.join(self.lyapunov.labels)}" if self.lyapunov.names else "one quadratic P"
-        return f"observer, {kind}, {len(tensor(self.axes))} points"
+        return self.summary("observer", "P")
 
     @property
     def remedy(self) -> str:
@@ -208,9 +178,6 @@ class _ObserverProblem(ShapedProblem):
         return self.lyapunov
 
     def storage_of(self, shaped: Shaped) -> None:
-        return None
-
-    def blocks_of(self, shaped: Shaped) -> None:
         return None
 
     def build(self, program: Program, scale: float) -> Shaping:
@@ -250,10 +217,9 @@ class _ObserverProblem(ShapedProblem):
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:
         plant, p, gain = self.plant, plant_functions(self.plant), self.observer_gain(shaped)
-        nu, ny = len(plant.controls), len(plant.measurements)
+        ny = len(plant.measurements)
         state, known = p["A"] - gain @ p["C2"], p["B2"] - gain @ p["D22"]
-        whole = function_block([[state, known, gain], [p["C1"], p["D12"], np.zeros((len(plant.performance), ny))]]
-                               if nu else [[state, gain], [p["C1"], np.zeros((len(plant.performance), ny))]])
+        whole = function_block([[state, known, gain], [p["C1"], p["D12"], np.zeros((len(plant.performance), ny))]])
         return assembled(whole, plant.order, plant, named(plant, (*plant.controls, *plant.measurements)),
                          named(plant, plant.performance, "_estimate"))
 
@@ -265,22 +231,3 @@ class _ObserverProblem(ShapedProblem):
                                 [p["C1"], p["D11"]]])
         return assembled(whole, plant.order, plant, named(plant, plant.disturbances),
                          named(plant, plant.performance, "_error"))
-
-
-def _problem(design: Observer, plant: GeneralizedPlant) -> _ObserverProblem:
-    box = plant.box
-    criteria, regions = tuple(design.criteria), tuple(design.regions)  # type: ignore[arg-type]
-    lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
-    check_rates(lyapunov, box, plant.sample_time)
-    gain = None if design.gain is None else design.gain.bound(box)
-    m = plant.at(box.grid(2))
-    steady = not varies(m.C2) and not varies(m.D21)
-    axes = design_axes(box, design.points, not lyapunov.names and gain is None and is_affine(plant.system.basis)
-                       and steady)
-    if gain is None:
-        gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
-    check_criteria(plant, criteria, regions, tensor(axes))
-    raw = plant.at(tensor(axes))
-    coordinates = SignalCoordinates.of(raw, plant.sample_time is not None)
-    return _ObserverProblem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, coordinates,
-                    coordinates.scaled(raw))

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.synthesis.design_grid import over
+from lpvid.scheduling import Basis
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 
@@ -28,11 +30,7 @@ def plant_functions(plant: GeneralizedPlant) -> dict[str, MatrixFunction]:
         By the names in `BLOCKS`.
     """
     s = plant.system
-    inputs, outputs = [x.name for x in s.inputs], [x.name for x in s.outputs]
-    w, u = ([inputs.index(n) for n in names] for names in (plant.disturbances, plant.controls))
-    z, y = ([outputs.index(n) for n in names] for names in (plant.performance, plant.measurements))
-    parts = (s.A, s.B[:, :, w], s.B[:, :, u], s.C[:, z], s.D[:, z][:, :, w], s.D[:, z][:, :, u], s.C[:, y],
-             s.D[:, y][:, :, w], s.D[:, y][:, :, u])
+    parts = plant.parted(s.A, s.B, s.C, s.D)
     return {name: MatrixFunction(s.basis, part) for name, part in zip(BLOCKS, parts, strict=True)}
 
 
@@ -57,10 +55,31 @@ def assembled(whole: MatrixFunction, order: int, plant: GeneralizedPlant, inputs
         Over no more functions than it needs.
     """
     whole = whole.trimmed()
-    g = whole.coefficients
-    return LPVStateSpace(g[:, :order, :order], g[:, :order, order:], g[:, order:, :order], g[:, order:, order:],
-                         whole.basis, plant.sample_time, over(plant.box, whole.basis.names), inputs=tuple(inputs),
-                         outputs=tuple(outputs))
+    return LPVStateSpace.of(whole.coefficients, order, whole.basis, plant.sample_time,
+                            plant.box.part(whole.basis.names), inputs=tuple(inputs), outputs=tuple(outputs))
+
+
+def written(plant: GeneralizedPlant, whole: np.ndarray, order: int, basis: Basis) -> LPVStateSpace:
+    """[A B; C D](p) as a controller from a plant's measurements to its controls.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Gives names, units and period.
+    whole : (M, order + n_u, order + n_y) array
+        The matrix over the basis.
+    order : int
+        States.
+    basis : Basis
+        M functions.
+
+    Returns
+    -------
+    LPVStateSpace
+        The controller.
+    """
+    return LPVStateSpace.of(whole, order, basis, plant.sample_time, plant.box.part(basis.names),
+                            inputs=named(plant, plant.measurements), outputs=named(plant, plant.controls))
 
 
 def named(plant: GeneralizedPlant, names: Sequence[str], suffix: str = "") -> tuple[Signal, ...]:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from lpvid.lmi.affine import Affine, block, he
+from lpvid.lmi.affine import Affine, block, combined, he, trace
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 
@@ -190,7 +190,7 @@ class ProjectedInequalities:
         # a pair of constant matrices is coupled once, not at every point
         points = len(self.plant.A) if self.controls.moves or self.measurements.moves else 1
         for k in range(points):
-            x, y = (_sum(v.values[k], m) for v, m in zip((self.controls, self.measurements), own, strict=True))
+            x, y = (combined(m, v.values[k]) for v, m in zip((self.controls, self.measurements), own, strict=True))
             if apart is None:
                 required(block([[x, cross], [cross.T, y]]))
             else:
@@ -207,8 +207,7 @@ class ProjectedInequalities:
         """Mean traces over the points, less a reward for the distance of the coupling."""
         total = (-100.0 * len(self.plant.A[0])) * apart
         for variation, matrices in zip((self.controls, self.measurements), own, strict=True):
-            mean = _sum(variation.values.mean(axis=0), matrices)
-            total = total + sum((mean_ii for mean_ii in _diagonal(mean)), start=0.0 * apart)
+            total = total + trace(combined(matrices, variation.values.mean(axis=0)))
         return total
 
 
@@ -324,12 +323,12 @@ class Half:
         """
         for k in range(len(self.A)):
             p = self.pieces(root, k)
-            inner = he(p.left @ _sum(self.variation.values[k], matrices) @ p.null)
+            inner = he(p.left @ combined(matrices, self.variation.values[k]) @ p.null)
             zero = np.zeros((p.drive.shape[1],) * 2)
             for slope in self.variation.slopes[k]:
                 top = inner
                 if slope.any():
-                    top = inner + p.null.T @ _sum(self.sign * slope, matrices) @ p.null
+                    top = inner + p.null.T @ combined(matrices, self.sign * slope) @ p.null
                 yield block([[top, p.drive], [p.drive.T, zero]]), p.weight
 
     def sizes(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> list[np.ndarray]:
@@ -544,12 +543,25 @@ def roots_of(problem: ProjectedInequalities, pair: MatrixPair) -> tuple[np.ndarr
     ((n, n) array, (n, n) array)
         T and U; eigenvalues of a mean below 1e-13 of the largest are raised to that.
     """
-    means = (problem.controls.at(pair.x).mean(axis=0), problem.measurements.at(pair.y).mean(axis=0))
-    found = []
-    for mean in means:
-        values, vectors = np.linalg.eigh(0.5 * (mean + mean.T))
-        found.append(vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300))))
-    return found[0], found[1]
+    return (definite_root(problem.controls.at(pair.x).mean(axis=0)),
+            definite_root(problem.measurements.at(pair.y).mean(axis=0)))
+
+
+def definite_root(matrix: np.ndarray) -> np.ndarray:
+    """R with R Rᵀ the matrix, its eigenvalues raised to 1e-13 of the largest.
+
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric but for rounding.
+
+    Returns
+    -------
+    (n, n) array
+        Invertible.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300)))
 
 
 def singular(plant: PlantMatrices) -> bool:
@@ -585,8 +597,7 @@ def regular(plant: PlantMatrices, size: float) -> PlantMatrices:
     PlantMatrices
         With further disturbances and performance signals where there are such directions.
     """
-    effort, noise = _unlimited(plant)
-    return _restrained(plant, size, effort, noise, len(plant.A))
+    return _restrained(plant, size, *_unlimited(plant))
 
 
 def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
@@ -604,8 +615,7 @@ def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
     PlantMatrices
         With n_y more disturbances and n_u more performance signals.
     """
-    count, nu, ny = len(plant.A), plant.B2.shape[2], plant.C2.shape[1]
-    return _restrained(plant, size, np.eye(nu), np.eye(ny), count)
+    return _restrained(plant, size, np.eye(plant.B2.shape[2]), np.eye(plant.C2.shape[1]))
 
 
 def stirred(plant: PlantMatrices, size: float, *, by_controls: bool) -> PlantMatrices:
@@ -639,10 +649,10 @@ def stirred(plant: PlantMatrices, size: float, *, by_controls: bool) -> PlantMat
     return replace(plant, C1=wide, D11=through, D12=beside)
 
 
-def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray, count: int) -> PlantMatrices:
+def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray) -> PlantMatrices:
     """Effort of, and noise in, the directions that are given as rows."""
     def wide(m: np.ndarray, more: np.ndarray, axis: int) -> np.ndarray:
-        shape = [count, *m.shape[1:]]
+        shape = [*m.shape]
         shape[axis] = more.shape[axis - 1]
         return np.concatenate([m, np.broadcast_to(more, shape)], axis=axis)
 
@@ -675,13 +685,6 @@ def unlimited(through: np.ndarray) -> np.ndarray:
     return vectors.T[values < 1e-12]
 
 
-def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
-    total = matrices[0] * values[0]
-    for value, matrix in zip(values[1:], matrices[1:], strict=True):
-        total = total + matrix * value
-    return total
-
-
 def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
     """The matrix between diagonal matrices: diag(s) M diag(s).
 
@@ -699,8 +702,3 @@ def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
     """
     both = np.outer(scale, scale)
     return Affine(both * matrix.constant, sparse.csr_array(sparse.diags_array(both.ravel()) @ matrix.linear))
-
-
-def _diagonal(matrix: Affine) -> list[Affine]:
-    n = matrix.shape[0]
-    return [Affine(matrix.constant[i : i + 1, i : i + 1], matrix.linear[i * n + i : i * n + i + 1]) for i in range(n)]

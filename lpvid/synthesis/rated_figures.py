@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from lpvid.analysis.rated_certificate import RatedGainCertificate
+from lpvid.lmi.affine import combined
 from lpvid.lmi.certificate import GRID, grid
 from lpvid.lmi.frame import gramian
 from lpvid.lmi.program import Program
@@ -25,10 +26,10 @@ from lpvid.synthesis.criteria import CovarianceCriterion, Criterion
 from lpvid.synthesis.design_grid import columns
 from lpvid.synthesis.figures import Figure, channel
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.loop_certificate import richer_bases
+from lpvid.synthesis.loop_certificate import fits, own_and_richer
 from lpvid.synthesis.loop_check import SAFETY, LoopStorage, frozen_gain, gain_bounds
 from lpvid.synthesis.scaling import Matrices
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined
+from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import PATIENT
 
 SEARCHED = {1: 41, 2: 6}
@@ -100,11 +101,8 @@ class RatedLoop:
         return Figure("H-infinity", description, promised, found[0], frozen_gain(at), False, found[1])
 
     def _proposals(self) -> Iterator[tuple[Basis, np.ndarray]]:
-        points, own = self._points(), self.basis.bound(self.box)
-        values = self.values(points)
-        for basis in (own, *(b for b in richer_bases(own, self.box) if b.size > own.size)):
-            matrices = np.tensordot(np.linalg.pinv(columns(self.box, basis, points)), values, axes=1)
-            yield basis, 0.5 * (matrices + matrices.swapaxes(1, 2))
+        points = self._points()
+        return fits(self.values(points), self.box, points, own_and_richer(self.basis, self.box))
 
     def _searched(self, criterion: Criterion, basis: Basis, matrices: np.ndarray) -> tuple[Basis, np.ndarray] | None:
         """P of the least figure of this criterion alone, over states in which the design's own is near the identity."""
@@ -144,9 +142,7 @@ class RatedLoop:
         speed = dict(zip(self._rates(), rates, strict=True))
         whole = np.stack([points[:, self.box.names.index(n)] if n in self.box.names
                           else np.full(len(points), speed[n]) for n in names], axis=1)
-        phi = columns(self.loop.box, self.loop.basis, whole)
-        a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (self.loop.A, self.loop.B, self.loop.C, self.loop.D))
-        return a, b, c, d
+        return self.loop.at(whole)
 
     def _matrices_at_rest(self, points: np.ndarray | None = None) -> Matrices:
         return self._matrices((0.0,) * len(self._rates()), points)

@@ -293,7 +293,11 @@ def controller_at(plant: PlantMatrices, v: LyapunovPair, gamma: float, efforts: 
 
 def _best(d21: np.ndarray, d: np.ndarray, gamma: float, noise: np.ndarray, right: np.ndarray) -> np.ndarray:
     """First rows of the solution of [E/γ D21 0; D21ᵀ −γ Dᵀ; 0 D −γ] x = right, E = `noise`."""
-    left = _square3(noise / gamma, d21, np.zeros((d21.shape[1], d.shape[1])), d, gamma)
+    count, ny = d21.shape[:2]
+    zero = np.zeros((count, ny, d.shape[1]))
+    right_side = np.concatenate([d21, zero], axis=2)
+    left = np.block([[np.broadcast_to(noise / gamma, (count, ny, ny)), right_side],
+                     [right_side.swapaxes(1, 2), -_supply(d, gamma)]])
     return np.linalg.solve(left, right)[:, : d21.shape[1]]
 
 
@@ -301,17 +305,7 @@ def _supply(d: np.ndarray, gamma: float) -> np.ndarray:
     """[γI −Dᵀ; −D γI], the negative of the sheet's Q."""
     nz, nw = d.shape[1:]
     eye_w, eye_z = (np.broadcast_to(gamma * np.eye(m), (len(d), m, m)) for m in (nw, nz))
-    return np.concatenate([np.concatenate([eye_w, -d.swapaxes(1, 2)], axis=2),
-                           np.concatenate([-d, eye_z], axis=2)], axis=1)
-
-
-def _square3(noise: np.ndarray, d21: np.ndarray, zero: np.ndarray, d: np.ndarray, gamma: float) -> np.ndarray:
-    count, ny = d21.shape[:2]
-    first = np.concatenate([np.broadcast_to(noise, (count, ny, ny)), d21, np.broadcast_to(zero, (count, *zero.shape))],
-                           axis=2)
-    below = np.concatenate([np.concatenate([d21.swapaxes(1, 2), np.broadcast_to(zero.T, (count, *zero.T.shape))],
-                                           axis=1), -_supply(d, gamma)], axis=2)
-    return np.concatenate([first, below], axis=1)
+    return np.block([[eye_w, -d.swapaxes(1, 2)], [-d, eye_z]])
 
 
 def _oriented(matrix: np.ndarray) -> tuple[np.ndarray, int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.errors import InputError, NumericalError
 from lpvid.lmi.driven import Matrices
@@ -165,7 +166,7 @@ def balanced_realization(system: LPVStateSpace, points: int = 5) -> LPVStateSpac
         return system
     grid = system.box.grid(points)
     a, b, c, _ = frozen_matrices(system, grid)
-    if np.max(_margins(a, system.sample_time is not None)) >= 0:
+    if np.max(pole_margins(a, system.sample_time is not None)) >= 0:
         return system
     discrete = system.sample_time is not None
     left, right, _ = _balancing(averaged_gramian(a, b, discrete),
@@ -258,13 +259,8 @@ def _difference(full: Matrices, part: Matrices) -> Matrices:
     return (np.block([[a, np.zeros((n, m))], [np.zeros((m, n)), e]]), np.vstack([b, f]), np.hstack([c, -g]), d - h)
 
 
-def _margins(a: np.ndarray, discrete: bool) -> np.ndarray:
-    poles = np.linalg.eigvals(a)
-    return (np.abs(poles) - 1 if discrete else poles.real).max(axis=1, initial=-np.inf)
-
-
 def _refuse_unstable(system: LPVStateSpace, a: np.ndarray, grid: np.ndarray) -> None:
-    margins = _margins(a, system.sample_time is not None)
+    margins = pole_margins(a, system.sample_time is not None)
     if np.max(margins) >= 0:
         worst = grid[int(np.argmax(margins))]
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(system.box.names, worst, strict=True))

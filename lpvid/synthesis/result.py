@@ -12,7 +12,7 @@ from lpvid._shown import Shown
 from lpvid.codec import ADDED, Coded
 from lpvid.errors import InputError, NumericalError
 from lpvid.model.designed import designed
-from lpvid.model.signals import Signal
+from lpvid.model.signals import listed_signals
 from lpvid.model.state_space import LPVStateSpace
 
 if TYPE_CHECKING:
@@ -162,12 +162,13 @@ class Synthesis(Coded, Shown):
         if self.gamma_verified is not None and self.closed_loop is not None:
             where = "on the whole box" if self.between_grid else "at the points of a grid only"
             lower = "" if self.gamma_lower is None else f", at least {self.gamma_lower:.6g}"
-            lines.append(f"  gain from {_listed(self.closed_loop.inputs)} to {_listed(self.closed_loop.outputs)}: "
-                         f"at most {self.gamma_verified:.6g}{lower}, verified {where}")
+            loop = self.closed_loop
+            lines.append(f"  gain from {listed_signals(loop.inputs)} to {listed_signals(loop.outputs)}: at most "
+                         f"{self.gamma_verified:.6g}{lower}, verified {where}")
         if self.gamma is not None:
             lines.append(f"  the matrix inequalities promised {self.gamma:.6g} ({self.solver}, {self.seconds:.2g} s)")
         if self.controller is not None:
-            names = f"{_listed(self.controller.inputs)} -> {_listed(self.controller.outputs)}"
+            names = f"{listed_signals(self.controller.inputs)} -> {listed_signals(self.controller.outputs)}"
             lines.append(f"  controller {names}, {self.controller.order} states")
         if self.mend:
             lines.append(f"  mend: {self.mend}")
@@ -181,7 +182,3 @@ def _certificate(data: Mapping | None) -> Any:
         raise InputError("a synthesis holds an unknown certificate", got=data.get("schema"))
     module, name = _CERTIFICATES[data["schema"]]
     return getattr(importlib.import_module(module), name).from_dict(data)
-
-
-def _listed(signals: tuple[Signal, ...]) -> str:
-    return ", ".join(s.name for s in signals)

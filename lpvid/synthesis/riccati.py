@@ -141,8 +141,7 @@ def admitted(point: PlantMatrices, gamma: float) -> bool:
     bool
         Also false where rounding keeps the equations from being solved.
     """
-    found = _solutions(point, gamma)
-    return found is not None
+    return _solutions(point, gamma) is not None
 
 
 def central(plant: PlantMatrices, gamma: float, k: int = 0, free: float = FREE) -> Central | None:
@@ -245,9 +244,7 @@ def _stabilising(x: np.ndarray, a: np.ndarray, b: np.ndarray, r: np.ndarray, s: 
 
 
 def _point(plant: PlantMatrices, k: int, free: float) -> PlantMatrices:
-    one = PlantMatrices(*(m[k : k + 1] for m in (plant.A, plant.B1, plant.B2, plant.C1, plant.D11, plant.D12, plant.C2,
-                                                 plant.D21, plant.D22)))
-    return regular(one, free)
+    return regular(plant.point(slice(k, k + 1)), free)
 
 
 def _strict(point: PlantMatrices, share: float) -> PlantMatrices:

@@ -14,7 +14,6 @@ from lpvid.analysis.robust_gain import RobustGain, robust_gain
 from lpvid.analysis.uncertain_blocks import Block, Dynamic, Lipschitz, Parametric, bank
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
 from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
@@ -246,9 +245,9 @@ def _factor(multiplier: np.ndarray, poles: Sequence[float], sample_time: float |
         size = effort + b.T @ x @ b
         gain = np.linalg.solve(size, b.T @ x @ a + cross.T)
     root = float(np.sqrt(size[0, 0]))
-    still, one = Polynomial((), 0), np.ones((1, 1, 1))
-    return (LPVStateSpace(a[None], b[None], root * gain[None], root * one, still, sample_time),
-            LPVStateSpace((a - b @ gain)[None], b[None] / root, -gain[None], one / root, still, sample_time))
+    one = np.ones((1, 1))
+    return (LPVStateSpace.still(a, b, root * gain, root * one, sample_time),
+            LPVStateSpace.still(a - b @ gain, b / root, -gain, one / root, sample_time))
 
 
 def _times(system: LPVStateSpace | float, factor: float) -> LPVStateSpace | float:

@@ -196,11 +196,8 @@ class _Asked:
         n, nu, ny = self.shape
         whole = rows.reshape(len(rows), n + ny, n + nu)
         basis = interpolating(box, tuple(axes))
-        kept = [box.names.index(name) for name in basis.names]
-        own = Scheduling(basis.names, *(tuple(getattr(box, f)[i] for i in kept)
-                                        for f in ("lower", "upper", "rate", "units")))
-        return LPVStateSpace(whole[:, :n, :n], whole[:, :n, n:], whole[:, n:, :n], whole[:, n:, n:], basis, self.period,
-                             own, inputs=self.labels[0], outputs=self.labels[1], metadata=metadata)
+        return LPVStateSpace.of(whole, n, basis, self.period, box.part(basis.names), inputs=self.labels[0],
+                                outputs=self.labels[1], metadata=metadata)
 
 
 def _plain(system: Any) -> tuple[tuple[np.ndarray, ...], float | None, tuple[tuple[Signal, ...], tuple[Signal, ...]]]:

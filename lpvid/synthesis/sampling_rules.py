@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.lft import held
+from lpvid.model.state_space import Matrices
 from lpvid.synthesis.matrix_function import MatrixFunction
 
-Frozen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""(N, …) A, B, C, D at points of the scheduling."""
 Moving = tuple[MatrixFunction, MatrixFunction, MatrixFunction, MatrixFunction]
 """A, B, C, D over a basis."""
 
@@ -32,7 +33,7 @@ class SamplingRule(ABC):
         """r where the state after one sample is off by O(T^r); None where it is exact for held u and p."""
 
     @abstractmethod
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         """Continuous to discrete, at points.
 
         Parameters
@@ -49,7 +50,7 @@ class SamplingRule(ABC):
         """
 
     @abstractmethod
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         """Discrete to continuous, at points.
 
         Parameters
@@ -100,29 +101,28 @@ class SamplingRule(ABC):
         """
 
 
-@dataclass(frozen=True)
-class ZeroOrderHold(SamplingRule):
-    """A_d = exp(A T), B_d = ∫₀ᵀ exp(A t) dt B: exact while u and p are held (Tóth, Heuberger & Van den Hof 2010)."""
+class PointwiseRule(SamplingRule, ABC):
+    """A rule that needs inverses or exponentials, which are no finite sums over a basis."""
 
-    @property
-    def label(self) -> str:
-        return "zero-order hold"
-
-    @property
-    def accuracy(self) -> None:
+    def sample_exactly(self, system: Moving, period: float) -> None:
         return None
 
-    def sample(self, system: Frozen, period: float) -> Frozen:
-        from scipy.linalg import expm
+    def restore_exactly(self, system: Moving, period: float) -> None:
+        return None
 
+
+@dataclass(frozen=True)
+class ZeroOrderHold(PointwiseRule):
+    """A_d = exp(A T), B_d = ∫₀ᵀ exp(A t) dt B: exact while u and p are held (Tóth, Heuberger & Van den Hof 2010)."""
+
+    label: ClassVar[str] = "zero-order hold"
+    accuracy: ClassVar[None] = None
+
+    def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
-        n, m = b.shape[1:]
-        whole = np.zeros((len(a), n + m, n + m))
-        whole[:, :n, :n], whole[:, :n, n:] = a * period, b * period
-        moved = np.asarray(expm(whole)) if n else whole
-        return moved[:, :n, :n], moved[:, :n, n:], c, d
+        return (*held(a, b, period), c, d)
 
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         if not a.shape[1]:
             return system
@@ -142,12 +142,6 @@ class ZeroOrderHold(SamplingRule):
             out[0][k], out[1][k] = _logarithm(a[k], b[k], period)
         return (*out, c, d)
 
-    def sample_exactly(self, system: Moving, period: float) -> None:
-        return None
-
-    def restore_exactly(self, system: Moving, period: float) -> None:
-        return None
-
 
 def _logarithm(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     """A and B of one point from the logarithm of [A_d B_d; 0 I]."""
@@ -159,39 +153,28 @@ def _logarithm(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray,
 
 
 @dataclass(frozen=True)
-class Tustin(SamplingRule):
+class Tustin(PointwiseRule):
     """s = (2/T)(z − 1)/(z + 1): keeps stability and the gains at rest; frequencies are bent (ω → (2/T) tan ωT/2).
 
     A_d = (I − AT/2)⁻¹(I + AT/2), B_d = (I − AT/2)⁻¹ B T, C_d = C (I − AT/2)⁻¹, D_d = D + C B_d/2.
     """
 
-    @property
-    def label(self) -> str:
-        return "Tustin"
+    label: ClassVar[str] = "Tustin"
+    accuracy: ClassVar[int] = 3
 
-    @property
-    def accuracy(self) -> int:
-        return 3
-
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         back = np.linalg.inv(np.eye(a.shape[1]) - a * period / 2)
         bd = back @ b * period
         return back @ (np.eye(a.shape[1]) + a * period / 2), bd, c @ back, d + c @ bd / 2
 
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         if a.shape[1] and np.min(np.abs(np.linalg.eigvals(a) + 1)) < 1e-9:
             raise InputError("a discrete pole at −1 has no continuous counterpart under Tustin's rule",
                              got=f"poles {np.round(np.linalg.eigvals(a).ravel(), 6).tolist()[:8]}")
         forward = 2 * np.linalg.inv(a + np.eye(a.shape[1]))  # I − AT/2
         return (a - np.eye(a.shape[1])) @ forward / period, forward @ b / period, c @ forward, d - c @ forward @ b / 2
-
-    def sample_exactly(self, system: Moving, period: float) -> None:
-        return None
-
-    def restore_exactly(self, system: Moving, period: float) -> None:
-        return None
 
 
 @dataclass(frozen=True)
@@ -219,7 +202,7 @@ class Taylor(SamplingRule):
     def accuracy(self) -> int:
         return self.order + 1
 
-    def sample(self, system: Frozen, period: float) -> Frozen:
+    def sample(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         term = total = np.broadcast_to(np.eye(a.shape[1]), a.shape)
         for k in range(1, self.order):
@@ -227,7 +210,7 @@ class Taylor(SamplingRule):
             total = total + term
         return np.eye(a.shape[1]) + period * total @ a, period * total @ b, c, d
 
-    def restore(self, system: Frozen, period: float) -> Frozen:
+    def restore(self, system: Matrices, period: float) -> Matrices:
         a, b, c, d = system
         gap = a - np.eye(a.shape[1])
         power = total = np.broadcast_to(np.eye(a.shape[1]), a.shape)

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.lft import held
 from lpvid.model.state_space import LPVStateSpace
 
 Limits = Mapping[str, float | tuple[float, float]]
@@ -122,11 +123,8 @@ class SaturatedRun:
         phi = k.basis.evaluate(p[None])[0]
         a, b, c, d, e = (np.tensordot(phi, m, axes=1) for m in (k.A, k.B, k.C, k.D, self._law.gain))
         if self._period is not None and len(a):
-            from scipy.linalg import expm
-
-            n, m = len(a), b.shape[1] + e.shape[1]
-            held = expm(np.block([[a, b, e], [np.zeros((m, n + m))]]) * self._period)
-            a, b, e = held[:n, :n], held[:n, n : n + b.shape[1]], held[:n, n + b.shape[1] :]
+            (a,), (pushed,) = held(a[None], np.hstack([b, e])[None], self._period)
+            b, e = pushed[:, : b.shape[1]], pushed[:, b.shape[1] :]
         return a, b, c, d, e
 
 

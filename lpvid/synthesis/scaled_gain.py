@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, block_diagonal, given, he
 from lpvid.lmi.program import Program
 from lpvid.model.lft import LFTModel
 from lpvid.synthesis.shaped_program import PATIENT
@@ -65,7 +66,8 @@ def scaled_gain(model: LFTModel) -> ScaledGain:
     program = Program()
     n, r = model.order, model.width
     p = program.unknowns.symmetric(n)
-    s, t = (_commuting(program, model.repetitions, symmetric) for symmetric in (True, False))
+    new = program.unknowns
+    s, t = (commuting(declared, model.repetitions) for declared in (new.symmetric, new.antisymmetric))
     level = program.unknowns.scalar()
     program.require(p, margin=1e-9)
     if r:
@@ -102,12 +104,7 @@ def recheck_scaled(model: LFTModel, p: np.ndarray, s: np.ndarray, t: np.ndarray,
     float
         Positive: the bound is proven.
     """
-    from scipy import sparse
-
-    def given(matrix: np.ndarray) -> Affine:
-        return Affine(np.asarray(matrix, dtype=float), sparse.csr_array((np.size(matrix), 0)))
-
-    whole = _inequality(model, given(p), given(s), given(t), given(np.array([[gamma]]))).constant
+    whole = _inequality(model, given(p), given(s), given(t), given(gamma)).constant
     parts = [part for part in (p, s, whole) if len(part)]
     rounding = [50 * len(part) * np.finfo(float).eps * np.abs(part).max() for part in parts]
     lowest = [float(np.linalg.eigvalsh(0.5 * (part + part.T))[0]) for part in parts]
@@ -116,28 +113,57 @@ def recheck_scaled(model: LFTModel, p: np.ndarray, s: np.ndarray, t: np.ndarray,
 
 def _inequality(model: LFTModel, p: Affine, s: Affine, t: Affine, level: Affine) -> Affine:
     """(·, ·) minus the scaled bounded-real matrix, with γ⁻¹ by a Schur complement."""
-    n, r, nw = model.order, model.width, len(model.inputs)
-    eye = np.eye(n + r + nw)
-    state, inner, last = eye[:n], eye[n : n + r], eye[n + r :]
     ahead, seen, out = (np.hstack([model.part(row, c) for c in "xpu"]) for row in "xqy")
-    if model.is_discrete:
-        total = ahead.T @ p @ ahead - state.T @ p @ state
-    else:
-        cross = state.T @ p @ ahead
-        total = cross + cross.T
-    if r:
-        skewed = seen.T @ t @ inner
-        total = total + seen.T @ s @ seen - inner.T @ s @ inner + skewed + skewed.T
-    total = total - level.times(last.T @ last)
+    total = scaled_form(ahead, seen, p, s, level, discrete=model.is_discrete, skew=t)
     return block([[-total, -out.T], [-out, level.times(np.eye(len(out)))]])
 
 
-def _commuting(program: Program, repetitions: tuple[int, ...], symmetric: bool) -> Affine:
-    """A matrix of full blocks on the diagonal, which commutes with diag(δ_i I_{r_i})."""
-    new = program.unknowns
-    parts = [new.symmetric(k) if symmetric else new.antisymmetric(k) for k in repetitions if k]
-    if not parts:
-        return program.unknowns.matrix(0, 0)
-    sizes = [part.shape[0] for part in parts]
-    return block([[part if i == k else np.zeros((sizes[i], sizes[k])) for k in range(len(parts))]
-                  for i, part in enumerate(parts)])
+def scaled_form(ahead: np.ndarray, seen: np.ndarray, p: Affine, s: Affine, level: Affine, *, discrete: bool,
+                skew: Affine | None = None) -> Affine:
+    """The scaled bounded-real form over (x, p, w), without the output.
+
+    Parameters
+    ----------
+    ahead, seen : (n, m) and (r, m) array
+        What (x, p, w) does to x⁺ (ẋ) and to q.
+    p, s : (n, n) and (r, r) Affine
+        Lyapunov matrix and multiplier.
+    level : (1, 1) Affine
+        Bound of the gain.
+    discrete : bool
+        Discrete time.
+    skew : (r, r) Affine, optional
+        T = −Tᵀ.
+
+    Returns
+    -------
+    (m, m) Affine
+        Symmetric; with the output below it, negative definite for a gain below the level.
+    """
+    n, r, eye = len(ahead), len(seen), np.eye(ahead.shape[1])
+    state, inner, last = eye[:n], eye[n : n + r], eye[n + r :]
+    total = ahead.T @ p @ ahead - state.T @ p @ state if discrete else he(state.T @ p @ ahead)
+    if r:
+        total = total + seen.T @ s @ seen - inner.T @ s @ inner
+    if r and skew is not None:
+        skewed = seen.T @ skew @ inner
+        total = total + skewed + skewed.T
+    return total - level.times(last.T @ last)
+
+
+def commuting(declared: Callable[[int], Affine], repetitions: Sequence[int]) -> Affine:
+    """A matrix of full blocks on the diagonal, which commutes with diag(δ_i I_{r_i}).
+
+    Parameters
+    ----------
+    declared : callable
+        Declares a block of a given order.
+    repetitions : sequence of int
+        r_i.
+
+    Returns
+    -------
+    Affine
+        (0, 0) where nothing is repeated.
+    """
+    return block_diagonal([declared(k) for k in repetitions if k])

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.model.state_space import Matrices
 from lpvid.synthesis.generalized_plant import PlantMatrices
-
-Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

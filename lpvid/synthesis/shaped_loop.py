@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.affine import Affine
+from lpvid.lmi.affine import Affine, combined
 from lpvid.scheduling import Basis, Scheduling
+
+__all__ = ["Matrix", "ShapedLoop", "combined", "moves"]
 
 Matrix = Affine | np.ndarray
 
@@ -116,25 +118,3 @@ def moves(box: Scheduling, basis: Basis, point: np.ndarray, sample_time: float |
 def _ends(basis: Basis, name: str, low: float, high: float) -> Sequence[float]:
     """Where a function of one variable on [low, high] must be looked at: an affine one at its ends."""
     return [low, high] if basis.degree == 1 else np.linspace(low, high, 5).tolist()
-
-
-def combined(matrices: Sequence[Affine], weights: np.ndarray) -> Affine:
-    """Σ_m weights[m] · matrices[m].
-
-    Parameters
-    ----------
-    matrices : sequence of Affine
-        M of one shape; at least one.
-    weights : (M,) array
-        Values of the functions.
-
-    Returns
-    -------
-    Affine
-        Of that shape.
-    """
-    total = float(weights[0]) * matrices[0]
-    for matrix, weight in zip(matrices[1:], weights[1:], strict=True):
-        if weight:
-            total = total + float(weight) * matrix
-    return total

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg import matrix_balance
 
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, given
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.criteria import STRICT, Criterion, HInfinity, Region
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
@@ -152,7 +151,7 @@ class ShapedProgram:
             program.require(matrix, margin=STRICT)
         levels, goal = [], None
         for criterion, value, power in zip(self.criteria, fixed, self.powers, strict=True):
-            level = program.unknowns.scalar() if value is None else known(value**power)
+            level = program.unknowns.scalar() if value is None else given(value**power)
             criterion.require(program, shaping.loops, level, criterion.selection(self.plant), squared=power == 2)
             levels.append(level)
             if value is None:
@@ -170,22 +169,6 @@ def _size(plant: GeneralizedPlant, criterion: Criterion) -> float:
     moved = float(np.linalg.norm(out @ m.C1[0] * c.states) * np.linalg.norm(m.B1[0] @ into / c.states[:, None]))
     return float(np.linalg.norm(out @ m.D11[0] @ into)) + moved / (
         c.pace if isinstance(criterion, HInfinity) else np.sqrt(c.pace))
-
-
-def known(value: float) -> Affine:
-    """A (1, 1) number where an unknown could stand.
-
-    Parameters
-    ----------
-    value : float
-        A level that is fixed, γ, ν or its square.
-
-    Returns
-    -------
-    Affine
-        Without unknowns.
-    """
-    return Affine(np.array([[float(value)]]), sparse.csr_array((1, 0)))
 
 
 def tame(program: Program, *, above: Sequence[Affine] = (), below: Sequence[Affine] = ()) -> Affine:

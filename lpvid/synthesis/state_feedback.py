@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine
+from lpvid.lmi.affine import Affine, combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial
+from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of
-from lpvid.synthesis.criteria import Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import (
-    check_rates,
     columns,
-    design_axes,
     fitted,
-    is_affine,
-    moving_basis,
-    over,
-    richer,
     storage_for,
     tensor,
     varies,
 )
-from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.gain_design import GainDesign, GainProblem
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import ShapedProblem, Values, check_criteria, listed, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
-from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
+from lpvid.synthesis.shaped_design import Values, settle
+from lpvid.synthesis.shaped_loop import ShapedLoop, moves
+from lpvid.synthesis.shaped_program import Shaped, Shaping, tame
 
 
 @dataclass(frozen=True, eq=False)
-class StateFeedback:
+class StateFeedback(GainDesign):
     """u = K(p) x for a plant whose measurements are all its states.
 
     Continuous time: [He(AX + B2F) − Ẋ, B1, (C1X + D12F)ᵀ; ⋆, −γI, D11ᵀ; ⋆, ⋆, −γI] ≺ 0, K = F X⁻¹. Discrete time,
@@ -78,21 +70,6 @@ class StateFeedback:
     (True, True)
     """
 
-    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
-    regions: Region | Sequence[Region] = ()
-    lyapunov: Basis | None = None
-    gain: Basis | None = None
-    points: int = 7
-    back_off: float = 1.02
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
-        object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
-        moving_basis(self.lyapunov)
-        if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
-                             mend="1.02 stops 2 % above it")
-
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gain for a plant, with the figures of its closed loop.
 
@@ -106,7 +83,8 @@ class StateFeedback:
         Synthesis
             The controller has no states.
         """
-        problem = _problem(self, plant)
+        reading = state_reading(plant)
+        problem = self.problem(_StateFeedbackProblem, plant, ("B2", "D12"), reading=reading)
         return settle(problem, fault_of(plant, plant.at(tensor(problem.axes)), tensor(problem.axes)))
 
 
@@ -142,20 +120,14 @@ def state_reading(plant: GeneralizedPlant) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _StateFeedbackProblem(ShapedProblem):
+class _StateFeedbackProblem(GainProblem):
     """One plant with a state feedback: its grid, bases and coordinates."""
 
-    lyapunov: Basis
-    gain: Basis
-    axes: tuple[np.ndarray, ...]
     reading: np.ndarray
-    coordinates: SignalCoordinates
-    matrices: PlantMatrices
 
     @property
     def method(self) -> str:
-        kind = f"X over {', '.join(self.lyapunov.labels)}" if self.lyapunov.names else "one quadratic X"
-        return f"state feedback, {kind}, {len(tensor(self.axes))} points"
+        return self.summary("state feedback", "X")
 
     @property
     def remedy(self) -> str:
@@ -173,9 +145,6 @@ class _StateFeedbackProblem(ShapedProblem):
         x, scale = shaped.values("lyapunov"), np.outer(self.coordinates.states, self.coordinates.states)
         return lambda points: np.linalg.inv(
             np.tensordot(columns(self.plant.box, self.lyapunov, points), x, axes=1) * scale)
-
-    def blocks_of(self, shaped: Shaped) -> None:
-        return None
 
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
@@ -212,31 +181,4 @@ class _StateFeedbackProblem(ShapedProblem):
             basis, k = fitted(law, box, self.axes, self.lyapunov)
         else:
             basis, k = self.gain, c.controls[:, None] * (gain @ np.linalg.inv(inner[0]) @ back)
-        m, nu, ny = k.shape
-        return LPVStateSpace(np.zeros((m, 0, 0)), np.zeros((m, 0, ny)), np.zeros((m, nu, 0)), k, basis,
-                             plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
-                             outputs=named(plant, plant.controls))
-
-
-def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _StateFeedbackProblem:
-    box, discrete = plant.box, plant.sample_time is not None
-    criteria, regions = tuple(design.criteria), tuple(design.regions)  # type: ignore[arg-type]
-    reading = state_reading(plant)
-    lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
-    check_rates(lyapunov, box, plant.sample_time)
-    gain = None if design.gain is None else design.gain.bound(box)
-    plain = not lyapunov.names and gain is None and is_affine(plant.system.basis) and _steady(plant)
-    axes = design_axes(box, design.points, plain)
-    if gain is None:
-        gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
-    raw = plant.at(tensor(axes))
-    check_criteria(plant, criteria, regions, tensor(axes))
-    coordinates = SignalCoordinates.of(raw, discrete)
-    return _StateFeedbackProblem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, reading, coordinates,
-                    coordinates.scaled(raw))
-
-
-def _steady(plant: GeneralizedPlant) -> bool:
-    """B2 and D12 do not move, so that B2 F(p) is affine where F is."""
-    m = plant.at(plant.box.grid(2))
-    return not varies(m.B2) and not varies(m.D12)
+        return written(plant, k, 0, basis)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from lpvid.errors import InputError
-from lpvid.lmi.readings import readings_of
 from lpvid.synthesis.carried_error import carried
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.progress import interrupted, watched
@@ -76,7 +75,7 @@ def synthesize(plant: GeneralizedPlant, design: Design, *, progress: Callable[[s
     if not isinstance(design, Design) or isinstance(design, type):
         raise InputError("synthesis needs a design", got=getattr(design, "__name__", type(design).__name__),
                          mend="give OutputFeedback(), StateFeedback() or another design of lpvid.synthesis")
-    readings_of(plant.system.basis)  # refuses functions that no certificate could look at, before the search
+    plant.system.basis.readings()  # refuses functions that no certificate could look at, before the search
     with watched(progress) as watch:
         try:
             found = design.solve(plant)

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
 
-from lpvid.lmi.affine import Affine
+from lpvid.lmi.affine import given
 from lpvid.lmi.program import SolverAnswer
 from lpvid.synthesis.criteria import H2
 from lpvid.synthesis.design_grid import columns, varies
@@ -110,7 +109,7 @@ class VarianceFeedback:
                 "C": (units.controls / c.controls)[:, None] * (found.c @ back) / s,
                 "D": np.zeros((len(a), found.c.shape[1], found.b.shape[2])),
                 "X": np.eye(len(s))[None], "Y": np.eye(len(s))[None]}
-        shaping = Shaping((), _known(np.zeros((1, 1))), {k: tuple(map(_known, v)) for k, v in hats.items()})
+        shaping = Shaping((), given(0.0), {k: tuple(map(given, v)) for k, v in hats.items()})
         solution = SolverAnswer(np.zeros(0), found.level, found.solver, found.status)
         return ready, Shaped(solution, shaping, (root * found.level,), (root * least.level,))
 
@@ -140,8 +139,3 @@ def regulated_plant(plant: GeneralizedPlant, points: np.ndarray) -> Precondition
     root = np.sqrt(units.time)
     inner, sizes = balancing(ROOM * x / level / root, ROOM * y * level * root)
     return turned(plant, units.states[:, None] * inner, sizes)
-
-
-def _known(matrix: np.ndarray) -> Affine:
-    """A known matrix where an unknown could stand."""
-    return Affine(matrix, sparse.csr_array((matrix.size, 0)))

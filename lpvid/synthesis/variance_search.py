@@ -20,13 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
-from lpvid.lmi.affine import Affine, block, he
+from lpvid.lmi.affine import Affine, block, combined, he, trace
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.progress import Rounds, stop_at
-from lpvid.synthesis.projection import congruent, regular
+from lpvid.synthesis.projection import congruent, definite_root, regular
 from lpvid.synthesis.riccati import FREE, STRICT
-from lpvid.synthesis.shaped_loop import combined
 
 ROUNDS = 8
 SETTLED = 1e-3
@@ -173,7 +172,7 @@ class VarianceProblem:
         """The least level, or at a given one small matrices with a coupling far from its limit."""
         p, program = self.plant, Program()
         new, n, (nw, nz) = program.unknowns, p.A.shape[1], (p.B1.shape[2], p.C1.shape[1])
-        t, u = (_root(m) for m in (known.x, known.y))
+        t, u = (definite_root(m) for m in (known.x, known.y))
         into, out = np.linalg.inv(t), np.linalg.inv(u)
         x, y = new.symmetric(n), new.symmetric(n)
         ch = [new.matrix(p.B2.shape[2], n) for _ in range(self.phi.shape[1])]
@@ -184,7 +183,7 @@ class VarianceProblem:
         cross = into @ out.T
         for k, weights in enumerate(self.phi):
             z = new.symmetric(nz)
-            program.require(bound - _trace(z))
+            program.require(bound - trace(z))
             c, b = combined(ch, weights), combined(bh, weights)
             a1, a2 = into @ p.A[k] @ t, u.T @ p.A[k] @ out.T
             drive = b @ p.D21[k] + y @ (u.T @ p.B1[k])
@@ -200,7 +199,7 @@ class VarianceProblem:
             program.require(block([[x, pushed], [pushed.T, y]]))
             program.require(free - 1.0)
             program.require(2.0 - free)
-        program.minimise(free if level is None else _trace(x) + _trace(y) - (100.0 * n) * free)
+        program.minimise(free if level is None else trace(x) + trace(y) - (100.0 * n) * free)
         found = next(iter(program.solve(solvers=solvers)), None)
         if found is None:
             return None
@@ -271,16 +270,3 @@ def _scale(a: np.ndarray, b: np.ndarray, nw: int, level: float) -> np.ndarray:
     rows = np.sqrt((np.hstack([a + a.T, b]) ** 2).sum(axis=1))
     rows = np.maximum(rows, 1e-5 * rows.max(initial=1e-300))
     return 1 / np.sqrt(np.concatenate([rows, np.full(nw, level)]))
-
-
-def _root(m: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(0.5 * (m + m.T))
-    return vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300)))
-
-
-def _trace(matrix: Affine) -> Affine:
-    eye = np.eye(matrix.shape[0])
-    total = eye[:1] @ matrix @ eye[:, :1]
-    for i in range(1, len(eye)):
-        total = total + eye[i : i + 1] @ matrix @ eye[:, i : i + 1]
-    return total

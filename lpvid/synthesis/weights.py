@@ -270,8 +270,7 @@ def scheduled_performance(bandwidth: str, box: Scheduling, peak: float = 2.0, fl
         raise InputError(f"the bandwidth '{bandwidth}' must stay positive", got=f"a lower bound of {box.lower[i]:g}")
     one = np.array([1.0, 0.0])[:, None, None]
     return LPVStateSpace((1 - one) * -floor, (1 - one) * (peak - floor), one / peak, one / peak, basis, None,
-                         Scheduling(*((getattr(box, f)[i],) for f in ("names", "lower", "upper", "rate", "units"))),
-                         inputs=(IN,), outputs=(OUT,))
+                         box.part(basis.names), inputs=(IN,), outputs=(OUT,))
 
 
 def scheduled_gain(variable: str, box: Scheduling, coefficients: Sequence[float]) -> LPVStateSpace:
@@ -304,15 +303,12 @@ def scheduled_gain(variable: str, box: Scheduling, coefficients: Sequence[float]
     >>> scheduled_gain("rho", rho, [11 / 300, -10 / 300]).frozen([0.5])[3].round(6).tolist()
     [[0.02]]
     """
-    i = box.names.index(_checks.known_name(variable, box.names, "scheduling variable"))
+    _checks.known_name(variable, box.names, "scheduling variable")
     c = np.asarray(coefficients, dtype=float)
     if c.ndim != 1 or len(c) < 2:
         raise InputError("a scheduled gain needs the coefficients of 1, ρ, …", got=coefficients)
-    m = len(c)
-    return LPVStateSpace(np.zeros((m, 0, 0)), np.zeros((m, 0, 1)), np.zeros((m, 1, 0)), c[:, None, None],
-                         Polynomial((variable,), m - 1), None,
-                         Scheduling(*((getattr(box, f)[i],) for f in ("names", "lower", "upper", "rate", "units"))),
-                         inputs=(IN,), outputs=(OUT,))
+    return LPVStateSpace.of(c[:, None, None], 0, Polynomial((variable,), len(c) - 1), None, box.part((variable,)),
+                            inputs=(IN,), outputs=(OUT,))
 
 
 def from_control(system: control.StateSpace | control.TransferFunction, inputs: Sequence[str] = (),
@@ -374,9 +370,8 @@ def from_lti(system: control.StateSpace | control.TransferFunction, inputs: Sequ
     names = tuple(inputs) or tuple(s.input_labels), tuple(outputs) or tuple(s.output_labels)
     if s.dt is True:
         raise InputError("a discrete system without a sampling period", got="dt=True", mend="give it its dt in seconds")
-    a, b, c, d = (np.asarray(x, dtype=float)[None] for x in (s.A, s.B, s.C, s.D))
-    plain = LPVStateSpace(a, b, c, d, Polynomial(), float(s.dt) if s.dt else None,
-                          inputs=tuple(Signal(n) for n in names[0]), outputs=tuple(Signal(n) for n in names[1]))
+    plain = LPVStateSpace.still(s.A, s.B, s.C, s.D, float(s.dt) if s.dt else None,
+                                inputs=tuple(Signal(n) for n in names[0]), outputs=tuple(Signal(n) for n in names[1]))
     return balanced_realization(plain)
 
 
@@ -388,5 +383,4 @@ def _first(dc: float, corner: float, high: float) -> LPVStateSpace:
 
 
 def _system(a, b, c, d: float) -> LPVStateSpace:
-    return LPVStateSpace(np.array([a]), np.array([b]), np.array([c]), np.full((1, 1, 1), float(d)), Polynomial(), None,
-                         inputs=(IN,), outputs=(OUT,))
+    return LPVStateSpace.still(a, b, c, [[d]], inputs=(IN,), outputs=(OUT,))

@@ -1,0 +1,133 @@
+"""What state feedbacks and observers share: their settings, and the grid, bases and coordinates of one plant."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from lpvid.scheduling import Basis, Polynomial
+from lpvid.synthesis.criteria import Criterion, HInfinity, Region
+from lpvid.synthesis.design_grid import (
+    check_back_off,
+    check_rates,
+    design_axes,
+    is_affine,
+    moving_basis,
+    richer,
+    tensor,
+    varies,
+)
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed
+from lpvid.synthesis.shaped_program import Shaped, SignalCoordinates
+
+P = TypeVar("P", bound="GainProblem")
+
+
+@dataclass(frozen=True, eq=False)
+class GainProblem(ShapedProblem):
+    """One plant with an unknown gain over the scheduling beside a Lyapunov matrix."""
+
+    lyapunov: Basis
+    gain: Basis
+    axes: tuple[np.ndarray, ...]
+    coordinates: SignalCoordinates
+    matrices: PlantMatrices
+
+    def blocks_of(self, shaped: Shaped) -> None:
+        return None
+
+    def summary(self, design: str, letter: str) -> str:
+        """The design in a few words.
+
+        Parameters
+        ----------
+        design, letter : str
+            What it is, and what its Lyapunov matrix is called.
+
+        Returns
+        -------
+        str
+            With the functions of the Lyapunov matrix and the number of points.
+        """
+        kind = f"{letter} over {', '.join(self.lyapunov.labels)}" if self.lyapunov.names else f"one quadratic {letter}"
+        return f"{design}, {kind}, {len(tensor(self.axes))} points"
+
+
+@dataclass(frozen=True, eq=False)
+class GainDesign(ABC):
+    """Settings of a design with one unknown gain."""
+
+    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
+    regions: Region | Sequence[Region] = ()
+    lyapunov: Basis | None = None
+    gain: Basis | None = None
+    points: int = 7
+    back_off: float = 1.02
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
+        object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        moving_basis(self.lyapunov)
+        check_back_off(self.back_off)
+
+    @abstractmethod
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """What the design finds for a plant.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            The plant.
+
+        Returns
+        -------
+        Synthesis
+            With its verdict.
+        """
+
+    def problem(self, kind: type[P], plant: GeneralizedPlant, beside: Sequence[str], **more: Any) -> P:
+        """The inequalities of this design for a plant.
+
+        Parameters
+        ----------
+        kind : type
+            Of problem.
+        plant : GeneralizedPlant
+            The plant.
+        beside : sequence of str
+            Names of the blocks that multiply the gain: where they do not vary, corners of the box may be enough.
+        **more
+            Further fields of the problem.
+
+        Returns
+        -------
+        GainProblem
+            Of that kind.
+
+        Raises
+        ------
+        InputError
+            Criteria that no controller can meet, or a Lyapunov matrix without the rate bounds that it needs.
+        """
+        box = plant.box
+        criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
+        lyapunov = (self.lyapunov or Polynomial((), 0)).bound(box)
+        check_rates(lyapunov, box, plant.sample_time)
+        gain = None if self.gain is None else self.gain.bound(box)
+        corners = plant.at(box.grid(2))
+        steady = not any(varies(getattr(corners, name)) for name in beside)
+        plain = steady and not lyapunov.names and gain is None and is_affine(plant.system.basis)
+        axes = design_axes(box, self.points, plain)
+        if gain is None:
+            gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
+        check_criteria(plant, criteria, regions, tensor(axes))
+        raw = plant.at(tensor(axes))
+        coordinates = SignalCoordinates.of(raw, plant.sample_time is not None)
+        return kind(plant, criteria, regions, self.back_off, lyapunov, gain, axes, coordinates, coordinates.scaled(raw),
+                    **more)
