@@ -14,7 +14,7 @@ from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.fitted_law import FittedLaw
-from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
+from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit, ProjectedFit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.fitting.solver import DamperSearchEnd, SearchCoordinates, search_law
 
@@ -194,7 +194,7 @@ def searched_short(problem: DamperFitProblem, starts: Sequence[np.ndarray], sett
     list of ShortSearch
         Never empty; where all diverge, every start at infinite cost.
     """
-    view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
+    view = ProjectedFit(problem) if problem.damper.linear else MovingFit(problem)
     ends = [search_law(view, view.start(s), settings.short_evaluations, COARSE) for s in starts]
     out = sorted((ShortSearch(e.trial.cost, e.trial.theta, e.trial.residual) for e in ends if e is not None),
                  key=lambda t: t.cost)
@@ -241,7 +241,7 @@ def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) 
         if first is None:
             return None
         theta = first.trial.theta
-    full = Full(problem)
+    full = MovingFit(problem)
     return search_law(full, full.start(theta), settings.evaluations, settings.tolerance)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.toolkit import checks
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
@@ -210,10 +210,9 @@ class NetworkDamper(StaticDamper):
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """A grid over laminar share and leak; force scale, friction and offset by least squares; the best first."""
-        from scipy.optimize import nnls
+        from quartercar.dampers.fitting.starting import nonnegative_fit
 
-        v = np.concatenate([d.velocity for d in drives])
-        f = np.concatenate([d.force for d in drives if d.force is not None])
+        v, f = joined(drives, "velocity", "force")
         keep = slice(None, None, -(-v.size // SAMPLES))
         v, f, top = v[keep], f[keep], float(np.abs(v).max())
         shares = SHARES if LAMINAR in self.network else (0.0,)
@@ -225,10 +224,7 @@ class NetworkDamper(StaticDamper):
             shape = [network_force(np.maximum(sign * v, 0.0), share / top, turbulent / top**2, leak)
                      for sign in (1, -1)]
             columns = [shape[0], -shape[1]] if self.asymmetric else [shape[0] - shape[1]]
-            design = np.column_stack([*columns, *rest])
-            size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-            scaled, cost = nnls(design / size, f)
-            found = scaled / size
+            found, cost = nonnegative_fit(np.column_stack([*columns, *rest]), f)
             sides = [self.network_vector(k * share / top, k * turbulent / top**2, min(leak / k, 1e6))
                      for k in np.maximum(found[:-3], 1e-12 * float(np.abs(f).max()))]
             ranked.append((cost, np.concatenate([*sides, [found[-3], found[-2] - found[-1]]])))

@@ -19,7 +19,7 @@ from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Product, Scheduling
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Coefficient, Controlled, settled_span
 from quartercar.dampers.laws.expressions import Law, named_parameters
@@ -213,8 +213,7 @@ class TanhLaw(StaticDamper):
         """Bounded least squares for everything linear on a grid of sharpness and critical ratio, the best first."""
         from quartercar.dampers.fitting.starting import best_starts
 
-        v = np.concatenate([d.velocity for d in drives])
-        x = np.concatenate([d.displacement for d in drives])
+        v, x = joined(drives, "velocity", "displacement")
         speed, stroke = float(np.sqrt(np.mean(v**2))) or 1.0, float(np.sqrt(np.mean(x**2)))
         omega = speed / stroke if stroke else 0.0
         _, sharpness, _, ratio, post_ratio = self.terms

@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from quartercar.dampers.drive import Drive
-from quartercar.dampers.fitting.starting import path
+from quartercar.dampers.drive import Drive, joined
+from quartercar.dampers.fitting.starting import bounded_fit, path
 from quartercar.dampers.parameter import Parameter
 
 WINDOWS = (7, 21)
@@ -74,9 +74,9 @@ def regression_candidates(damper: FlowLaw, drives: Sequence[Drive]) -> Iterator[
     iterator of (P,) arrays
         By growth with the current, smoothing window, lag and inertia.
     """
-    v = np.concatenate([d.velocity for d in drives])
+    v, current = joined(drives, "velocity", "current")
     travel = float(np.concatenate([path(d) for d in drives]).std())
-    top = max(float(np.abs(np.concatenate([d.current for d in drives])).max()), 1e-9)
+    top = max(float(np.abs(current).max()), 1e-9)
     for growth, window in product([g / top for g in GROWTHS] if damper.growing else [0.0], WINDOWS):
         columns = np.vstack([_columns(damper, d, window, growth) for d in drives])
         for lag, factor in product(LAGS, FACTORS):
@@ -102,16 +102,13 @@ def _columns(damper: FlowLaw, drive: Drive, window: int, growth: float) -> np.nd
 
 def _regressed(damper: FlowLaw, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
     """Least squares with w_1, w_2, w_5 not below zero; w_2 held at `lag` unless that is 0."""
-    from scipy.optimize import lsq_linear
-
     wide = damper.degree + 1
     held = np.zeros(5 * wide, dtype=bool)
     held[wide: 2 * wide] = lag > 0
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     lower = np.where([p.log for p in damper.parameters[: 5 * wide]], 0.0, -np.inf)
     target = v - lag * columns[:, held].sum(axis=1)
     out = np.full(5 * wide, lag)
-    out[~held] = lsq_linear((columns / size)[:, ~held], target, (lower[~held], np.inf), method="bvls").x / size[~held]
+    out[~held] = bounded_fit(columns[:, ~held], target, lower[~held])[0]
     return out
 
 
