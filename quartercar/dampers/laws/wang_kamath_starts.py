@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from quartercar.dampers.drive import Drive, joined
-from quartercar.dampers.fitting.starting import bounded_fit, path
+from quartercar.dampers.fitting.starting import column_size, path
 from quartercar.dampers.parameter import Parameter
 
 WINDOWS = (7, 21)
@@ -102,13 +102,15 @@ def _columns(damper: FlowLaw, drive: Drive, window: int, growth: float) -> np.nd
 
 def _regressed(damper: FlowLaw, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
     """Least squares with w_1, w_2, w_5 not below zero; w_2 held at `lag` unless that is 0."""
-    wide = damper.degree + 1
+    from scipy.optimize import lsq_linear
+
+    wide, size = damper.degree + 1, column_size(columns)
     held = np.zeros(5 * wide, dtype=bool)
     held[wide: 2 * wide] = lag > 0
     lower = np.where([p.log for p in damper.parameters[: 5 * wide]], 0.0, -np.inf)
     target = v - lag * columns[:, held].sum(axis=1)
     out = np.full(5 * wide, lag)
-    out[~held] = bounded_fit(columns[:, ~held], target, lower[~held])[0]
+    out[~held] = lsq_linear((columns / size)[:, ~held], target, (lower[~held], np.inf), method="bvls").x / size[~held]
     return out
 
 
