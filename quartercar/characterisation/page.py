@@ -150,24 +150,10 @@ def _forces(found: Characterisation) -> list[Item]:
     detail = tuple((_where(found, f.specimen, f.current), DIRECTIONS[f.direction], f"{f.speed:g}",
                     _said(sign * (f.force or 0.0), f.std), number(None if f.last is None else sign * f.last),
                     number(f.hysteresis, 3), str(f.cycles or "–"), f.source) for f in found.given)
-    items.append(
-        PageTable(
-            (
-                "current",
-                "direction",
-                "speed [m/s]",
-                "force [N]",
-                "last cycle [N]",
-                "branch difference [N]",
-                "cycles",
-                "read from",
-            ),
-            detail,
-            "Branch difference: force while the speed rises minus the force while it falls.",
-            (2, 3, 4, 5, 6),
-            folded=f"Where each of the {len(detail)} forces was read",
-        )
-    )
+    items.append(PageTable(
+        ("current", "direction", "speed [m/s]", "force [N]", "last cycle [N]", "branch difference [N]", "cycles",
+         "read from"), detail, "Branch difference: force while the speed rises minus the force while it falls.",
+        (2, 3, 4, 5, 6), folded=f"Where each of the {len(detail)} forces was read"))
     return items
 
 
@@ -206,16 +192,11 @@ def _static(found: Characterisation) -> list[Item]:
                      _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
                      ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
-    items: list[Item] = [
-        PageTable(
-            (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
-            tuple(rows),
-            "Gas force: mean of the two directions at one place. Friction: half their difference, which includes the "
-            "damping at the speed of the test and the yield force of a magnetorheological fluid.",
-            (2, 3, 4, 5),
-            tuple(marks),
-        )
-    ]
+    items: list[Item] = [PageTable(
+        (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
+        tuple(rows), "Gas force: mean of the two directions at one place. Friction: half their difference, which "
+        "includes the damping at the speed of the test and the yield force of a magnetorheological fluid.",
+        (2, 3, 4, 5), tuple(marks))]
     if not all(s.creep for s in found.static):
         items.append(Paragraph("Marked rows are faster than 10 mm/s. Their friction is an upper bound. Their gas force "
                                "includes half the difference between the damping forces of the two directions."))
@@ -291,24 +272,10 @@ def _drift(found: Characterisation) -> list[Item]:
                   f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
                   _said(None if d.per_kelvin is None else 100 * d.per_kelvin,
                         None if d.per_kelvin_std is None else 100 * d.per_kelvin_std, 2)) for d in found.drifts)
-    return [
-        PageTable(
-            (
-                _first(found),
-                "test",
-                "direction",
-                "cycles",
-                "over [s]",
-                "change of |F| [%]",
-                "temperature [°C]",
-                "per kelvin [%/K]",
-            ),
-            rows,
-            "Trend of the force at mid stroke over the settled cycles.",
-            (3, 4, 5, 6, 7),
-            folded=f"{len(rows)} trends" if len(rows) > OPEN else "",
-        )
-    ]
+    return [PageTable((_first(found), "test", "direction", "cycles", "over [s]", "change of |F| [%]",
+                       "temperature [°C]", "per kelvin [%/K]"), rows,
+                      "Trend of the force at mid stroke over the settled cycles.", (3, 4, 5, 6, 7),
+                      folded=f"{len(rows)} trends" if len(rows) > OPEN else "")]
 
 
 def _histogram(found: Characterisation) -> list[Item]:

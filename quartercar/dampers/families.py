@@ -230,6 +230,17 @@ class StaticDamper(LawDamper):
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         return self.force(displacement, velocity, current)
 
+    def without_lpv_form(self) -> InputError:
+        """What `to_lpv` raises for a law whose slope is a function of the velocity.
+
+        Returns
+        -------
+        InputError
+        """
+        return InputError(f"no LPV form of '{self.name}'",
+                          why="it has no memory and no scheduling: its slope is a function of the velocity itself",
+                          mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")
+
     def stepper(self, step: float) -> DamperStepper:
         return StaticStepper(self)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -171,7 +171,7 @@ class NetworkDamper(StaticDamper):
     def parameters(self) -> tuple[Parameter, ...]:
         if not self.asymmetric:
             return (*self.network, *STATICS)
-        sided = [Parameter(f"{p.name}_{side}", p.unit, f"{p.description}, {side}", p.default, p.lower, p.upper)
+        sided = [replace(p, name=f"{p.name}_{side}", description=f"{p.description}, {side}")
                  for side in SIDES for p in self.network]
         return (*sided, *STATICS)
 
@@ -240,9 +240,7 @@ class NetworkDamper(StaticDamper):
         return np.full(np.shape(displacement), self.values["offset"])
 
     def to_lpv(self, sample_time: float) -> Any:
-        raise InputError(f"no LPV form of '{self.name}'",
-                         why="it has no memory and no scheduling: its slope is a function of the velocity itself",
-                         mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")
+        raise self.without_lpv_form()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -87,13 +87,8 @@ class WangKamath(DynamicDamper):
             unit = "" if self.current_unit == "1" else f"1/{self.current_unit}"
             growth = Parameter("force_growth", unit, "g, of the force with the current", 1.0, 0.0)
             return (*COEFFICIENTS, growth) if self.growing else COEFFICIENTS
-        return tuple(
-            Parameter(
-                f"{p.name}_{m}", p.unit, p.description, p.default * 0.4 ** (m / self.degree), p.lower, p.upper, p.log
-            )
-            for p in COEFFICIENTS
-            for m in range(self.degree + 1)
-        )
+        return tuple(replace(p, name=f"{p.name}_{m}", default=p.default * 0.4 ** (m / self.degree))
+                     for p in COEFFICIENTS for m in range(self.degree + 1))
 
     @property
     def reads(self) -> tuple[str, ...]:
