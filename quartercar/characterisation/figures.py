@@ -55,12 +55,15 @@ def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
     """
     import matplotlib as mpl
 
+    steady = _steady(found)
     with look(), mpl.rc_context({"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT,
                                  "xtick.labelsize": FONT - 1, "ytick.labelsize": FONT - 1,
                                  "legend.fontsize": FONT - 1.5, "lines.linewidth": 1.5}):
-        made = [_peak_velocity(found), _continuous_velocity(found), _displacement_loops(found), _by_current(found),
-                _static_line(found), _stiffness(found), _switching(found), _drift(found), _histogram(found),
-                _specimens(found)]
+        charts = ((found.peaks, _peak_velocity), (steady, _continuous_velocity), (steady, _displacement_loops),
+                  (found.spreads, _by_current), (found.static, _static_line), (found.loops, _stiffness),
+                  (found.switching, _switching), (found.drifts, _drift), (found.histograms, _histogram),
+                  (found.given, _specimens))
+        made = [draw(found) for rows, draw in charts if rows]
     return tuple(m for m in made if m is not None)
 
 
@@ -116,10 +119,8 @@ def _steady(found: Characterisation) -> list[Block]:
     return [b for b in found.blocks if b.run.has_force and b.run.current != "varies"]
 
 
-def _peak_velocity(found: Characterisation) -> Drawn | None:
+def _peak_velocity(found: Characterisation) -> Drawn:
     """PVP: force at mid stroke over the peak speed."""
-    if not found.peaks:
-        return None
     sign, colours = found.settings.sign, _colours(found)
     figure, ax = _chart()
     for key in colours:
@@ -152,23 +153,21 @@ def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
     return _spread_over(steady), "every test" if len(steady) <= MOST_CURVES else f"{MOST_CURVES} of {len(steady)} tests"
 
 
-def _continuous_velocity(found: Characterisation) -> Drawn | None:
+def _continuous_velocity(found: Characterisation) -> Drawn:
     """CVP: force over velocity along the last complete cycle."""
     return _last_cycles(found, "continuous_velocity", "velocity [mm/s]", lambda c: 1e3 * c.velocity,
                         "Continuous velocity", "Continuous-velocity plot: force over velocity")
 
 
-def _displacement_loops(found: Characterisation) -> Drawn | None:
+def _displacement_loops(found: Characterisation) -> Drawn:
     """Force over displacement along the last complete cycle."""
     return _last_cycles(found, "force_displacement", "displacement from mid stroke [mm]",
                         lambda c: 1e3 * (c.displacement - c.centre), "Force-displacement loops",
                         "Force over displacement")
 
 
-def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn | None:
+def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn:
     chosen, which = _one_per_key(found)
-    if not chosen:
-        return None
     several = len({(b.run.specimen, b.run.level) for b in chosen}) > 1
     sign, colours = found.settings.sign, _colours(found)
     figure, ax = _chart()
@@ -215,10 +214,8 @@ def _by_current(found: Characterisation) -> Drawn | None:
                  "errors; off the dotted line the setting is not linear in the current.")
 
 
-def _static_line(found: Characterisation) -> Drawn | None:
+def _static_line(found: Characterisation) -> Drawn:
     """The slowest test over displacement, with the mean of its two directions."""
-    if not found.static:
-        return None
     slow = min(found.static, key=lambda s: s.speed)
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (slow.record, slow.test))
     sign, c = found.settings.sign, block.last
@@ -268,10 +265,8 @@ def _stiffness(found: Characterisation) -> Drawn | None:
                  "between tests (table). 90° is a damper without elasticity.")
 
 
-def _switching(found: Characterisation) -> Drawn | None:
+def _switching(found: Characterisation) -> Drawn:
     """Mean response to a step of the current."""
-    if not found.switching:
-        return None
     figure, ax = _chart()
     unit = found.data.current_unit
     longest = 3.0 * max(s.time for s in found.switching)
@@ -291,10 +286,8 @@ def _switching(found: Characterisation) -> Drawn | None:
                  "dot is at 90 %.")
 
 
-def _drift(found: Characterisation) -> Drawn | None:
+def _drift(found: Characterisation) -> Drawn:
     """Force at mid stroke cycle by cycle of the longest block."""
-    if not found.drifts:
-        return None
     longest = max(found.drifts, key=lambda d: d.cycles)
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (longest.record, longest.test))
     figure, ax = _chart()
@@ -317,10 +310,8 @@ def _drift(found: Characterisation) -> Drawn | None:
                  + (", and the temperature." if temperature is not None else "; no temperature was recorded."))
 
 
-def _histogram(found: Characterisation) -> Drawn | None:
+def _histogram(found: Characterisation) -> Drawn:
     """Share of the time by velocity."""
-    if not found.histograms:
-        return None
     figure, ax = _chart()
     for n, h in enumerate(found.histograms[:MOST_CURVES]):
         ax.stairs(100 * h.share, 1e3 * h.edges, color=CYCLE[n % len(CYCLE)], linewidth=1.4,
@@ -333,8 +324,6 @@ def _histogram(found: Characterisation) -> Drawn | None:
 
 def _specimens(found: Characterisation) -> Drawn | None:
     """Every specimen's force against the mean, with the band where there is one."""
-    if not found.specimens and not found.checks:
-        return None
     sign = found.settings.sign
     means = {(s.current, s.direction, s.speed): sign * s.mean for s in found.specimens}
     bands = {(c.force.current, c.force.direction, c.force.speed): (c.lower, c.upper, c.nominal) for c in found.checks}

@@ -16,7 +16,6 @@ from quartercar.lpv_models.frozen_damper import FrozenDamper, Matrices, trapezoi
 from quartercar.lpv_models.weighted import banded
 from quartercar.vehicle.batch import lag_coil
 from quartercar.vehicle.filter_bank import FilterBank
-from quartercar.vehicle.linear import OUTPUTS
 
 CURRENTS = 11
 """at which the model's addition is evaluated; linear in between"""
@@ -176,7 +175,6 @@ def _shapes(bands: tuple[Band, Band], period: float) -> tuple[np.ndarray, np.nda
     """M (4, 4) and N (4, 2) of both weights by the trapezoidal rule."""
     m, n = np.zeros((4, 4)), np.zeros((4, 2))
     for k, (band, signal) in enumerate(zip(bands, ("body_acceleration", "tyre_force"), strict=True)):
-        assert signal in OUTPUTS
         block = banded(*band, signal, "shown")
         part = trapezoidal((block.A[0], block.B[0], block.C[0], block.D[0]), period)
         m[2 * k:2 * k + 2, 2 * k:2 * k + 2], n[2 * k:2 * k + 2, k] = part[0], part[1][:, 0]

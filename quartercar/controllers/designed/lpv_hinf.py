@@ -203,7 +203,6 @@ class BankedLaw(Law):
         order, places = max(m.order for m in models.values()), {t: k for k, t in enumerate(models)}
         self._stacked = np.array([_padded(m, order) for m in models.values()])
         self._which = np.array([places[t] for t in tasks])
-        self._cars = np.arange(len(tasks))
         self._nodes = self._stacked.shape[1]
         self._least = np.array([0.0 if t.least_share is None else t.least_share for t in tasks])
         self._damping = np.array([t.nominal_damping for t in tasks])

@@ -86,18 +86,6 @@ def network_gradient(speed: np.ndarray, laminar: float, quadratic: float, leak: 
     return np.column_stack([q / d, q**2 / d, -(laminar + quadratic * q) * q * slope / d, slope / d])
 
 
-def _parallel_force(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
-    """Force of a parallel network at speeds ≥ 0, `hydraulics.parallel_pressure` in the force domain [N]."""
-    return _root_force(speed, orifice, leak)[0] ** 2
-
-
-def _parallel_gradient(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
-    """(n, 2) derivative of `_parallel_force` in c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
-    root, bottom = _root_force(speed, orifice, leak)
-    common = np.divide(-2 * root**2, bottom, out=np.zeros_like(root), where=bottom > 0)
-    return np.column_stack([common, common * root])
-
-
 def _root_force(speed: np.ndarray, orifice: float, leak: float) -> tuple[np.ndarray, np.ndarray]:
     """s = √F from a s² + b s = v, and 2as + b."""
     bottom = np.sqrt(orifice**2 + 4 * leak * speed)
@@ -291,10 +279,14 @@ class ParallelNetwork(NetworkDamper):
     network: ClassVar[tuple[Parameter, ...]] = ORIFICE, LEAK
 
     def _network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return _parallel_force(speed, theta[0], theta[1])
+        """`hydraulics.parallel_pressure` in the force domain."""
+        return _root_force(speed, theta[0], theta[1])[0] ** 2
 
     def _network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return _parallel_gradient(speed, theta[0], theta[1])
+        """By c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
+        root, bottom = _root_force(speed, theta[0], theta[1])
+        common = np.divide(-2 * root**2, bottom, out=np.zeros_like(root), where=bottom > 0)
+        return np.column_stack([common, common * root])
 
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
         return np.array([max(quadratic, 1e-300) ** -0.5, leak])

@@ -236,7 +236,8 @@ class WangKamath(DynamicDamper):
         from quartercar.dampers.fitting.starting import ranked_starts
         from quartercar.dampers.laws.wang_kamath_starts import regression_candidates
 
-        return ranked_starts(self, drives, regression_candidates(self, drives), min(count, MOST_STARTS))
+        candidates = regression_candidates(self.parameters, self.basis, self.force_scale, drives)
+        return ranked_starts(self, drives, candidates, min(count, MOST_STARTS))
 
 
 def _flow(f, w: np.ndarray) -> tuple:
