@@ -51,7 +51,8 @@ def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | No
         Section("Switching time", (*table(found.switching, _switching), *shown("switching"))),
         Section("Drift and temperature", (*table(found.drifts, _drift), *shown("drift"))),
         Section("Velocity histogram", (*shown("velocity_histogram"), *table(found.histograms, _histogram))),
-        Section("Tolerance and specimens", (*table(found.checks, _tolerance), *shown("specimens"), *table(found.specimens, _specimens))),
+        Section("Tolerance and specimens", (*table(found.checks, _tolerance), *shown("specimens"),
+                                            *table(found.specimens, _specimens))),
         Section("Not in these records", _missing(found)),
         Section("Tests and remarks", _tests(found)),
     ]
@@ -215,8 +216,8 @@ def _spreads(found: Characterisation) -> list[Item]:
     worst = worst_off_line(found.spreads)
     if worst is not None and abs(worst.off_line) > 2 * worst.share_std:
         items.append(Paragraph(f"Furthest from a straight line over the current: {100 * worst.off_line:+.0f} % of the "
-                               f"spread at {amps(worst.current, found.data.current_unit)}, {DIRECTIONS[worst.direction]} "
-                               f"{worst.speed:g} m/s."))
+                               f"spread at {amps(worst.current, found.data.current_unit)}, "
+                               f"{DIRECTIONS[worst.direction]} {worst.speed:g} m/s."))
     rows = []
     for specimen, direction, speed in dict.fromkeys((s.specimen, s.direction, s.speed) for s in found.spreads):
         own = {f.current: abs(f.force) for f in found.given if (f.specimen, f.direction, f.speed) ==
@@ -288,8 +289,8 @@ def _tolerance(found: Characterisation) -> list[Item]:
 
 def _specimens(found: Characterisation) -> list[Item]:
     sign = found.settings.sign
-    rows = tuple((amps(s.current, found.data.current_unit), DIRECTIONS[s.direction], f"{s.speed:g}", number(sign * s.mean),
-                  number(s.std, 3), f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–", number(s.within, 2),
+    rows = tuple((amps(s.current, found.data.current_unit), DIRECTIONS[s.direction], f"{s.speed:g}",
+                  number(sign * s.mean), number(s.std, 3), f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–", number(s.within, 2),
                   f"{shortened(s.lowest[0])} ({sign * s.lowest[1]:.4g})",
                   f"{shortened(s.highest[0])} ({sign * s.highest[1]:.4g})",
                   str(s.count)) for s in found.specimens)
