@@ -14,7 +14,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
-from lpvid.files._table import corrupt, fault_text, headed, parse_cells, stated_period, without_library
+from lpvid.files._table import fault_text, headed, stated_period
 
 Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
 """(path, rows of a part, row to begin with, channels wanted or None for all) to tables."""

@@ -118,14 +118,9 @@ class Characterisation:
         return summary(self)
 
 
-def characterise(
-    records: Any,
-    settings: CharacteriseSettings | None = None,
-    *,
-    damper: Damper | None = None,
-    tolerance: Tolerance | None = None,
-    report_progress: Callable[[str], None] | None = None,
-) -> Characterisation:
+def characterise(records: Any, settings: CharacteriseSettings | None = None, *, damper: Damper | None = None,
+                 tolerance: Tolerance | None = None,
+                 report_progress: Callable[[str], None] | None = None) -> Characterisation:
     """Read off records what a damper dynamometer shows; no model is fitted.
 
     Parameters

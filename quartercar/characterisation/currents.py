@@ -95,9 +95,8 @@ def spreads_of(forces: Sequence[StandardForce]) -> tuple[CurrentSpread, ...]:
             share = (row[0] - soft[0]) / span
             error = 0.0 if row in (soft, hard) else float(np.linalg.norm(
                 (row[2] / span, (1 - share) * soft[2] / span, share * hard[2] / span)))
-            rows.append(
-                CurrentSpread(specimen, direction, speed, row[1], share, error, share - (row[1] - soft[1]) / reach)
-            )
+            off_line = share - (row[1] - soft[1]) / reach
+            rows.append(CurrentSpread(specimen, direction, speed, row[1], share, error, off_line))
     return tuple(rows)
 
 

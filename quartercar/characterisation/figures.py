@@ -56,12 +56,15 @@ def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
     """
     import matplotlib as mpl
 
+    steady = _steady(found)
     with look(), mpl.rc_context({"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT,
                                  "xtick.labelsize": FONT - 1, "ytick.labelsize": FONT - 1,
                                  "legend.fontsize": FONT - 1.5, "lines.linewidth": 1.5}):
-        made = [_peak_velocity(found), _continuous_velocity(found), _displacement_loops(found), _by_current(found),
-                _static_line(found), _stiffness(found), _switching(found), _drift(found), _histogram(found),
-                _specimens(found)]
+        charts = ((found.peaks, _peak_velocity), (steady, _continuous_velocity), (steady, _displacement_loops),
+                  (found.spreads, _by_current), (found.static, _static_line), (found.loops, _stiffness),
+                  (found.switching, _switching), (found.drifts, _drift), (found.histograms, _histogram),
+                  (found.given, _specimens))
+        made = [draw(found) for rows, draw in charts if rows]
     return tuple(m for m in made if m is not None)
 
 
@@ -117,10 +120,8 @@ def _steady(found: Characterisation) -> list[Block]:
     return [b for b in found.blocks if b.run.has_force and b.run.current != "varies"]
 
 
-def _peak_velocity(found: Characterisation) -> Drawn | None:
+def _peak_velocity(found: Characterisation) -> Drawn:
     """PVP: force at mid stroke over the peak speed."""
-    if not found.peaks:
-        return None
     sign, colours = found.settings.sign, _colours(found)
     figure, ax = _chart()
     for key in colours:
@@ -137,9 +138,7 @@ def _peak_velocity(found: Characterisation) -> Drawn | None:
                         markeredgewidth=1.6, label=found.model, zorder=5)
     _zero(ax)
     ax.set_xlim(0, 1.06e3 * max(p.speed for p in found.peaks))
-    ax.set_xlabel("peak speed [mm/s]")
-    ax.set_ylabel("force [N]")
-    ax.set_title(f"Peak velocity, rebound {found.settings.rebound}")
+    ax.set(xlabel="peak speed [mm/s]", ylabel="force [N]", title=f"Peak velocity, rebound {found.settings.rebound}")
     _legend(ax)
     return Drawn("peak_velocity", figure, "Peak-velocity plot: force at mid stroke (central 10 %), mean over the "
                  "settled cycles with two standard errors, over the speed there; one point per test and direction.")
@@ -155,23 +154,21 @@ def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
     return _spread_over(steady), "every test" if len(steady) <= MOST_CURVES else f"{MOST_CURVES} of {len(steady)} tests"
 
 
-def _continuous_velocity(found: Characterisation) -> Drawn | None:
+def _continuous_velocity(found: Characterisation) -> Drawn:
     """CVP: force over velocity along the last complete cycle."""
     return _last_cycles(found, "continuous_velocity", "velocity [mm/s]", lambda c: 1e3 * c.velocity,
                         "Continuous velocity", "Continuous-velocity plot: force over velocity")
 
 
-def _displacement_loops(found: Characterisation) -> Drawn | None:
+def _displacement_loops(found: Characterisation) -> Drawn:
     """Force over displacement along the last complete cycle."""
     return _last_cycles(found, "force_displacement", "displacement from mid stroke [mm]",
                         lambda c: 1e3 * (c.displacement - c.centre), "Force-displacement loops",
                         "Force over displacement")
 
 
-def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn | None:
+def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn:
     chosen, which = _one_per_key(found)
-    if not chosen:
-        return None
     several = len({(b.run.specimen, b.run.level) for b in chosen}) > 1
     sign, colours = found.settings.sign, _colours(found)
     figure, ax = _chart()
@@ -187,9 +184,7 @@ def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, tit
             ax.plot(x, model, "--", color=VERMILION, linewidth=1.1, label=found.model)
     _zero(ax)
     ax.axvline(0, color=INK, linewidth=0.7, zorder=1)
-    ax.set_xlabel(across)
-    ax.set_ylabel("force [N]")
-    ax.set_title(title)
+    ax.set(xlabel=across, ylabel="force [N]", title=title)
     _legend(ax)
     return Drawn(name, figure, f"{stated}, last complete cycle of {which}.")
 
@@ -212,19 +207,16 @@ def _by_current(found: Characterisation) -> Drawn | None:
     ends = [min(s.current for s in found.spreads), max(s.current for s in found.spreads)]
     ax.plot(ends, [0, 100], color=MUTED, linewidth=1.0, linestyle=":", label="straight line")
     ax.set_xlim(low, high)
-    ax.set_xlabel(f"current [{found.data.current_unit}]")
-    ax.set_ylabel("place between soft and hard [%]")
-    ax.set_title("Spread over the current")
+    ax.set(xlabel=f"current [{found.data.current_unit}]", ylabel="place between soft and hard [%]",
+           title="Spread over the current")
     _legend(ax)
     of = f" of {specimen}" if specimen else ""
     return Drawn("by_current", figure, f"(F − F_soft)/(F_hard − F_soft){of} at standard speeds, with two standard "
                  "errors; off the dotted line the setting is not linear in the current.")
 
 
-def _static_line(found: Characterisation) -> Drawn | None:
+def _static_line(found: Characterisation) -> Drawn:
     """The slowest test over displacement, with the mean of its two directions."""
-    if not found.static:
-        return None
     slow = min(found.static, key=lambda s: s.speed)
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (slow.record, slow.test))
     sign, c = found.settings.sign, block.last
@@ -236,9 +228,8 @@ def _static_line(found: Characterisation) -> Drawn | None:
     ax.plot(reach, sign * (-slow.gas + slow.rate * 1e-3 * reach), color=VERMILION, linestyle="--",
             label="mean of both directions")
     _zero(ax)
-    ax.set_xlabel("displacement from mid stroke [mm]")
-    ax.set_ylabel("force [N]")
-    ax.set_title("Gas force and friction" + ("" if slow.creep else ": not a creep test"))
+    ax.set(xlabel="displacement from mid stroke [mm]", ylabel="force [N]",
+           title="Gas force and friction" + ("" if slow.creep else ": not a creep test"))
     _legend(ax)
     return Drawn("static", figure, "The slowest test: the mean of both directions is the gas spring, half their "
                  "difference the friction" + ("." if slow.creep else ", here with the damping at this speed in both."))
@@ -261,13 +252,9 @@ def _stiffness(found: Characterisation) -> Drawn | None:
                      fillstyle="none")
         axes[1].plot(f, [np.degrees(x.loss_angle or 0) for x in own], "o", color=colours[key], markersize=5,
                      label=_label(found, key))
-    axes[0].set_ylabel("stiffness [N/mm]")
-    axes[0].set_title("Dynamic (full) and elastic (open) stiffness")
+    axes[0].set(ylabel="stiffness [N/mm]", title="Dynamic (full) and elastic (open) stiffness")
     axes[1].axhline(90, color=MUTED, linewidth=0.9, linestyle=":")
-    axes[1].set_ylabel("loss angle [°]")
-    axes[1].set_xlabel("frequency [Hz]")
-    axes[1].set_xscale("log")
-    axes[1].xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes[1].set(ylabel="loss angle [°]", xlabel="frequency [Hz]", xscale="log")
     axes[1].xaxis.set_minor_formatter(lambda value, _: "")
     frequencies = np.unique([x.frequency for x in rows])
     kept = [frequencies[0]]
@@ -279,10 +266,8 @@ def _stiffness(found: Characterisation) -> Drawn | None:
                  "between tests (table). 90° is a damper without elasticity.")
 
 
-def _switching(found: Characterisation) -> Drawn | None:
+def _switching(found: Characterisation) -> Drawn:
     """Mean response to a step of the current."""
-    if not found.switching:
-        return None
     figure, ax = _chart()
     unit = found.data.current_unit
     longest = 3.0 * max(s.time for s in found.switching)
@@ -295,18 +280,15 @@ def _switching(found: Characterisation) -> Drawn | None:
     for level in (0, 90, 100):
         ax.axhline(level, color=MUTED if level == 90 else FAINT, linewidth=0.9, linestyle=":" if level == 90 else "-")
     ax.axvline(0, color=MUTED, linewidth=0.9, linestyle=":")
-    ax.set_xlabel("time since 10 % of the current's step [ms]")
-    ax.set_ylabel("force, share of its step [%]")
-    ax.set_title("Switching")
+    ax.set(xlabel="time since 10 % of the current's step [ms]", ylabel="force, share of its step [%]",
+           title="Switching")
     ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=1, borderaxespad=0.0)
     return Drawn("switching", figure, "Force after a step of the current at steady speed, mean over like steps; the "
                  "dot is at 90 %.")
 
 
-def _drift(found: Characterisation) -> Drawn | None:
+def _drift(found: Characterisation) -> Drawn:
     """Force at mid stroke cycle by cycle of the longest block."""
-    if not found.drifts:
-        return None
     longest = max(found.drifts, key=lambda d: d.cycles)
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (longest.record, longest.test))
     figure, ax = _chart()
@@ -316,9 +298,7 @@ def _drift(found: Characterisation) -> Drawn | None:
             mean = float(np.mean(point.by_cycle[1:]))
             ax.plot(np.arange(1, point.by_cycle.size + 1), 100 * (point.by_cycle / mean - 1), "o-", markersize=3,
                     linewidth=0.8, color=CYCLE[n], label=f"{DIRECTIONS[direction]}, mean {abs(mean):.4g} N")
-    ax.set_xlabel("cycle")
-    ax.set_ylabel("|force| about its mean [%]")
-    ax.set_title("Drift over the cycles")
+    ax.set(xlabel="cycle", ylabel="|force| about its mean [%]", title="Drift over the cycles")
     temperature = block.run.temperature
     if temperature is not None:
         other = ax.twinx()
@@ -331,26 +311,20 @@ def _drift(found: Characterisation) -> Drawn | None:
                  + (", and the temperature." if temperature is not None else "; no temperature was recorded."))
 
 
-def _histogram(found: Characterisation) -> Drawn | None:
+def _histogram(found: Characterisation) -> Drawn:
     """Share of the time by velocity."""
-    if not found.histograms:
-        return None
     figure, ax = _chart()
     for n, h in enumerate(found.histograms[:MOST_CURVES]):
         ax.stairs(100 * h.share, 1e3 * h.edges, color=CYCLE[n % len(CYCLE)], linewidth=1.4,
                   fill=len(found.histograms) == 1, alpha=0.75 if len(found.histograms) == 1 else 1.0, label=h.record)
     ax.axvline(0, color=INK, linewidth=0.7)
-    ax.set_xlabel("velocity [mm/s], rebound right")
-    ax.set_ylabel("share of the time [%]")
-    ax.set_title("Velocity histogram")
+    ax.set(xlabel="velocity [mm/s], rebound right", ylabel="share of the time [%]", title="Velocity histogram")
     _legend(ax)
     return Drawn("velocity_histogram", figure, "Share of the time in classes of 10 mm/s.")
 
 
 def _specimens(found: Characterisation) -> Drawn | None:
     """Every specimen's force against the mean, with the band where there is one."""
-    if not found.specimens and not found.checks:
-        return None
     sign = found.settings.sign
     means = {(s.current, s.direction, s.speed): sign * s.mean for s in found.specimens}
     bands = {(c.force.current, c.force.direction, c.force.speed): (c.lower, c.upper, c.nominal) for c in found.checks}
@@ -373,14 +347,12 @@ def _specimens(found: Characterisation) -> Drawn | None:
                 ax.plot(100 * (sign * (f.force or 0.0) / middle - 1), place, "o", markersize=4.5,
                         color=CYCLE[n % len(CYCLE)], label=shortened(f.specimen) or "measured",
                         zorder=3)
-    stated = [
-        f"{amps(c, found.data.current_unit)} " * (c is not None) + f"{DIRECTIONS[d]} {v:g} m/s" for c, d, v in keys
-    ]
+    unit = found.data.current_unit
+    stated = [f"{amps(c, unit)} " * (c is not None) + f"{DIRECTIONS[d]} {v:g} m/s" for c, d, v in keys]
     ax.set_yticks(range(len(keys)), stated, fontsize=FONT - 3)
     ax.invert_yaxis()
     ax.axvline(0, color=INK, linewidth=0.7)
-    ax.set_xlabel("force about its nominal or mean [%]")
-    ax.set_title("Specimens and tolerance")
+    ax.set(xlabel="force about its nominal or mean [%]", title="Specimens and tolerance")
     _legend(ax, ax.figure.get_figheight())
     return Drawn("specimens", figure, "Every specimen at every standard speed, against the nominal force or the mean "
                  "of the specimens; grey is the tolerance band.")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,17 +38,21 @@ def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | No
     def shown(name: str) -> list[Item]:
         return [drawn[name]] if name in drawn else []
 
+    def table(rows: Sequence[Any], made: Callable[[Characterisation], list[Item]]) -> list[Item]:
+        return made(found) if rows else []
+
     sections = [
-        Section("Forces at standard speeds", (*_forces(found), *_ratio(found))),
-        Section("Peak velocity", (*shown("peak_velocity"), *_peaks(found))),
+        Section("Forces at standard speeds", (*_forces(found), *table(found.ratios, _ratio))),
+        Section("Peak velocity", (*shown("peak_velocity"), *table(found.peaks, _peaks))),
         Section("Continuous velocity and loops", (*shown("continuous_velocity"), *shown("force_displacement"))),
-        Section("Gas force, spring rate, friction", (*_static(found), *shown("static"))),
-        Section("Hysteresis and energy", (*_loops(found), *shown("stiffness"))),
-        Section("Over the current", (*shown("by_current"), *_spreads(found))),
-        Section("Switching time", (*_switching(found), *shown("switching"))),
-        Section("Drift and temperature", (*_drift(found), *shown("drift"))),
-        Section("Velocity histogram", (*shown("velocity_histogram"), *_histogram(found))),
-        Section("Tolerance and specimens", (*_tolerance(found), *shown("specimens"), *_specimens(found))),
+        Section("Gas force, spring rate, friction", (*table(found.static, _static), *shown("static"))),
+        Section("Hysteresis and energy", (*table(found.loops, _loops), *shown("stiffness"))),
+        Section("Over the current", (*shown("by_current"), *table(found.spreads, _spreads))),
+        Section("Switching time", (*table(found.switching, _switching), *shown("switching"))),
+        Section("Drift and temperature", (*table(found.drifts, _drift), *shown("drift"))),
+        Section("Velocity histogram", (*shown("velocity_histogram"), *table(found.histograms, _histogram))),
+        Section("Tolerance and specimens", (*table(found.checks, _tolerance), *shown("specimens"),
+                                            *table(found.specimens, _specimens))),
         Section("Not in these records", _missing(found)),
         Section("Tests and remarks", _tests(found)),
     ]
@@ -66,10 +70,6 @@ def _steps(found: Characterisation) -> tuple[NextStep, ...]:
             NextStep("Find what such a law leaves out.", "lpvid diagnose DATA --baseline guo --out diagnosis"))
 
 
-def _unit(found: Characterisation) -> str:
-    return found.data.current_unit
-
-
 def _said(value: float | None, std: float | None, digits: int = 4) -> str:
     """A value with its standard error: to the error's second digit, but no more than one digit beyond `digits`."""
     if value is None or not np.isfinite(value):
@@ -83,7 +83,7 @@ def _said(value: float | None, std: float | None, digits: int = 4) -> str:
 
 
 def _where(found: Characterisation, specimen: str, current: float | None) -> str:
-    parts = [specimen, "" if current is None else amps(current, _unit(found))]
+    parts = [specimen, "" if current is None else amps(current, found.data.current_unit)]
     return ", ".join(p for p in parts if p) or "all"
 
 
@@ -100,7 +100,7 @@ def _test(label: str) -> str:
 
 
 def _facts(found: Characterisation) -> tuple[tuple[str, str], ...]:
-    sign, unit = found.settings.sign, _unit(found)
+    sign, unit = found.settings.sign, found.data.current_unit
     facts: list[tuple[str, str]] = []
     keys = list(dict.fromkeys((f.specimen, f.current) for f in found.given))
     for key in dict.fromkeys((keys[0], keys[-1])) if keys else ():
@@ -152,30 +152,14 @@ def _forces(found: Characterisation) -> list[Item]:
     detail = tuple((_where(found, f.specimen, f.current), DIRECTIONS[f.direction], f"{f.speed:g}",
                     _said(sign * (f.force or 0.0), f.std), number(None if f.last is None else sign * f.last),
                     number(f.hysteresis, 3), str(f.cycles or "–"), f.source) for f in found.given)
-    items.append(
-        PageTable(
-            (
-                _first(found),
-                "direction",
-                "speed [m/s]",
-                "force [N]",
-                "last cycle [N]",
-                "branch difference [N]",
-                "cycles",
-                "read from",
-            ),
-            detail,
-            "Branch difference: force while the speed rises minus the force while it falls.",
-            (2, 3, 4, 5, 6),
-            folded=f"Where each of the {len(detail)} forces was read",
-        )
-    )
+    items.append(PageTable(
+        (_first(found), "direction", "speed [m/s]", "force [N]", "last cycle [N]", "branch difference [N]", "cycles",
+         "read from"), detail, "Branch difference: force while the speed rises minus the force while it falls.",
+        (2, 3, 4, 5, 6), folded=f"Where each of the {len(detail)} forces was read"))
     return items
 
 
 def _ratio(found: Characterisation) -> list[Item]:
-    if not found.ratios:
-        return []
     gas = any(r.without_gas is not None for r in found.ratios)
     pushed = any(r.pushed for r in found.ratios)
     rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", "–" if r.pushed else _said(r.ratio, r.std, 3),
@@ -194,8 +178,6 @@ def _peaks(found: Characterisation) -> list[Item]:
                   f"{1e3 * p.speed:.4g}", _said(sign * p.force, p.std), number(p.spread, 2),
                   str(len(p.block.settled))) for p in sorted(found.peaks, key=lambda p: (
                       p.block.run.specimen, -np.inf if p.block.run.level is None else p.block.run.level, p.speed)))
-    if not rows:
-        return []
     return [PageTable((_first(found), "test", "direction", "speed [mm/s]", "force [N]", "between cycles [N]", "cycles"),
                   rows,
                   "Force at mid stroke by test, mean over the settled cycles.", (3, 4, 5, 6),
@@ -203,24 +185,17 @@ def _peaks(found: Characterisation) -> list[Item]:
 
 
 def _static(found: Characterisation) -> list[Item]:
-    if not found.static:
-        return []
     rows, marks = [], []
     for s in found.static:
         rows.append((_where(found, s.specimen, s.current), _test(s.test), f"{1e3 * s.speed:.3g}",
                      _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
                      ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
-    items: list[Item] = [
-        PageTable(
-            (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
-            tuple(rows),
-            "Gas force: mean of the two directions at one place. Friction: half their difference, which includes the "
-            "damping at the speed of the test and the yield force of a magnetorheological fluid.",
-            (2, 3, 4, 5),
-            tuple(marks),
-        )
-    ]
+    items: list[Item] = [PageTable(
+        (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
+        tuple(rows), "Gas force: mean of the two directions at one place. Friction: half their difference, which "
+        "includes the damping at the speed of the test and the yield force of a magnetorheological fluid.",
+        (2, 3, 4, 5), tuple(marks))]
     if not all(s.creep for s in found.static):
         items.append(Paragraph("Marked rows are faster than 10 mm/s. Their friction is an upper bound. Their gas force "
                                "includes half the difference between the damping forces of the two directions."))
@@ -228,8 +203,6 @@ def _static(found: Characterisation) -> list[Item]:
 
 
 def _loops(found: Characterisation) -> list[Item]:
-    if not found.loops:
-        return []
     rows = tuple((_where(found, x.specimen, x.current), _test(x.test), _said(x.energy, x.energy_std, 3),
                   "–" if x.loss_angle is None else f"{np.degrees(x.loss_angle):.1f}",
                   number(None if x.dynamic_stiffness is None else 1e-3 * x.dynamic_stiffness, 3),
@@ -244,14 +217,12 @@ def _loops(found: Characterisation) -> list[Item]:
 
 
 def _spreads(found: Characterisation) -> list[Item]:
-    if not found.spreads:
-        return []
     items: list[Item] = []
     worst = worst_off_line(found.spreads)
     if worst is not None and abs(worst.off_line) > 2 * worst.share_std:
         items.append(Paragraph(f"Furthest from a straight line over the current: {100 * worst.off_line:+.0f} % of the "
-                               f"spread at {amps(worst.current, _unit(found))}, {DIRECTIONS[worst.direction]} "
-                               f"{worst.speed:g} m/s."))
+                               f"spread at {amps(worst.current, found.data.current_unit)}, "
+                               f"{DIRECTIONS[worst.direction]} {worst.speed:g} m/s."))
     rows = []
     for specimen, direction, speed in dict.fromkeys((s.specimen, s.direction, s.speed) for s in found.spreads):
         own = {f.current: abs(f.force) for f in found.given if (f.specimen, f.direction, f.speed) ==
@@ -266,16 +237,14 @@ def _spreads(found: Characterisation) -> list[Item]:
     first = ("specimen",) if any(s.specimen for s in found.spreads) else ()
     start = len(first)
     items.append(PageTable((*first, "direction", "speed [m/s]", "hard − soft [N]", "hard / soft",
-                        *(f"{amps(level, _unit(found))} [%]" for level in found.data.levels)), tuple(rows),
+                        *(f"{amps(level, found.data.current_unit)} [%]" for level in found.data.levels)), tuple(rows),
                        "Place of each current between the softest and the hardest, (F − F_soft)/(F_hard − F_soft).",
                        tuple(range(start + 1, start + 4 + len(found.data.levels)))))
     return items
 
 
 def _switching(found: Characterisation) -> list[Item]:
-    if not found.switching:
-        return []
-    unit = _unit(found)
+    unit = found.data.current_unit
     rows = tuple((f"{amps(s.low, unit)} → {amps(s.high, unit)}", DIRECTIONS[s.direction], f"{1e3 * s.speed:.3g}",
                   _said(1e3 * s.time, 1e3 * s.time_std), number(1e3 * s.spread, 2),
                   number(None if s.settling is None else 1e3 * s.settling, 3), f"{100 * s.dip:.1f}",
@@ -288,37 +257,19 @@ def _switching(found: Characterisation) -> list[Item]:
 
 
 def _drift(found: Characterisation) -> list[Item]:
-    if not found.drifts:
-        return []
     rows = tuple((_where(found, d.specimen, d.current), _test(d.test), DIRECTIONS[d.direction], str(d.cycles),
                   number(d.duration, 3), _said(100 * d.change, 100 * d.change_std, 2),
                   "–" if d.coolest is None or d.warmest is None else
                   f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
                   _said(None if d.per_kelvin is None else 100 * d.per_kelvin,
                         None if d.per_kelvin_std is None else 100 * d.per_kelvin_std, 2)) for d in found.drifts)
-    return [
-        PageTable(
-            (
-                _first(found),
-                "test",
-                "direction",
-                "cycles",
-                "over [s]",
-                "change of |F| [%]",
-                "temperature [°C]",
-                "per kelvin [%/K]",
-            ),
-            rows,
-            "Trend of the force at mid stroke over the settled cycles.",
-            (3, 4, 5, 6, 7),
-            folded=f"{len(rows)} trends" if len(rows) > OPEN else "",
-        )
-    ]
+    return [PageTable((_first(found), "test", "direction", "cycles", "over [s]", "change of |F| [%]",
+                       "temperature [°C]", "per kelvin [%/K]"), rows,
+                      "Trend of the force at mid stroke over the settled cycles.", (3, 4, 5, 6, 7),
+                      folded=f"{len(rows)} trends" if len(rows) > OPEN else "")]
 
 
 def _histogram(found: Characterisation) -> list[Item]:
-    if not found.histograms:
-        return []
     rows = tuple((h.record, number(h.duration, 3), f"{1e3 * h.rms:.3g}", f"{1e3 * h.largest:.3g}",
                   f"{100 * h.slow:.1f}", f"{100 * (h.below + h.above):.2f}",
                   " / ".join(f"{1e3 * q:z.0f}" for q in h.quantiles), number(h.power, 3)) for h in found.histograms)
@@ -328,8 +279,6 @@ def _histogram(found: Characterisation) -> list[Item]:
 
 
 def _tolerance(found: Characterisation) -> list[Item]:
-    if not found.checks:
-        return []
     sign = found.settings.sign
     words: dict[bool | None, tuple[str, Mark]] = {True: ("inside", "good"), False: ("outside", "bad"),
                                                   None: ("undecided", "warn")}
@@ -344,11 +293,9 @@ def _tolerance(found: Characterisation) -> list[Item]:
 
 
 def _specimens(found: Characterisation) -> list[Item]:
-    if not found.specimens:
-        return []
     sign = found.settings.sign
-    rows = tuple((amps(s.current, _unit(found)), DIRECTIONS[s.direction], f"{s.speed:g}", number(sign * s.mean),
-                  number(s.std, 3), f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–", number(s.within, 2),
+    rows = tuple((amps(s.current, found.data.current_unit), DIRECTIONS[s.direction], f"{s.speed:g}",
+                  number(sign * s.mean), number(s.std, 3), f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–", number(s.within, 2),
                   f"{shortened(s.lowest[0])} ({sign * s.lowest[1]:.4g})",
                   f"{shortened(s.highest[0])} ({sign * s.highest[1]:.4g})",
                   str(s.count)) for s in found.specimens)
@@ -370,7 +317,7 @@ def _tests(found: Characterisation) -> tuple[Item, ...]:
     for run in found.data.runs:
         own = [b for b in found.blocks if b.run is run]
         what = "; ".join(f"{b.label}, {len(b.cycles)} cycles" for b in own) or "no periodic motion"
-        kind = {"varies": "moving", "none": "–"}.get(run.current, amps(run.level, _unit(found)))
+        kind = {"varies": "moving", "none": "–"}.get(run.current, amps(run.level, found.data.current_unit))
         rows.append((run.name, run.specimen or "–", kind, f"{1.0 / run.period:.5g}",
                      f"{run.record.n_samples * run.period:.3g}", what))
     table = PageTable(("record", "specimen", "current", "rate [Hz]", "length [s]", "what it holds"), tuple(rows),

@@ -153,9 +153,8 @@ def branch_force(block: Block, direction: int, speed: float, force: np.ndarray |
                        max(rising.outside, falling.outside) > 0)
 
 
-def _branch(
-    cycles: tuple[RecordedCycle, ...], force: np.ndarray, direction: int, speed: float, side: int
-) -> LocalFit | None:
+def _branch(cycles: tuple[RecordedCycle, ...], force: np.ndarray, direction: int, speed: float,
+            side: int) -> LocalFit | None:
     """The local fit on one branch: `side` −1 before mid stroke, 1 behind."""
     parts = []
     for k, c in enumerate(cycles):

@@ -292,20 +292,15 @@ def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
     elif sense == 0:
         stated.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
                     "taken as positive in tension.")
-    longest = max((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated) if any(
-        not r.integrated for r in runs) else (0.0, "")
+    longest = max(((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated), default=(0.0, ""))
     if longest[0] > LONGEST:
         stated.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "
                     "another unit in the header?")
     if any(r.integrated for r in runs):
-        stated.append(
-            "Displacement is the integral of the velocity where it was not measured: its zero is not known, so "
-            "the gas force belongs to the middle of the motion."
-        )
+        stated.append("Displacement is the integral of the velocity where it was not measured: its zero is not known, "
+                      "so the gas force belongs to the middle of the motion.")
     without = [r.name for r in runs if not r.has_force]
     if without:
-        stated.append(
-            f"No force in {', '.join(without[:4])}{' and more' if len(without) > 4 else ''}: only the velocity "
-            "histogram uses it."
-        )
+        stated.append(f"No force in {', '.join(without[:4])}{' and more' if len(without) > 4 else ''}: only the "
+                      "velocity histogram uses it.")
     return tuple(stated)

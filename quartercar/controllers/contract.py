@@ -269,6 +269,21 @@ class Controller(Parametrised):
         return dict(data)
 
 
+def by_car(values: Values, cars: int) -> list[dict[str, float]]:
+    """Values of every parameter, car by car.
+
+    Parameters
+    ----------
+    values : mapping of str to (cars,) array
+    cars : int
+
+    Returns
+    -------
+    list of dict of str to float
+    """
+    return [{n: float(a[k]) for n, a in values.items()} for k in range(cars)]
+
+
 def start_together(controllers: Sequence[Controller], setting: Setting) -> Law:
     """One running law for cars that have a controller each: those that differ in their values alone share a law.
 

@@ -138,6 +138,23 @@ class Drive:
                      self.current[first:last], None if self.force is None else self.force[first:last])
 
 
+def joined(drives: Sequence[Drive], *names: str) -> list[np.ndarray]:
+    """Signals of several drives, one drive after the other.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+    *names : str
+        Of `ROLES`.
+
+    Returns
+    -------
+    list of (n,) array
+        One for each name.
+    """
+    return [np.concatenate([getattr(d, name) for d in drives]) for name in names]
+
+
 UNITS = {"displacement": "m", "velocity": "m/s", "force": "N"}
 MENDS = {"displacement": "measure it, or fit a model that does not read it; --role displacement=CHANNEL",
          "velocity": "lpvid.condition.with_velocity(record) derives it from displacement",

@@ -147,7 +147,7 @@ def _levels(current: np.ndarray) -> tuple[float, ...]:
     values = np.sort(current)
     gaps = np.flatnonzero(np.diff(values) > DISTINCT * max(abs(values[0]), abs(values[-1]), 1e-12))
     groups = np.split(values, gaps + 1)
-    if len(groups) > MOST_LEVELS or any(np.ptp(g) > 0.2 * max(np.ptp(values), 1e-12) for g in groups[: len(groups)]
-                                         if len(groups) > 1):
+    wide = len(groups) > 1 and any(np.ptp(g) > 0.2 * max(np.ptp(values), 1e-12) for g in groups)
+    if len(groups) > MOST_LEVELS or wide:
         return ()
     return tuple(float(np.median(g)) for g in groups)

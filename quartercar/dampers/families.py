@@ -24,6 +24,31 @@ COMPLEX_STEP = 1e-30
 """imaginary part, relative to a parameter, by which exact derivatives are taken."""
 
 
+def complex_slope(function: Callable[[np.ndarray], np.ndarray], vector: np.ndarray, place: int) -> np.ndarray:
+    """∂f/∂θ_j by the complex step: Im f(θ + i h e_j)/h has no difference to round off, for any h.
+
+    Squire, Trapp (1998), SIAM Review 40(1), 110-112. Kernels take moduli and signs by the real part.
+
+    Parameters
+    ----------
+    function : callable
+        f, of (P,) complex parameters.
+    vector : (P,) array
+        θ.
+    place : int
+        j.
+
+    Returns
+    -------
+    array
+        Of the shape of f.
+    """
+    step = COMPLEX_STEP * max(abs(float(vector[place])), 1e-6)
+    moved = vector.astype(complex)
+    moved[place] += 1j * step
+    return np.imag(function(moved)) / step
+
+
 class LawDamper(Damper):
     """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
 
@@ -205,6 +230,17 @@ class StaticDamper(LawDamper):
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         return self.force(displacement, velocity, current)
 
+    def without_lpv_form(self) -> InputError:
+        """What `to_lpv` raises for a law whose slope is a function of the velocity.
+
+        Returns
+        -------
+        InputError
+        """
+        return InputError(f"no LPV form of '{self.name}'",
+                          why="it has no memory and no scheduling: its slope is a function of the velocity itself",
+                          mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")
+
     def stepper(self, step: float) -> DamperStepper:
         return StaticStepper(self)
 
@@ -315,9 +351,7 @@ class DynamicDamper(LawDamper):
         return self.sensitivity(drive, vector, range(vector.size))
 
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-        """By the complex step: Im F(θ + i h e_j)/h has no difference to round off, for any h.
-
-        Squire, Trapp (1998), SIAM Review 40(1), 110-112. Kernels take moduli and signs by the real part.
+        """By the complex step (`complex_slope`).
 
         Parameters
         ----------
@@ -332,8 +366,5 @@ class DynamicDamper(LawDamper):
         """
         out = np.empty((drive.n_samples, len(columns)))
         for place, j in enumerate(columns):
-            step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
-            moved = vector.astype(complex)
-            moved[j] += 1j * step
-            out[:, place] = np.imag(self.response(drive, moved)) / step
+            out[:, place] = complex_slope(lambda moved: self.response(drive, moved), vector, j)
         return out

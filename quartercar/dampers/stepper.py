@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 FINE = 4
 """steps of a compiled damper within one step of the car."""
 GAMMA = 1.0 - math.sqrt(0.5)
-"""first stage of the L-stable two-stage method of order 2 (Alexander 1977, SIAM J. Numer. Anal. 14, 1006-1021)"""
+"""first stage, and diagonal, of the L-stable, stiffly accurate two-stage method of order 2 (Alexander 1977, SIAM J.
+Numer. Anal. 14, 1006-1021)"""
+RATIO = (1.0 - GAMMA) / GAMMA
+"""share of the first stage's move by which the second one starts from it"""
 
 
 class DamperStepper(ABC):
@@ -216,7 +219,7 @@ def rates_move(damper: DynamicDamper, step: float) -> Move:
     def move(state, here, there):
         middle = tuple(a + GAMMA * (b - a) for a, b in zip(here, there, strict=True))
         first = stage(state, state, middle)  # type: ignore[arg-type]
-        z = stage(state + (1 - GAMMA) / GAMMA * (first - state), first, there)
+        z = stage(state + RATIO * (first - state), first, there)
         return z, damper.output(z, *there)
 
     return move

@@ -71,22 +71,49 @@ def with_force(parameters: CarParameters, rows: Mapping[str, Row], region: Regio
     LPVStateSpace
         Continuous; outputs as `quartercar.vehicle.linear.RELATIVE`, then ``damper_force``.
     """
-    car = bare_car(parameters)
-    names = region.names
-    terms = ("", *names)
-    nu = len(inputs)
-    a, b = np.zeros((len(terms), 4, 4)), np.zeros((len(terms), 4, 1 + nu))
-    c, d = np.zeros((len(terms), 8, 4)), np.zeros((len(terms), 8, 1 + nu))
-    a[0], b[0, :, :1], c[0, :7], d[0, :7, :1] = car.A, car.B[:, :1], car.C, car.D[:, :1]
-    for m, name in enumerate(terms):
-        f, g = rows.get(name, (np.zeros(4), np.zeros(nu)))
-        f, g = np.asarray(f, dtype=float), np.asarray(g, dtype=float).reshape(nu)
-        a[m] += np.outer(car.B[:, 1], f)
-        b[m, :, 1:] += np.outer(car.B[:, 1], g)
-        c[m, :7] += np.outer(car.D[:, 1], f)
-        d[m, :7, 1:] += np.outer(car.D[:, 1], g)
-        c[m, 7], d[m, 7, 1:] = f, g
-    return LPVStateSpace(a, b, c, d, Polynomial(names, 1 if names else 0), None, region.scheduling(units),
+    force = np.zeros((1 + len(region.names), 5 + len(inputs)))
+    for row, name in zip(force, ("", *region.names), strict=True):
+        if name in rows:
+            row[:4], row[5:] = rows[name]
+    return car_plant(bare_car(parameters), force, np.zeros((len(force), 0, force.shape[1])), region, inputs, units)
+
+
+def car_plant(car: StateSpace, force: np.ndarray, inner: np.ndarray, region: Region, inputs: tuple[Signal, ...],
+              units: tuple[str, ...] = (), sample_time: float | None = None) -> LPVStateSpace:
+    """The car with F = f(p)·(x, d, ż_r, u) between its masses, and states d beside it that move by g(p)·(x, d, ż_r, u).
+
+    Parameters
+    ----------
+    car : StateSpace
+        As `bare_car` gives it, continuous or sampled.
+    force : (1 + n_p, 4 + n_d + 1 + n_u) array
+        f: f_0, then one row for each scheduling variable.
+    inner : (1 + n_p, n_d, 4 + n_d + 1 + n_u) array
+        g likewise.
+    region : Region
+    inputs : tuple of Signal
+        u; the road's velocity comes before them.
+    units : tuple of str
+        Of the scheduling variables.
+    sample_time : float or None
+        [s]; None for a continuous car.
+
+    Returns
+    -------
+    LPVStateSpace
+        Outputs as `quartercar.vehicle.linear.RELATIVE`, then ``damper_force``.
+    """
+    terms, width = force.shape
+    split, names = 4 + inner.shape[1], region.names
+    flow, out = np.zeros((terms, split, width)), np.zeros((terms, 8, width))
+    flow[0, :4, :4], flow[0, :4, split] = car.A, car.B[:, 0]
+    flow[:, :4] += car.B[:, 1][None, :, None] * force[:, None]
+    flow[:, 4:] = inner
+    out[0, :7, :4], out[0, :7, split] = car.C, car.D[:, 0]
+    out[:, :7] += car.D[:, 1][None, :, None] * force[:, None]
+    out[:, 7] = force
+    return LPVStateSpace(flow[:, :, :split], flow[:, :, split:], out[:, :, :split], out[:, :, split:],
+                         Polynomial(names, 1 if names else 0), sample_time, region.scheduling(units),
                          inputs=(Signal("road_velocity", "m/s"), *inputs),
                          outputs=(*(Signal(n, OUTPUTS[n]) for n in RELATIVE), Signal("damper_force", "N")))
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from quartercar.lpv_models.car_part import STATES
 from quartercar.lpv_models.region import Region
@@ -106,6 +107,25 @@ def road_velocity(run: CarRun) -> np.ndarray:
     """
     slope = np.diff(run["road"]) / run.sample_time
     return np.append(slope, slope[-1:])
+
+
+def need_rate(run: CarRun, period: float) -> None:
+    """Refuse a run at another rate than that of the identified damper.
+
+    Parameters
+    ----------
+    run : CarRun
+    period : float
+        Of the damper [s].
+
+    Raises
+    ------
+    InputError
+        With both rates.
+    """
+    if abs(run.sample_time / period - 1) > 1e-6:
+        raise InputError("E9 replays runs at the damper's rate",
+                         got=f"{1 / run.sample_time:.6g} Hz against {1 / period:.6g} Hz")
 
 
 def replay(embedding: Embedding, run: CarRun) -> np.ndarray:

@@ -12,7 +12,7 @@ from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.synthesis.bilinear import to_continuous
 from quartercar.dampers.contract import Damper
-from quartercar.lpv_models.yielding import secant
+from quartercar.dampers.laws.secant import secant
 from quartercar.vehicle.filter_bank import filter_of
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

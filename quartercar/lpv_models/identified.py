@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -17,11 +17,11 @@ from lpvid.realization import Realization, realize
 from lpvid.scheduling import Polynomial
 from lpvid.toolkit import checks
 from quartercar.dampers.blackbox.sampled import SampledDamper
-from quartercar.lpv_models.car_part import SPEED, bare_car, passive_sense
-from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states
-from quartercar.lpv_models.region import Region
+from quartercar.dampers.laws.secant import secant
+from quartercar.lpv_models.car_part import SPEED, bare_car, car_plant, passive_sense
+from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, need_rate, road_velocity
+from quartercar.lpv_models.region import Region, limits_around
 from quartercar.parameters import CarParameters
-from quartercar.vehicle.linear import OUTPUTS, RELATIVE
 from quartercar.vehicle.result import CarRun
 
 FORMS = ("augmented", "observable", "controllable")
@@ -104,10 +104,7 @@ class IdentifiedDamper(Embedding):
             With `limits` of every scheduling variable; those of ρ_v stay between 0 and 1/v_0.
         """
         listed = runs if isinstance(runs, list) else [runs]
-        p = np.vstack([self.along(run).scheduling for run in listed])
-        low, high = p.min(axis=0), p.max(axis=0)
-        middle, half = 0.5 * (low + high), 0.5 * margin * (high - low)
-        limits = {n: (float(m - h), float(m + h)) for n, m, h in zip(self.names, middle, half, strict=True)}
+        limits = limits_around(self.names, np.vstack([self.along(run).scheduling for run in listed]), margin)
         if SECANT in limits:
             limits[SECANT] = (max(limits[SECANT][0], 0.0), min(limits[SECANT][1], float(1 / self._knee)))
         return IdentifiedDamper(self.parameters, self.damper, self.centre, self.form, limits)
@@ -192,12 +189,7 @@ class IdentifiedDamper(Embedding):
 
     @cached_property
     def region(self) -> Region:  # type: ignore[override]
-        missing = [n for n in self.names if n not in self.limits]
-        if missing:
-            raise InputError("the scheduling of E9 is limited by recorded runs", got=f"no limits of {missing[0]}",
-                             mend=".around(runs)")
-        lower, upper = zip(*(self.limits[n] for n in self.names), strict=True)
-        return Region.box(self.names, lower, upper, "recorded runs", points=3)
+        return Region.of_runs(self.names, self.limits)
 
     @cached_property
     def _car(self) -> tuple[np.ndarray, np.ndarray]:
@@ -212,40 +204,24 @@ class IdentifiedDamper(Embedding):
 
     @cached_property
     def system(self) -> LPVStateSpace:  # type: ignore[override]
-        car, (phi, gamma) = bare_car(self.parameters), self._car
         (a, b, c, d, _, _), names = self._here, self.names
-        n, m = len(a), 1 + len(names)
-        place = {name: 1 + k for k, name in enumerate(names)}
-        force = np.zeros((m, 4 + n))  # F over the states, without δ
-        inner = np.zeros((m, n, 4 + n))  # d⁺ over the states
-        force[0, 4:], inner[0, :, 4:] = c[0], a
+        n, place = len(a), {name: 1 + k for k, name in enumerate(names)}
+        delta = 4 + n + 1
+        force = np.zeros((1 + len(names), delta + 1))  # F over the car's states, the damper's, ż_r and δ
+        inner = np.zeros((1 + len(names), n, delta + 1))  # d⁺ over the same
+        force[0, 4:4 + n], inner[0, :, 4:4 + n] = c[0], a
         force[0, :4], inner[0, :, :4] = d[0, 0] * SPEED, np.outer(b[:, 0], SPEED)
         if SECANT in place:
             force[place[SECANT], :4] = d[0, 1] * SPEED
             inner[place[SECANT], :, :4] = np.outer(b[:, 1], SPEED)
-        by_current = np.zeros((m, n))
-        by_force = np.zeros(m)
-        by_force[place["force_per_current"]] = 1.0
-        by_current[place["force_per_current"], self._rows[0]] = 1.0
+        force[place["force_per_current"], delta] = 1.0
+        inner[place["force_per_current"], self._rows[0], delta] = 1.0
         for j in self._rows[1]:
-            by_current[place[f"state_per_current_{j}"], j] = 1.0
-        big_a, big_b = np.zeros((m, 4 + n, 4 + n)), np.zeros((m, 4 + n, 2))
-        big_c, big_d = np.zeros((m, 8, 4 + n)), np.zeros((m, 8, 2))
-        big_a[0, :4, :4], big_b[0, :4, 0] = phi, gamma[:, 0]
-        big_c[0, :7, :4], big_d[0, :7, 0] = car.C, car.D[:, 0]
-        for k in range(m):
-            big_a[k, :4] += np.outer(gamma[:, 1], force[k])
-            big_a[k, 4:] += inner[k]
-            big_b[k, :4, 1] += gamma[:, 1] * by_force[k]
-            big_b[k, 4:, 1] += by_current[k]
-            big_c[k, :7] += np.outer(car.D[:, 1], force[k])
-            big_d[k, :7, 1] += car.D[:, 1] * by_force[k]
-            big_c[k, 7], big_d[k, 7, 1] = force[k], by_force[k]
+            inner[place[f"state_per_current_{j}"], j, delta] = 1.0
+        phi, gamma = self._car
         units = tuple("s/m" if name == SECANT else "N/A" for name in names)
-        return LPVStateSpace(big_a, big_b, big_c, big_d, Polynomial(names, 1), self.sample_time,
-                             self.region.scheduling(units),
-                             inputs=(Signal("road_velocity", "m/s"), Signal(self.control, "A")),
-                             outputs=(*(Signal(s, OUTPUTS[s]) for s in RELATIVE), Signal("damper_force", "N")))
+        return car_plant(replace(bare_car(self.parameters), A=phi, B=gamma), force, inner, self.region,
+                         (Signal(self.control, "A"),), units, self.sample_time)
 
     # -- along runs ---------------------------------------------------------------------------------------------------
     def damper_states(self, velocity: np.ndarray, current: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -307,8 +283,6 @@ class IdentifiedDamper(Embedding):
         columns = [quotient(0, (2, 3, 5), (c, d, g))]
         columns += [quotient(j, (0, 1, 4), (a, b, f)) for j in self._rows[1]]
         if SECANT in self.names:
-            from quartercar.lpv_models.yielding import secant
-
             columns.insert(0, secant(v / self._knee) / self._knee)
         return np.column_stack(columns)
 
@@ -337,14 +311,11 @@ class IdentifiedDamper(Embedding):
         InputError
             A run at another rate.
         """
-        if abs(run.sample_time / self.sample_time - 1) > 1e-6:
-            raise InputError("E9 replays runs at the damper's rate",
-                             got=f"{1 / run.sample_time:.6g} Hz against {1 / self.sample_time:.6g} Hz")
+        need_rate(run, self.sample_time)
         v, i = np.asarray(run["suspension_velocity"]), self.filtered_current(run)
         states, _ = self.damper_states(v, i)
         rest, force = self._rest
         car = car_states(run)
         car[:, 0] += (force - run.car.preload) / self.parameters.spring_stiffness
-        slope = np.diff(run["road"]) / run.sample_time
-        inputs = np.column_stack([np.append(slope, slope[-1:]), i - self.centre])
+        inputs = np.column_stack([road_velocity(run), i - self.centre])
         return Trajectory(np.hstack([car, states - rest]), inputs, self.scheduled(states, v, i))

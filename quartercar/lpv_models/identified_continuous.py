@@ -12,13 +12,11 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
-from quartercar.lpv_models.car_part import SPEED, bare_car
-from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, road_velocity
+from quartercar.lpv_models.car_part import SPEED, bare_car, car_plant
+from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, need_rate, road_velocity
 from quartercar.lpv_models.frozen_damper import FrozenDamper, Matrices, filtered
 from quartercar.lpv_models.region import Region
 from quartercar.parameters import CarParameters
-from quartercar.vehicle.linear import OUTPUTS, RELATIVE
 from quartercar.vehicle.result import CarRun
 
 SECANT = "secant"
@@ -122,36 +120,25 @@ class ContinuousDamper(Embedding):
 
     @cached_property
     def system(self) -> LPVStateSpace:  # type: ignore[override]
-        car, (a, b, c, d) = bare_car(self.parameters), self.matrices
-        n, shaped = len(a), self.frozen.shaped
-        basis = Polynomial(self.names, 1 if shaped else 0)
-        m, size, lagged = 1 + shaped, 4 + n + (self.lag > 0), self.lag > 0
-        into = np.zeros((m, 3, size + 1))  # (v, shaped v, f) over states and the demand
+        (a, b, c, d), shaped, lagged = self.matrices, self.frozen.shaped, self.lag > 0
+        n, m = len(a), 1 + shaped
+        size = 4 + n + lagged
+        demand = size + 1
+        into = np.zeros((m, 3, size + 2))  # (v, shaped v, f) over states, ż_r and the demand
         into[0, 0, :4] = SPEED
         if shaped:
             into[1, 1, :4] = SPEED
-        into[0, 2, size - 1 if lagged else size] = 1.0
+        into[0, 2, size - 1 if lagged else demand] = 1.0
         rows = [0, 1, 2] if shaped else [0, 2]
         force = np.einsum("j,mjk->mk", d[0], into[:, rows])
         force[0, 4:4 + n] += c[0]
-        flow = np.zeros((m, size, size + 1))
-        flow[0, :4, :4] = car.A
-        flow[:, :4] += car.B[:, 1][None, :, None] * force[:, None]
-        flow[:, 4:4 + n] = np.einsum("ij,mjk->mik", b, into[:, rows])
-        flow[0, 4:4 + n, 4:4 + n] += a
+        inner = np.zeros((m, n + lagged, size + 2))
+        inner[:, :n] = np.einsum("ij,mjk->mik", b, into[:, rows])
+        inner[0, :n, 4:4 + n] += a
         if lagged:
-            flow[0, -1, size - 1], flow[0, -1, size] = -1 / self.lag, 1 / self.lag
-        out = np.zeros((m, 8, size + 1))
-        out[0, :7, :4] = car.C
-        out[:, :7] += car.D[:, 1][None, :, None] * force[:, None]
-        out[:, 7] = force
-        big_b, big_d = np.zeros((m, size, 2)), np.zeros((m, 8, 2))
-        big_b[0, :4, 0], big_d[0, :7, 0] = car.B[:, 0], car.D[:, 0]
-        big_b[:, :, 1], big_d[:, :, 1] = flow[:, :, size], out[:, :, size]
-        return LPVStateSpace(flow[:, :, :size], big_b, out[:, :, :size], big_d, basis, None,
-                             self.region.scheduling(("s/m",) if shaped else ()),
-                             inputs=(Signal("road_velocity", "m/s"), Signal(self.control, "N")),
-                             outputs=(*(Signal(s, OUTPUTS[s]) for s in RELATIVE), Signal("damper_force", "N")))
+            inner[0, -1, size - 1], inner[0, -1, demand] = -1 / self.lag, 1 / self.lag
+        return car_plant(bare_car(self.parameters), force, inner, self.region, (Signal(self.control, "N"),),
+                         ("s/m",) if shaped else ())
 
     def damper_inputs(self, run: CarRun) -> np.ndarray:
         """(n, 2 or 3) v, tanh(v/v_0) and f along a run at the damper's rate.
@@ -171,10 +158,7 @@ class ContinuousDamper(Embedding):
         InputError
             A run at another rate.
         """
-        period = self.frozen.model.sample_time
-        if abs(run.sample_time / period - 1) > 1e-6:
-            raise InputError("E9 replays runs at the damper's rate",
-                             got=f"{1 / run.sample_time:.6g} Hz against {1 / period:.6g} Hz")
+        need_rate(run, self.frozen.model.sample_time)
         v = np.asarray(run["suspension_velocity"])
         return np.column_stack([self.frozen.inputs(v), self.frozen.added(v, run["damper_force"])])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -11,14 +11,12 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
 from quartercar.dampers.blackbox.sampled import SampledDamper
-from quartercar.lpv_models.car_part import SPEED, bare_car
+from quartercar.lpv_models.car_part import SPEED, bare_car, car_plant
 from quartercar.lpv_models.embedding import Embedding, Trajectory
 from quartercar.lpv_models.identified import IdentifiedDamper
-from quartercar.lpv_models.region import Region
+from quartercar.lpv_models.region import Region, limits_around
 from quartercar.parameters import CarParameters
-from quartercar.vehicle.linear import OUTPUTS, RELATIVE
 from quartercar.vehicle.result import CarRun
 
 NAMES = ("implicit_share", "force_per_current", "missing_per_current")
@@ -110,22 +108,15 @@ class RampedDamper(Embedding):
             With `limits` of every scheduling variable.
         """
         p = np.vstack([self.along(run).scheduling for run in (runs if isinstance(runs, list) else [runs])])
-        middle, half = 0.5 * (p.min(axis=0) + p.max(axis=0)), 0.5 * margin * np.ptp(p, axis=0)
-        limits = {n: (float(m - h), float(m + h)) for n, m, h in zip(self.names, middle, half, strict=True)}
-        return RampedDamper(self.parameters, self.damper, self.centre, self.form, limits)
+        return replace(self, limits=limits_around(self.names, p, margin))
 
     @cached_property
     def region(self) -> Region:  # type: ignore[override]
-        missing = [n for n in self.names if n not in self.limits]
-        if missing:
-            raise InputError("the scheduling of E9 is limited by recorded runs", got=f"no limits of {missing[0]}",
-                             mend=".around(runs)")
-        lower, upper = zip(*(self.limits[n] for n in self.names), strict=True)
-        return Region.box(self.names, lower, upper, "recorded runs", points=3)
+        return Region.of_runs(self.names, self.limits)
 
     @cached_property
     def system(self) -> LPVStateSpace:  # type: ignore[override]
-        car, (phi, wind, early, late) = bare_car(self.parameters), self._car
+        phi, wind, early, late = self._car
         a, b, c, _, _, _ = self.inner._here
         d1, d2 = self._feedthrough
         s, n, names = float(SPEED @ late), len(a), self.names
@@ -143,25 +134,17 @@ class RampedDamper(Embedding):
         kv[0], kv[mu] = -(speed / s + past), speed / s + past
         kv[missed, delta] = 1.0
         shaped = (kv - d1 * v) / d2
-        top = np.zeros((m, 4 + n, width))
-        top[0, :4, :4], top[0, :4, 4 + n] = phi, wind
-        top[:, :4] += (phi @ late + early)[None, :, None] * force[:, None]
-        top[0, 4:, 4:4 + n] = a
-        top[:, 4:] += b[None, :, :1] * v[:, None] + b[None, :, 1:] * shaped[:, None]
+        inner = b[None, :, :1] * v[:, None] + b[None, :, 1:] * shaped[:, None]
+        inner[0, :, 4:4 + n] += a
         echoes, moving = self.inner._rows
-        top[:, 4 + echoes] = force[:, None]
+        inner[:, echoes] = force[:, None]
         for j in moving:
-            top[at[f"state_per_current_{j}"], 4 + j, delta] = 1.0
-        out = np.zeros((m, 8, width))
-        out[0, :7, :4], out[0, :7, 4 + n] = car.C, car.D[:, 0]
-        out[:, :7] += (car.C @ late + car.D[:, 1])[None, :, None] * force[:, None]
-        out[:, 7] = force
-        split = 4 + n
-        return LPVStateSpace(top[:, :, :split], top[:, :, split:], out[:, :, :split], out[:, :, split:],
-                             Polynomial(names, 1), self.inner.sample_time,
-                             self.region.scheduling(("", *("N/A",) * (len(names) - 1))),
-                             inputs=(Signal("road_velocity", "m/s"), Signal(self.control, "A")),
-                             outputs=(*(Signal(x, OUTPUTS[x]) for x in RELATIVE), Signal("damper_force", "N")))
+            inner[at[f"state_per_current_{j}"], j, delta] = 1.0
+        car = bare_car(self.parameters)
+        sampled = replace(car, A=phi, B=np.column_stack([wind, phi @ late + early]),
+                          D=np.column_stack([car.D[:, 0], car.C @ late + car.D[:, 1]]))
+        return car_plant(sampled, force, inner, self.region, (Signal(self.control, "A"),),
+                         ("", *("N/A",) * (len(names) - 1)), self.inner.sample_time)
 
     def along(self, run: CarRun) -> Trajectory:
         """As the base class, from runs at the damper's rate.

@@ -9,14 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.toolkit import checks
-from quartercar.lpv_models.car_part import with_force
+from quartercar.dampers.laws.secant import secant
 from quartercar.lpv_models.embedding import Embedding, Trajectory, car_states, road_velocity
 from quartercar.lpv_models.region import Region
-from quartercar.lpv_models.strip import pair_box, pair_hull
-from quartercar.lpv_models.yielding import Reach, YieldingLaw, secant, yield_force
+from quartercar.lpv_models.strip import pair_box, pair_hull, pair_plant
+from quartercar.lpv_models.yielding import Reach, YieldingLaw, yield_force
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.result import CarRun
 
@@ -88,10 +87,7 @@ class LimitedPair(Embedding):
 
     @cached_property
     def system(self) -> LPVStateSpace:  # type: ignore[override]
-        law, none = self.law, np.zeros(1)
-        rows = {"": (law.linear, none), "saturation": (np.zeros(4), np.ones(1)),
-                "secant": (law.middle * law.argument, none)}
-        return with_force(self.parameters, rows, self.region, (Signal(self.control, "N"),))
+        return pair_plant(self.parameters, self.law, self.region, self.control)
 
     def along(self, run: CarRun) -> Trajectory:
         """As the base class; the demand at a sample is the command that was held up to it, before the coil's limits.

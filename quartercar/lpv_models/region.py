@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -76,6 +77,31 @@ class Region:
         corners = np.array(list(product(*zip(box.lower, box.upper, strict=True))))
         return cls(names, corners.reshape(-1, len(names)), box.grid(points), source)
 
+    @classmethod
+    def of_runs(cls, names: tuple[str, ...], limits: Mapping[str, tuple[float, float]]) -> Region:
+        """The box of the limits that recorded runs set, as `limits_around` gives them.
+
+        Parameters
+        ----------
+        names : tuple of str
+        limits : mapping of str to (float, float)
+
+        Returns
+        -------
+        Region
+
+        Raises
+        ------
+        InputError
+            A variable without limits.
+        """
+        missing = [n for n in names if n not in limits]
+        if missing:
+            raise InputError("the scheduling of E9 is limited by recorded runs", got=f"no limits of {missing[0]}",
+                             mend=".around(runs)")
+        lower, upper = zip(*(limits[n] for n in names), strict=True)
+        return cls.box(names, lower, upper, "recorded runs", points=3)
+
     def scheduling(self, units: tuple[str, ...] = (), rate: tuple[float | None, ...] = ()) -> Scheduling:
         """The smallest box around it.
 
@@ -125,3 +151,23 @@ class Region:
         from scipy.spatial import ConvexHull
 
         return float(ConvexHull(self.corners).volume)
+
+
+def limits_around(names: tuple[str, ...], p: np.ndarray, margin: float) -> dict[str, tuple[float, float]]:
+    """Least and largest value of each scheduling variable along runs, widened by a margin about the middle.
+
+    Parameters
+    ----------
+    names : tuple of str
+    p : (n, len(names)) array
+        Samples.
+    margin : float
+        Factor on the width of every range, 1 for the samples alone.
+
+    Returns
+    -------
+    dict of str to (float, float)
+    """
+    low, high = p.min(axis=0), p.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * margin * (high - low)
+    return {n: (float(m - h), float(m + h)) for n, m, h in zip(names, middle, half, strict=True)}

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.toolkit import checks
+from quartercar.dampers.laws.secant import secant
+from quartercar.lpv_models.car_part import with_force
 from quartercar.lpv_models.region import Region
-from quartercar.lpv_models.yielding import Reach, YieldingLaw, secant
+from quartercar.lpv_models.yielding import Reach, YieldingLaw
+from quartercar.parameters import CarParameters
 
 NAMES = ("saturation", "secant")
 """ρ_1 and ρ_2."""
@@ -76,6 +81,29 @@ def pair_hull(law: YieldingLaw, reach: Reach, tangents: int = 1, points: int = 2
     right.append((float(rho1[-1]), float(rho2[-1])))
     corners = np.array([*right, *((-x, y) for x, y in reversed(right))])
     return Region(NAMES, corners, _curve(law, reach, points), _source(law, reach))
+
+
+def pair_plant(parameters: CarParameters, law: YieldingLaw, region: Region, control: str) -> LPVStateSpace:
+    """The car with F = c_0 v_d + k_0 z_d + F_0 ρ_2 ξ + ρ_1 u between its masses (E1).
+
+    Parameters
+    ----------
+    parameters : CarParameters
+    law : YieldingLaw
+    region : Region
+        Of ρ_1 and ρ_2.
+    control : str
+        Name of u [N].
+
+    Returns
+    -------
+    LPVStateSpace
+        Continuous.
+    """
+    none = np.zeros(1)
+    rows = {"": (law.linear, none), "saturation": (np.zeros(4), np.ones(1)),
+            "secant": (law.middle * law.argument, none)}
+    return with_force(parameters, rows, region, (Signal(control, "N"),))
 
 
 def _crossing(a, along_a, b, along_b) -> tuple[float, float]:

@@ -162,28 +162,6 @@ class Reach:
         return law.speed_slope * self.speed + law.stroke_slope * self.stroke
 
 
-def secant(xi: np.ndarray) -> np.ndarray:
-    """(n,) tanh ξ/ξ, 1 at 0.
-
-    Parameters
-    ----------
-    xi : array
-        ξ, of any shape.
-
-    Returns
-    -------
-    array
-        Of the same shape, between 0 and 1.
-
-    Examples
-    --------
-    >>> secant(np.array([0.0, 1.0])).round(4)
-    array([1.    , 0.7616])
-    """
-    near = np.abs(xi) < 1e-6
-    return np.where(near, 1 - xi**2 / 3, np.tanh(xi) / np.where(near, 1.0, xi))
-
-
 def yield_force(run, signal: str = "current") -> np.ndarray:
     """(n,) f_I of a run with a tanh law [N], by the damper's own coefficient at the coil's current, or the command's.
 

@@ -20,7 +20,7 @@ from quartercar.controllers.loop.sensing import SETS as SENSORS
 from quartercar.dampers.contract import Damper
 from quartercar.parameters import SETS as CARS
 from quartercar.parameters import CarParameters
-from quartercar.rides.preview import preview_from_table
+from quartercar.rides.preview import number_or_text, preview_from_table
 from quartercar.rides.simulation import RideSettings
 from quartercar.roads.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad, SineSweep
 from quartercar.vehicle.adjoint import has_gradient
@@ -277,7 +277,7 @@ def road_from_text(text: str) -> RideRoad:
     'ISO C, 20 m/s'
     """
     kind, _, speed = text.rpartition("@") if "@" in text else (text, "", "")
-    table: dict[str, Any] = {"speed": to_si(_number(speed), "m/s", f"--road {text}")} if speed else {}
+    table: dict[str, Any] = {"speed": to_si(number_or_text(speed), "m/s", f"--road {text}")} if speed else {}
     if kind.startswith("iso-"):
         table |= {"kind": "iso", "class": kind.removeprefix("iso-")}
     elif kind in ROADS:
@@ -291,13 +291,6 @@ def road_from_text(text: str) -> RideRoad:
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------
-def _number(text: str) -> Any:
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
 def _some(tables: tuple[Mapping[str, Any], ...], key: str) -> tuple[Mapping[str, Any], ...]:
     if not tables:
         raise InputError(f"{key} is a list of tables", got="[]", mend=f"[[{key}]]")

@@ -119,9 +119,8 @@ class FrontAxle(Ahead):
         self.road_error = self._estimate.road_error
         noise = [np.random.default_rng([s, 2631, 1]) for s in seeds]
         self._sensing = Sensing(sensors, setting.sample_time, noise, n)
-        self._chain = ControllerChain(
-            [preview.law] * cars, setting, car.coil, replace(settings, sensors=sensors), noise, 1
-        )
+        settings = replace(settings, sensors=sensors)
+        self._chain = ControllerChain([preview.law] * cars, setting, car.coil, settings, noise, 1)
         self._fleet = start_fleet(car, setting.sample_time, self._road[0], np.full(cars, setting.currents[0]))
         self._force = np.zeros(cars)
         lags = late - np.arange(self.samples + 1)

@@ -155,7 +155,7 @@ def preview_from_table(table: Mapping[str, object], where: str) -> Preview:
     given: dict = {}
     for key, unit in (("wheelbase", "m"), ("time", "s")):
         if key in table:
-            given[key] = to_si(_number(table[key]), unit, f"{where}: {key}")
+            given[key] = to_si(number_or_text(table[key]), unit, f"{where}: {key}")
     if "front" in table:
         given["front"] = checks.known_name(str(table["front"]), FRONTS, f"front of {where}")
     if "sensors" in table:
@@ -163,7 +163,17 @@ def preview_from_table(table: Mapping[str, object], where: str) -> Preview:
     return Preview(**given)
 
 
-def _number(value: object) -> object:
+def number_or_text(value: object) -> object:
+    """A number that may be written as text, else what was given, e.g. text with a unit.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    float or object
+    """
     try:
         return float(str(value))
     except ValueError:

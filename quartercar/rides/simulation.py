@@ -284,10 +284,8 @@ def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
     found = active_region(damper, currents) or active_frequency(damper, currents)
     stated = str(found) if found is not None else damper.passivity(0.5).description
     if stated:
-        return (
-            f". Of the '{damper.name}' damper: {stated}. Mend: fit or identify it again with --passive, or with more "
-            "records at these currents and speeds"
-        )
+        return (f". Of the '{damper.name}' damper: {stated}. Mend: fit or identify it again with --passive, or with "
+                "more records at these currents and speeds")
     return (f". The '{damper.name}' damper takes energy at every current that is held. Mend: `lpvid stability` states "
             "whether it is stable while the current moves; else another structure, or --passive")
 

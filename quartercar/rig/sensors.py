@@ -115,11 +115,8 @@ def _stored(signal: np.ndarray, gain: float, step: float) -> np.ndarray:
 
 def _coloured(pole: float, size: int, rng: np.random.Generator) -> np.ndarray:
     """Stationary AR(1) of unit variance."""
+    from scipy.signal import lfilter
+
     drive = rng.standard_normal(size) * np.sqrt(1 - pole**2)
     drive[0] = rng.standard_normal()
-    out = np.empty(size)
-    last = 0.0
-    for k, value in enumerate(drive.tolist()):
-        last = pole * last + value
-        out[k] = last
-    return out
+    return lfilter([1.0], [1.0, -pole], drive)

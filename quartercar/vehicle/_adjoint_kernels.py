@@ -7,29 +7,12 @@ import math
 import numpy as np
 
 from lpvid.toolkit import copy_values, njit
+from quartercar.vehicle._nonlinear_kernels import law_slopes
 
 ITERATIONS = 60
 """most Newton steps of one stage; two or three are usual"""
 CLOSE = 1e-13
 """relative and absolute [N] residual at which a stage ends: an adjoint is that of the equations, not of a stop rule"""
-
-
-@njit()
-def law_slopes(z, v, c, stop):
-    """Law without stops, its slopes by z and v, tanh of its shape, force and slope of the stops; c as in `law`."""
-    shape, by_z = c[4] * v + c[5] * z, c[5]
-    if c[6] != 0.0:
-        t = math.tanh(z / c[7])
-        shape += c[6] * t
-        by_z += c[6] * (1.0 - t * t) / c[7]
-    s = math.tanh(shape)
-    steep = c[3] * (1.0 - s * s)
-    bump, hard = 0.0, 0.0
-    if z > stop[2]:
-        bump, hard = stop[0] * (z - stop[2]), stop[0]
-    elif z < -stop[1]:
-        bump, hard = stop[0] * (z + stop[1]), stop[0]
-    return (c[0] + c[1] * v + c[2] * z + c[3] * s, c[2] + steep * by_z, c[1] + steep * c[4], s, bump, hard)
 
 
 @njit()

@@ -15,21 +15,32 @@ CLOSE = 1e-9
 
 
 @njit()
+def law_slopes(z, v, c, stop):
+    """Law without stops, its slopes by z and v, tanh of its shape, force and slope of the stops; c as in `law`."""
+    shape, by_z = c[4] * v + c[5] * z, c[5]
+    if c[6] != 0.0:
+        t = math.tanh(z / c[7])
+        shape += c[6] * t
+        by_z += c[6] * (1.0 - t * t) / c[7]
+    s = math.tanh(shape)
+    steep = c[3] * (1.0 - s * s)
+    bump, hard = 0.0, 0.0
+    if z > stop[2]:
+        bump, hard = stop[0] * (z - stop[2]), stop[0]
+    elif z < -stop[1]:
+        bump, hard = stop[0] * (z + stop[1]), stop[0]
+    return (c[0] + c[1] * v + c[2] * z + c[3] * s, c[2] + steep * by_z, c[1] + steep * c[4], s, bump, hard)
+
+
+@njit()
 def law(z, v, c, stop):
     """Force of the law and the stops at deflection z and rate v.
 
     c: (8,) of a_0 + a_1 v + a_2 z + a_3 tanh(a_4 v + a_5 z + a_6 tanh(z/a_7)); stop: stiffness, room in compression,
     room in rebound.
     """
-    shape = c[4] * v + c[5] * z
-    if c[6] != 0.0:
-        shape += c[6] * math.tanh(z / c[7])
-    bump = 0.0
-    if z > stop[2]:
-        bump = stop[0] * (z - stop[2])
-    elif z < -stop[1]:
-        bump = stop[0] * (z + stop[1])
-    return c[0] + c[1] * v + c[2] * z + c[3] * math.tanh(shape) + bump
+    force, _, _, _, bump, _ = law_slopes(z, v, c, stop)
+    return force + bump
 
 
 @njit()

@@ -249,10 +249,7 @@ class AdjointCar:
         times = step * (np.arange(parts)[:, None] + self._stages.ends[None]).ravel()
         self._coil = np.array([_left(times, tau) for tau in (coil.fall_time, coil.rise_time)])
         self._lag = np.array([_left(step, tau) for tau in lag])
-        stops, load = car.stops, car.static_load if car.lift_off else np.inf
-        self._stop = np.array([0.0, np.inf, np.inf] if stops is None else
-                              [stops.stiffness, stops.compression, stops.rebound])
-        self._tyre = np.array([car.parameters.tyre_stiffness, car.parameters.tyre_damping, load])
+        self._stop, self._tyre = car.limits
         n = self.road.size
         self._profile = np.interp(np.arange((n - 1) * parts + 1) / parts, np.arange(n), self.road)
         self._rate = np.concatenate([[0.0], np.diff(self.road) / sample_time])

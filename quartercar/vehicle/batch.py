@@ -119,31 +119,6 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     return _SteppedFleet(car, sample_time, road, current)
 
 
-def _follow(coil: Coil, current: np.ndarray, command: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(cars, t) currents at (t,) times after (cars,) commands began to be held, as `Coil.follow`.
-
-    Parameters
-    ----------
-    coil : Coil
-        For its time constants; its limits do not count.
-    current : (cars,) array
-        When the commands began to be held.
-    command : (cars,) array
-        Already limited.
-    times : (t,) array
-        From then on [s].
-
-    Returns
-    -------
-    (cars, t) array
-        In the unit of the command.
-    """
-    tau = np.where(command > current, coil.rise_time, coil.fall_time)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.where(tau > 0, np.exp(-times / np.where(tau > 0, tau, 1.0)), 0.0)
-    return command[:, None] + (current - command)[:, None] * left
-
-
 class _LawFleet(Fleet):
     """Laws without memory whose coefficients depend on the current."""
 
@@ -154,14 +129,15 @@ class _LawFleet(Fleet):
         self._step = sample_time / self._parts
         self._stages = IntegratorStages.held(self._part, self._step)
         self._held = np.zeros((road.size, 3))
-        self._stop, self._tyre = _limits(car)
+        self._stop, self._tyre = car.limits
 
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
         from quartercar.vehicle._nonlinear_kernels import advance_all
 
         cars, stages = road.size, self._stages
         shares = (np.arange(self._parts)[:, None] + stages.ends[None]).ravel()
-        currents = _follow(self.car.coil, self.current, self.car.coil.limited(command), shares * self._step)
+        coil = self.car.coil
+        currents = coil.follow_all(self.current[:, None], coil.limited(command)[:, None], shares * self._step)
         coefficients = np.zeros((currents.size, 8)) if self._form is None else self._form(currents.ravel())
         if self._form is not None:
             coefficients[:, 0] -= self.car.preload
@@ -191,17 +167,17 @@ class _FilterFleet(Fleet):
         self._held[:, 0] = self._bank.force - self._rest
         self.strut = self._held[:, 0].copy()
         self._filtered = self.current.copy()
-        self._stop, self._tyre = _limits(car)
+        self._stop, self._tyre = car.limits
 
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
         from quartercar.vehicle._nonlinear_kernels import advance_all
 
-        stages, step, cars = self._stages, np.array([self._step]), road.size
+        stages, cars = self._stages, road.size
         command = self.car.coil.limited(command)
         rise = (road - self.road) / self._parts
         for part in range(self._parts):
-            self.current = _follow(self.car.coil, self.current, command, step)[:, 0]
-            self._filtered = _follow(self._lag, self._filtered, self.current, step)[:, 0]
+            self.current = self.car.coil.follow_all(self.current, command, self._step)
+            self._filtered = self._lag.follow_all(self._filtered, self.current, self._step)
             law = self._bank.approach(self._filtered)
             law[:, 0] -= self._rest
             here = self.road + part * rise
@@ -243,13 +219,6 @@ def lag_coil(model) -> Coil:
     """
     lag = model.scheduling_stage
     return Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)
-
-
-def _limits(car: QuarterCar) -> tuple[np.ndarray, np.ndarray]:
-    """Stops and tyre as the kernels want them."""
-    stops, load = car.stops, car.static_load if car.lift_off else np.inf
-    return (np.array([0.0, 1.0, 1.0] if stops is None else [stops.stiffness, stops.compression, stops.rebound]),
-            np.array([car.parameters.tyre_stiffness, car.parameters.tyre_damping, load]))
 
 
 def true_signals(fleet: Fleet) -> dict[str, np.ndarray]:

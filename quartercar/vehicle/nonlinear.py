@@ -133,6 +133,25 @@ class Coil:
             return np.full(times.shape, command)
         return command + (current - command) * np.exp(-times / tau)
 
+    def follow_all(self, current: np.ndarray, command: np.ndarray, times: np.ndarray | float) -> np.ndarray:
+        """The same for many coils at once.
+
+        Parameters
+        ----------
+        current, command : array
+            As in `follow`, one of each for every coil.
+        times : array or float
+            From then on [s]; broadcast against the currents.
+
+        Returns
+        -------
+        array
+            In the unit of the command.
+        """
+        tau = np.where(command > current, self.rise_time, self.fall_time)
+        left = np.where(tau > 0, np.exp(-times / np.where(tau > 0, tau, 1.0)), 0.0)
+        return command + (current - command) * left
+
 
 @dataclass(frozen=True, eq=False)
 class QuarterCar:
@@ -208,6 +227,14 @@ class QuarterCar:
     def preload(self) -> float:
         """What the damper carries at rest [N]."""
         return 0.0 if self.damper is None else float(np.atleast_1d(self.damper.conservative_force(np.zeros(1)))[0])
+
+    @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness and room of the stops; stiffness, damping and largest force of the tyre, for the kernels."""
+        p, stops = self.parameters, self.stops
+        room = [0.0, np.inf, np.inf] if stops is None else [stops.stiffness, stops.compression, stops.rebound]
+        load = self.static_load if self.lift_off else np.inf
+        return np.array(room), np.array([p.tyre_stiffness, p.tyre_damping, load])
 
     def passive(self) -> LinearCar:
         """The linear car of the same parameters, with their passive damper.

@@ -71,10 +71,7 @@ class CarStepper:
         clock = None if damper is None else damper.clock
         self._parts = self._divided(clock)
         self.step = sample_time / self._parts
-        self._load = car.static_load if car.lift_off else np.inf
-        stops = car.stops
-        self._stop = np.array([0.0, 1.0, 1.0] if stops is None else [stops.stiffness, stops.compression, stops.rebound])
-        self._tyre = np.array([car.parameters.tyre_stiffness, car.parameters.tyre_damping, self._load])
+        self._stop, self._tyre = car.limits
         self._x = np.array([road, 0.0, road, 0.0])
         self._held = np.zeros(3)
         self._road = road

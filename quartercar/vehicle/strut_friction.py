@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.signals import Signals
 from quartercar.parameters import CarParameters
+from quartercar.vehicle.linear import LinearCar
 
 SMOOTH = 1e-3
 """speed over which the friction of the strut is smoothed [m/s]"""
@@ -109,18 +110,14 @@ def discretised(car: CarParameters, step: float) -> tuple[np.ndarray, np.ndarray
     """
     from scipy.linalg import expm
 
-    ms, mu, ks, c, kt, ct = (car.sprung_mass, car.unsprung_mass, car.spring_stiffness, car.damping,
-                             car.tyre_stiffness, car.tyre_damping)
-    a = np.array([[0, 1, 0, 0], [-ks / ms, -c / ms, ks / ms, c / ms], [0, 0, 0, 1],
-                  [ks / mu, c / mu, -(ks + kt) / mu, -(c + ct) / mu]])
+    linear = LinearCar(car).absolute()  # inputs: road, its rate, force of a damper, against that of the actuator
     block = np.zeros((8, 8))
-    block[:4, :4] = a
-    block[:4, 4:6] = [[0, 0], [0, 1 / ms], [0, 0], [kt / mu, -1 / mu]]  # level of road and force
-    block[:4, 6:] = [[0, 0], [0, 0], [0, 0], [ct / mu, 0]]  # slope of the road
+    block[:4, :4] = linear.A
+    block[:4, 4], block[:4, 5], block[:4, 6] = linear.B[:, 0], -linear.B[:, 2], linear.B[:, 1]
     block[4:6, 6:] = np.eye(2)
     e = expm(block * step)
     ramp = e[:4, 6:] / step
     held = np.zeros((5, 5))
-    held[:4, :4], held[:4, 4] = a, [0.0, -1 / ms, 0.0, 1 / mu]
+    held[:4, :4], held[:4, 4] = linear.A, linear.B[:, 2]
     return (np.ascontiguousarray(e[:4, :4]), e[:4, 4:6] - ramp, ramp,
             np.ascontiguousarray(expm(held * step)[:4, 4]))

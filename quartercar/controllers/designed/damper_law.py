@@ -14,8 +14,8 @@ from quartercar.controllers.loop.inverse import nearest
 from quartercar.dampers.contract import Damper
 from quartercar.lpv_models.frozen_damper import FrozenDamper, Matrices, trapezoidal
 from quartercar.lpv_models.weighted import banded
+from quartercar.vehicle.batch import lag_coil
 from quartercar.vehicle.filter_bank import FilterBank
-from quartercar.vehicle.linear import OUTPUTS
 
 CURRENTS = 11
 """at which the model's addition is evaluated; linear in between"""
@@ -88,7 +88,7 @@ class DamperLaw(Law):
                                   "the loop to the damper")
         self._frozen = FrozenDamper.of(first.damper, first.centre)
         self._bank = FilterBank(self._frozen.model, cars)
-        self._own, self._period = self._frozen.model.scheduling_stage, period
+        self._own, self._period = lag_coil(self._frozen.model), period
         self._grid = np.linspace(*setting.currents, CURRENTS)
         self._felt = np.full(cars, setting.currents[0])
         self._bank.begin(self._felt)
@@ -132,7 +132,7 @@ class DamperLaw(Law):
     def _run_damper(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> np.ndarray:
         """(cars,) force of the model at this sample [N]; the added force and the damper's states follow from it."""
         frozen = self._frozen
-        self._felt = current if self._own is None else _follow(self._own, self._felt, current, self._period)
+        self._felt = self._own.follow_all(self._felt, current, self._period)
         self._bank.approach(self._felt)
         self._bank.commit(z, v)
         own, u = self._bank.force - frozen.rest, frozen.inputs(v)
@@ -175,7 +175,6 @@ def _shapes(bands: tuple[Band, Band], period: float) -> tuple[np.ndarray, np.nda
     """M (4, 4) and N (4, 2) of both weights by the trapezoidal rule."""
     m, n = np.zeros((4, 4)), np.zeros((4, 2))
     for k, (band, signal) in enumerate(zip(bands, ("body_acceleration", "tyre_force"), strict=True)):
-        assert signal in OUTPUTS
         block = banded(*band, signal, "shown")
         part = trapezoidal((block.A[0], block.B[0], block.C[0], block.D[0]), period)
         m[2 * k:2 * k + 2, 2 * k:2 * k + 2], n[2 * k:2 * k + 2, k] = part[0], part[1][:, 0]
@@ -184,9 +183,3 @@ def _shapes(bands: tuple[Band, Band], period: float) -> tuple[np.ndarray, np.nda
 
 def _pushed(past: np.ndarray, now: np.ndarray) -> np.ndarray:
     return np.concatenate([now[:, None], past[:, :-1]], axis=1) if past.shape[1] else past
-
-
-def _follow(lag: object, current: np.ndarray, command: np.ndarray, time: float) -> np.ndarray:
-    rise, fall = lag.tau_rise, lag.tau_fall  # type: ignore[attr-defined]
-    tau = np.where(command > current, rise, fall)
-    return np.where(tau > 0, command + (current - command) * np.exp(-time / np.where(tau > 0, tau, 1.0)), command)

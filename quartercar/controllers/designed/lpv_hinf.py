@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.toolkit import checks
-from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
+from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values, by_car
 from quartercar.controllers.designed.schedule_rules import GivenShare, share
 from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.designed.suspension_design import CRITERIA, Task, nominal_damping, running
+from quartercar.dampers.contract import Damper
 from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.weighted import MEASUREMENTS, SuspensionWeights
 
@@ -33,11 +35,8 @@ LIMITS = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class LpvHinf(Controller):
-    """F = c_nom v_d + u, u = K(ρ) y, ρ = sat(u)/u of the damper's own limits; K by LPV H-infinity synthesis.
-
-    The plant is the car behind the coil's lag with F = c_nom v_d + ρ u_lagged (`quartercar.lpv_models.LimitedForce`),
-    whose weights are the parameters here; ρ may jump. Equation sheet 4.3, E2, E3 and E5; Do, Sename, Dugard (2010).
+class DesignedLaw(Controller):
+    """F = c_nom v_d + u, u = K y, with K by synthesis from weights: what the laws on the nominal plant share.
 
     Attributes
     ----------
@@ -49,15 +48,25 @@ class LpvHinf(Controller):
         From demand to force [s].
     """
 
-    name: ClassVar[str] = "lpv-hinf"
-    title: ClassVar[str] = "LPV H-infinity, limits inside"
-    source: ClassVar[str] = "Do, Sename, Dugard 2010; equation sheet 4.3"
-
     measured: str = "observed"
     criterion: str = "hinf"
     lag: float = 0.004
-    parameters: ClassVar[tuple[Parameter, ...]] = (*WEIGHTS, *LIMITS)
     demands: ClassVar[str] = "force"
+
+    @abstractmethod
+    def least_share(self, values: Mapping[str, float]) -> float | None:
+        """Smallest share of a demand in the design.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            As in `task`.
+
+        Returns
+        -------
+        float or None
+            None leaves the damper's limits out.
+        """
 
     def check_settings(self) -> None:
         checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
@@ -69,25 +78,35 @@ class LpvHinf(Controller):
         return tuple(dict.fromkeys([*MEASUREMENTS[self.measured], "suspension_velocity", "demanded", "attained"]))
 
     def task(self, values: Mapping[str, float], setting: Setting) -> Task:
-        """The design that values stand for, in a setting.
+        """The design that values stand for, in a setting; c_nom follows from its damper.
 
         Parameters
         ----------
         values : mapping of str to float
-            Every parameter of the law by name, each in its unit.
+            Every parameter of the law by name, each in its unit. Weights that it does not have keep the defaults of
+            `SuspensionWeights`.
         setting : Setting
             Its car, damper model and limits of current count.
 
         Returns
         -------
         Task
-            With the law's `measured`, `lag` and `criterion`, and `least_share` from `values`.
+            Ready for synthesis.
+
+        Raises
+        ------
+        InputError
+            A setting without a damper model, or a nominal damping that is not positive.
         """
-        return task_of(values, setting, self, values["least_share"])
+        names = ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief")
+        given = {n: values[n] for n in names if n in values}
+        damping = nominal_damping(known_damper(setting), setting.currents, values["nominal_share"])
+        return Task(setting.parameters, damping, SuspensionWeights(**given), self.least_share(values), self.measured,
+                    self.lag, criterion=self.criterion)
 
     def begin(self, values: Values, setting: Setting) -> Law:
-        rows = [{n: float(a[k]) for n, a in values.items()} for k in range(setting.cars)]
-        return BankedLaw([self.task(row, setting) for row in rows], setting.sample_time)
+        tasks = [self.task(row, setting) for row in by_car(values, setting.cars)]
+        return BankedLaw(tasks, setting.sample_time)
 
     def designed(self, setting: Setting) -> ScheduledController:
         """The controller as it runs, to be stored: needs no synthesis any more.
@@ -100,64 +119,48 @@ class LpvHinf(Controller):
         Returns
         -------
         ScheduledController
-            Discrete, scheduled on the given share of the demand.
+            Discrete; scheduled on the given share of the demand where the limits are in the design.
         """
         return scheduled(self.task(self.values, setting), setting.sample_time, self.title)
 
 
-class DesignedLaw(Protocol):
-    """What a design reads of its law beside the parameters."""
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LpvHinf(DesignedLaw):
+    """F = c_nom v_d + u, u = K(ρ) y, ρ = sat(u)/u of the damper's own limits; K by LPV H-infinity synthesis.
 
-    @property
-    def measured(self) -> str:
-        """A name of `quartercar.lpv_models.weighted.MEASUREMENTS`."""
-        ...
+    The plant is the car behind the coil's lag with F = c_nom v_d + ρ u_lagged (`quartercar.lpv_models.LimitedForce`),
+    whose weights are the parameters here; ρ may jump. Equation sheet 4.3, E2, E3 and E5; Do, Sename, Dugard (2010).
+    """
 
-    @property
-    def criterion(self) -> str:
-        """As in `suspension_design.Task`."""
-        ...
+    name: ClassVar[str] = "lpv-hinf"
+    title: ClassVar[str] = "LPV H-infinity, limits inside"
+    source: ClassVar[str] = "Do, Sename, Dugard 2010; equation sheet 4.3"
+    parameters: ClassVar[tuple[Parameter, ...]] = (*WEIGHTS, *LIMITS)
 
-    @property
-    def lag(self) -> float:
-        """From demand to force [s]."""
-        ...
+    def least_share(self, values: Mapping[str, float]) -> float:
+        return values["least_share"]
 
 
-def task_of(values: Mapping[str, float], setting: Setting, law: DesignedLaw,
-            least_share: float | None) -> Task:
-    """A task from a law's parameters; c_nom follows from the damper of the setting.
+def known_damper(setting: Setting) -> Damper:
+    """The damper model of a setting.
 
     Parameters
     ----------
-    values : mapping of str to float
-        Parameters of the law by name, each in its unit. Weights that it does not have keep the defaults of
-        `SuspensionWeights`; `nominal_share` must be there.
     setting : Setting
-        Its car, damper model and limits of current count.
-    law : LpvHinf or LpvHinfClipped
-        For what is measured, its lag [s] and its criterion.
-    least_share : float or None
-        Smallest share of a demand in the design; None leaves the damper's limits out.
 
     Returns
     -------
-    Task
-        Ready for synthesis.
+    Damper
 
     Raises
     ------
     InputError
-        A setting without a damper model, or a nominal damping that is not positive.
+        A viscous car.
     """
     if setting.damper is None:
         raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
                          mend="give the car a damper model")
-    names = ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief")
-    given = {n: values[n] for n in names if n in values}
-    damping = nominal_damping(setting.damper, setting.currents, values["nominal_share"])
-    return Task(setting.parameters, damping, SuspensionWeights(**given), least_share, law.measured, law.lag,
-                criterion=law.criterion)
+    return setting.damper
 
 
 def scheduled(task: Task, sample_time: float, label: str) -> ScheduledController:
@@ -200,7 +203,6 @@ class BankedLaw(Law):
         order, places = max(m.order for m in models.values()), {t: k for k, t in enumerate(models)}
         self._stacked = np.array([_padded(m, order) for m in models.values()])
         self._which = np.array([places[t] for t in tasks])
-        self._cars = np.arange(len(tasks))
         self._nodes = self._stacked.shape[1]
         self._least = np.array([0.0 if t.least_share is None else t.least_share for t in tasks])
         self._damping = np.array([t.nominal_damping for t in tasks])

@@ -8,12 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvid.errors import InputError
 from lpvid.toolkit import checks
-from quartercar.controllers.contract import Controller, Law, Setting, Values
+from quartercar.controllers.contract import Controller, Law, Setting, Values, by_car
 from quartercar.controllers.designed.damper_design import DamperTask, feasible, gain_vector
 from quartercar.controllers.designed.damper_law import READS, DamperGain, DamperLaw
-from quartercar.controllers.designed.lpv_hinf import WEIGHTS
+from quartercar.controllers.designed.lpv_hinf import WEIGHTS, known_damper
 from quartercar.controllers.designed.scheduled import SCALE
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.parameter import Parameter
@@ -80,19 +79,12 @@ class LpvHinfIdentified(Controller):
         InputError
             A setting without a damper model.
         """
-        if setting.damper is None:
-            raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
-                             mend="give the car a damper model")
-        return DamperTask(setting.parameters, setting.damper, setting.currents, SuspensionWeights(**values), self.lag,
-                          self.centre, self.order, self.back_off)
+        return DamperTask(setting.parameters, known_damper(setting), setting.currents, SuspensionWeights(**values),
+                          self.lag, self.centre, self.order, self.back_off)
 
     def begin(self, values: Values, setting: Setting) -> Law:
-        rows = [{n: float(a[k]) for n, a in values.items()} for k in range(setting.cars)]
-        made: dict[DamperTask, DamperGain] = {}
-        tasks = [self.task(row, setting) for row in rows]
-        for task in tasks:
-            if task not in made:
-                made[task] = gain_of(task)
+        tasks = [self.task(row, setting) for row in by_car(values, setting.cars)]
+        made = {task: gain_of(task) for task in dict.fromkeys(tasks)}
         return DamperLaw([made[t] for t in tasks], setting)
 
     def designed(self, setting: Setting) -> IdentifiedController:

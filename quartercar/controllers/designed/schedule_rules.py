@@ -158,9 +158,7 @@ class SaturationRatio(Rule):
 
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
         def value(seen: Signals) -> np.ndarray:
-            asked, had = seen["demanded"] - self.offset, seen["attained"] - self.offset
-            idle = np.abs(asked) <= self.small
-            return np.where(idle, 1.0, np.clip(had / np.where(idle, 1.0, asked), self.lowest, 1.0))
+            return share(seen["demanded"] - self.offset, seen["attained"] - self.offset, self.lowest, self.small)
 
         return value
 
@@ -245,7 +243,7 @@ class GivenShare(Rule):
         return out
 
 
-def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
+def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float, small: float = SMALL) -> np.ndarray:
     """(cars,) given/demanded within [lowest, 1]; 1 where next to nothing is demanded.
 
     Parameters
@@ -254,6 +252,8 @@ def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> n
         Forces [N].
     lowest : float or (cars,) array
         Least share.
+    small : float
+        What counts as next to nothing [N].
 
     Returns
     -------
@@ -265,7 +265,7 @@ def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> n
     >>> share(np.array([500.0, 500.0, 500.0, 0.0]), np.array([250.0, -100.0, 600.0, 3.0]), 0.1).tolist()
     [0.5, 0.1, 1.0, 1.0]
     """
-    idle = np.abs(asked) <= SMALL
+    idle = np.abs(asked) <= small
     return np.where(idle, 1.0, np.clip(given / np.where(idle, 1.0, asked), lowest, 1.0))
 
 

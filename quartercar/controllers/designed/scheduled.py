@@ -126,7 +126,7 @@ class ScheduledLaw(Law):
     def __init__(self, controller: ScheduledController, values: Values, setting: Setting) -> None:
         model = controller.model
         assert model.state_offset is not None and model.output_offset is not None
-        self._model, self._box = model, model.box
+        self._model = model
         self._c, self._gain = controller, values["gain"]
         self._rules = [rule.start(setting) for rule in controller.schedule]
         self._inputs = [s.name for s in model.inputs]

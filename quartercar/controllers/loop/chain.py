@@ -65,9 +65,8 @@ class ControllerChain:
     def __init__(self, controllers: Sequence[Controller], setting: Setting, coil: Coil, settings: ChainSettings,
                  generators: Sequence[np.random.Generator], samples: int) -> None:
         self._sensing = Sensing(settings.sensors, setting.sample_time, generators, samples)
-        self._observer = (
-            None if settings.sensors.ideal else KalmanObserver(setting, settings.sensors, settings.observer)
-        )
+        sensors = settings.sensors
+        self._observer = None if sensors.ideal else KalmanObserver(setting, sensors, settings.observer)
         described = {*ALWAYS, *settings.sensors.signals, *(ESTIMATED if self._observer else ())}
         for law in controllers:
             missing = [n for n in law.reads if n not in described]

@@ -8,6 +8,7 @@ import numpy as np
 
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.families import StaticDamper
+from quartercar.vehicle.batch import lag_coil
 from quartercar.vehicle.filter_bank import bank, filter_of
 from quartercar.vehicle.nonlinear import Coil
 
@@ -139,8 +140,7 @@ class FilterForces(Forces):
         super().__init__(cars)
         model = filter_of(damper)
         assert model is not None
-        lag = model.scheduling_stage
-        self.lag = Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)  # type: ignore[attr-defined]
+        self.lag = lag_coil(model)
         self.rest = float(damper.conservative_force(np.zeros(1))[0])
         self._bank, self._steps = bank(model, cars), steps
         self._bank.begin(np.full(cars, currents[0]))

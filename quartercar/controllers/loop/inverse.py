@@ -169,13 +169,8 @@ class Inverse:
         return np.clip(self._felt + (wanted - self._felt) / share, self._grid[0], self._grid[-1])
 
     def _hold(self, command: np.ndarray) -> None:
-        self.current = _follow(self._coil, self.current, command, self._period)
-        self._felt = _follow(self._own, self._felt, self.current, self._period)
-
-
-def _follow(coil: Coil, current: np.ndarray, command: np.ndarray, time: float) -> np.ndarray:
-    tau = np.where(command > current, coil.rise_time, coil.fall_time)
-    return np.where(tau > 0, command + (current - command) * np.exp(-time / np.where(tau > 0, tau, 1.0)), command)
+        self.current = self._coil.follow_all(self.current, command, self._period)
+        self._felt = self._own.follow_all(self._felt, self.current, self._period)
 
 
 def nearest(rows: np.ndarray, grid: np.ndarray, demand: np.ndarray, held: np.ndarray) -> np.ndarray:

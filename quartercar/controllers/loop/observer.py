@@ -76,23 +76,13 @@ class KalmanObserver:
     """
 
     def __init__(self, setting: Setting, readings: MeasurementSet, settings: ObserverSettings | None = None) -> None:
-        from scipy.linalg import solve_discrete_are
-
-        names = tuple(n for n in READINGS if n in readings.signals)
-        if "suspension_deflection" not in names or len(names) < 2:
-            raise InputError("an observer needs the suspension's deflection and an acceleration",
-                             got=", ".join(readings.signals), mend="the measurement set 'stroke-body'")
-        self._names = names
-        model = ObservedCar.of(setting, [s for n in names for s in readings.sensors if s.signal == n],
-                          settings or ObserverSettings())
+        self._names, model = observed_car(setting, readings, settings or ObserverSettings(), "an observer")
         left = model.level * (setting.road_error - 1)
         model = replace(model, intensity=model.intensity + left * np.outer(model.road, model.road))
-        self._step, self._drive, covariance = model.sampled(setting.sample_time)
+        self._step, self._drive, x, spread = model.steady(setting.sample_time)
         self._road = replace(model, force=model.road).sampled(setting.sample_time)[1]
         self._c, self._d = model.output, model.through
-        noise = np.diag(model.noise**2)
-        x = solve_discrete_are(self._step.T, self._c.T, covariance, noise)
-        self.gain = np.linalg.solve(self._c @ x @ self._c.T + noise, self._c @ x).T
+        self.gain = np.linalg.solve(spread, self._c @ x).T
         kept = np.eye(len(x)) - self.gain @ self._c
         self.covariance = kept @ x
         self.poles = np.linalg.eigvals(kept @ self._step)
@@ -259,3 +249,57 @@ class ObservedCar:
         held = expm(np.block([[self.a, self.force[:, None]], [np.zeros((1, n + 1))]]) * time)
         covariance = step @ e[:n, n:]
         return step, held[:n, n], 0.5 * (covariance + covariance.T)
+
+    def steady(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Step and drive as in `sampled`, and the covariances of what the steady Kalman filter of this rate predicts.
+
+        Parameters
+        ----------
+        time : float
+            Sample time [s].
+
+        Returns
+        -------
+        step : (n, n) array
+        drive : (n,) array
+        covariance : (n, n) array
+            Of the predicted state's error.
+        spread : (r, r) array
+            Of the predicted readings' error.
+        """
+        from scipy.linalg import solve_discrete_are
+
+        step, drive, disturbance = self.sampled(time)
+        noise = np.diag(self.noise**2)
+        covariance = solve_discrete_are(step.T, self.output.T, disturbance, noise)
+        return step, drive, covariance, self.output @ covariance @ self.output.T + noise
+
+
+def observed_car(setting: Setting, readings: MeasurementSet, settings: ObserverSettings,
+                 noun: str) -> tuple[tuple[str, ...], ObservedCar]:
+    """Names of the readings that a filter can make use of, and the car with their sensors.
+
+    Parameters
+    ----------
+    setting : Setting
+    readings : MeasurementSet
+    settings : ObserverSettings
+    noun : str
+        What asks, as the error names it.
+
+    Returns
+    -------
+    names : tuple of str
+        Of `READINGS`, in that order.
+    car : ObservedCar
+
+    Raises
+    ------
+    InputError
+        No deflection, or no acceleration.
+    """
+    names = tuple(n for n in READINGS if n in readings.signals)
+    if "suspension_deflection" not in names or len(names) < 2:
+        raise InputError(f"{noun} needs the suspension's deflection and an acceleration",
+                         got=", ".join(readings.signals), mend="the measurement set 'stroke-body'")
+    return names, ObservedCar.of(setting, [s for n in names for s in readings.sensors if s.signal == n], settings)

@@ -12,9 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvid.errors import InputError
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.loop.observer import READINGS, ObservedCar, ObserverSettings, times
+from quartercar.controllers.loop.observer import ObservedCar, ObserverSettings, observed_car, times
 from quartercar.controllers.loop.sensing import MeasurementSet
 
 CUTOFF = 0.01
@@ -54,21 +53,11 @@ class RoadEstimator:
     """
 
     def __init__(self, setting: Setting, readings: MeasurementSet, settings: ObserverSettings, samples: int) -> None:
-        from scipy.linalg import solve_discrete_are
-
-        names = tuple(n for n in READINGS if n in readings.signals)
-        if "suspension_deflection" not in names or len(names) < 2:
-            raise InputError("the road's estimate needs the suspension's deflection and an acceleration",
-                             got=", ".join(readings.signals), mend="the measurement set 'stroke-body'")
-        self._names = names
-        car = ObservedCar.of(setting, [s for n in names for s in readings.sensors if s.signal == n], settings)
+        self._names, car = observed_car(setting, readings, settings, "the road's estimate")
         self.road_error = _unseen(car, setting.sample_time)
         model = _with_road(car, 2 * np.pi * CUTOFF * settings.speed)
-        self._step, self._drive, covariance = model.sampled(setting.sample_time)
+        self._step, self._drive, p, spread = model.steady(setting.sample_time)
         self._c, self._d = model.output, model.through
-        noise = np.diag(model.noise**2)
-        p = solve_discrete_are(self._step.T, self._c.T, covariance, noise)
-        spread = self._c @ p @ self._c.T + noise
         self._gain = np.linalg.solve(spread, self._c @ p).T
         loop = self._step @ (np.eye(len(p)) - self._gain @ self._c)
         row, gains = p[-1], []

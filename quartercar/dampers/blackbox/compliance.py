@@ -124,11 +124,8 @@ class Compliance(SampledDamper):
         finest, stated = _chosen(records, levels, lambda n: self.structure(widest, n, moving, SHORT))
         found = identify(records, self.structure(widest, finest, moving))
         chosen = self.replace(lags=widest, levels=finest)
-        return (
-            chosen,
-            found,
-            (*(f"velocity lags, {m}" for m in more), *(f"segments in the current, {m}" for m in stated)),
-        )
+        notes = (*(f"velocity lags, {m}" for m in more), *(f"segments in the current, {m}" for m in stated))
+        return chosen, found, notes
 
     def to_lpv(self, sample_time: float) -> Any:
         raise InputError("no LPV form of 'compliance' of free scheduling",

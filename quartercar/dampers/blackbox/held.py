@@ -127,9 +127,8 @@ class Held:
         """Every parameter with its unit; its default is the value that the fit gave it."""
         names = self.layout.names(self.model)  # type: ignore[arg-type]
         units = [_unit(n, self.model) for n in names]
-        description = [
-            "of the model inside, over the normalised current" if self.model.box.names else "of the model inside"
-        ] * len(names)
+        over = ", over the normalised current" if self.model.box.names else ""
+        description = [f"of the model inside{over}"] * len(names)
         current = (self.model.box.units[0] or "1") if self.model.box.names else "1"
         stage, lag = self.model.input_stage, self.model.scheduling_stage
         if stage is not None:
@@ -142,9 +141,8 @@ class Held:
             names = (*names, *(f"current_{n}" for n in chosen))
             units += ["s"] * len(chosen)
             description += ["of the filter on the current"] * len(chosen)
-        return tuple(
-            Parameter(n, u, s, float(v)) for n, u, s, v in zip(names, units, description, self.vector, strict=True)
-        )
+        rows = zip(names, units, description, self.vector, strict=True)
+        return tuple(Parameter(n, u, s, float(v)) for n, u, s, v in rows)
 
     def spread(self, covariance: np.ndarray) -> np.ndarray:
         """(P, P) covariance from that of the coefficients; what is not known of shape and lag is NaN.

@@ -31,18 +31,7 @@ def sampled_stepper(model: Inner) -> DamperStepper:
     Returns
     -------
     DamperStepper
-
-    Parameters
-    ----------
-    damper : SampledDamper
-        Fitted.
-    step : float
-        Length of a step, the damper's own period [s].
-
-    Returns
-    -------
-    DamperStepper
-        Of the kind that suits the model inside.
+        Of the kind that suits the model.
 
     Raises
     ------
@@ -88,39 +77,57 @@ class _CurrentFilter:
         return self._value
 
 
-class _SampledStepper(DamperStepper):
-    """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
+class _ModelStepper(DamperStepper):
+    """The current behind the model's filter at the last samples, the newest last, and the inputs at this one."""
 
-    def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
-        self._model = model
+    def __init__(self, model: Inner, rows: int) -> None:
+        if model.box.names not in ((), ("current",)):
+            raise InputError("a car can only step a damper that is scheduled by its current",
+                             got=", ".join(model.box.names))
+        self._model, self._rows = model, rows
         self._names = [s.name for s in model.inputs]
         self._filter = _CurrentFilter(model)
-        self._scheduled = bool(model.box.names)
-        _by_current(model)
-        self._rows = model.start + 1
 
-    def begin(self, displacement: float, velocity: float, current: float) -> float:
-        self._p = np.full((self._rows, int(self._scheduled)), self._filter.begin(current))
+    def _settle(self, current: float) -> None:
         self._current = current
-        before = displacement + velocity * self._model.sample_time * np.arange(1 - self._rows, 1)
-        self._u = np.array([self._inputs(x, velocity) for x in before])
-        self._y = np.array([float(at_rest(self._model, np.array([velocity]), current, x)[0]) for x in before])
-        return float(self._y[-1])
-
-    def _inputs(self, displacement: float, velocity: float) -> np.ndarray:
-        motion = {"displacement": displacement, "velocity": velocity, "current": self._current}
-        return np.array([motion[n] for n in self._names])
+        self._p = np.full((self._rows, len(self._model.box.names)), self._filter.begin(current))
 
     def approach(self, current: float) -> None:
         self._current, filtered = current, self._filter(current)
         self._p = np.roll(self._p, -1, axis=0)
         self._p[-1] = filtered
-        self._u, self._y = np.roll(self._u, -1, axis=0), np.roll(self._y, -1)
         self._look()
 
     @abstractmethod
     def _look(self) -> None:
         """Prepare what does not depend on the motion at the coming sample."""
+
+    def _inputs(self, displacement: float, velocity: float) -> np.ndarray:
+        motion = {"displacement": displacement, "velocity": velocity, "current": self._current}
+        return np.array([motion[n] for n in self._names])
+
+    def _shaped(self, displacement: float, velocity: float) -> np.ndarray:
+        """Inputs behind the static stage."""
+        u, stage = self._inputs(displacement, velocity), self._model.input_stage
+        return u if stage is None else stage.apply(u[None], self._p[-1:])[0]
+
+
+class _SampledStepper(_ModelStepper):
+    """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
+
+    def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
+        super().__init__(model, model.start + 1)
+
+    def begin(self, displacement: float, velocity: float, current: float) -> float:
+        self._settle(current)
+        before = displacement + velocity * self._model.sample_time * np.arange(1 - self._rows, 1)
+        self._u = np.array([self._inputs(x, velocity) for x in before])
+        self._y = np.array([float(at_rest(self._model, np.array([velocity]), current, x)[0]) for x in before])
+        return float(self._y[-1])
+
+    def approach(self, current: float) -> None:
+        self._u, self._y = np.roll(self._u, -1, axis=0), np.roll(self._y, -1)
+        super().approach(current)
 
     def commit(self, displacement: float, velocity: float) -> None:
         self._y[-1] = self.trial(displacement, velocity)
@@ -148,10 +155,7 @@ class _TransferFunctionStepper(_SampledStepper):
         self._past, self._direct = total, model.b[0, 0] @ phi[last]
 
     def trial(self, displacement: float, velocity: float) -> float:
-        u = self._inputs(displacement, velocity)[None]
-        if self._model.input_stage is not None:
-            u = self._model.input_stage.apply(u, self._p[-1:])
-        return self._past + float(u[0] @ self._direct)
+        return self._past + float(self._shaped(displacement, velocity) @ self._direct)
 
 
 class _WindowStepper(_SampledStepper):
@@ -167,50 +171,34 @@ class _WindowStepper(_SampledStepper):
         return float(out[-1])
 
 
-class _StateSpaceStepper(DamperStepper):
+class _StateSpaceStepper(_ModelStepper):
     """F = C d + D u + g with the state carried along; a basis that reads past currents is given them."""
 
+    _model: LPVStateSpace
+
     def __init__(self, model: LPVStateSpace) -> None:
-        _by_current(model)
-        low, self._memory = model.basis.lags
+        low, memory = model.basis.lags
         if low < 0:
             raise InputError(f"this state space reads the current {-low} samples ahead", why="a car does not know it",
                              mend="--form augmented or --form observable instead of shifted")
-        self._model, self._filter = model, _CurrentFilter(model)
-        self._names = [s.name for s in model.inputs]
+        super().__init__(model, memory + 1)
         assert model.state_offset is not None and model.output_offset is not None
         self._stacks = (model.A, model.B, model.C[:, 0], model.D[:, 0], model.state_offset, model.output_offset[:, 0])
 
     def begin(self, displacement: float, velocity: float, current: float) -> float:
-        self._current = current
-        self._p = np.full((self._memory + 1, len(self._model.box.names)), self._filter.begin(current))
+        self._settle(current)
         state, force = state_at_rest(self._model, np.array([velocity]), current, displacement)
         self._state = state[0]
         return float(force[0])
 
-    def approach(self, current: float) -> None:
-        self._current, filtered = current, self._filter(current)
-        self._p = np.roll(self._p, -1, axis=0)
-        self._p[-1] = filtered
+    def _look(self) -> None:
         phi = self._model.basis.evaluate(self._p)[-1]
         self._now = tuple(np.tensordot(phi, x, axes=1) for x in self._stacks)
         self._past = float(self._now[2] @ self._state + self._now[5])
 
-    def _inputs(self, displacement: float, velocity: float) -> np.ndarray:
-        motion = {"displacement": displacement, "velocity": velocity, "current": self._current}
-        u = np.array([[motion[n] for n in self._names]])
-        stage = self._model.input_stage
-        return u[0] if stage is None else stage.apply(u, self._p[-1:])[0]
-
     def trial(self, displacement: float, velocity: float) -> float:
-        return self._past + float(self._now[3] @ self._inputs(displacement, velocity))
+        return self._past + float(self._now[3] @ self._shaped(displacement, velocity))
 
     def commit(self, displacement: float, velocity: float) -> None:
         a, b, _, _, f, _ = self._now
-        self._state = a @ self._state + b @ self._inputs(displacement, velocity) + f
-
-
-def _by_current(model: Inner) -> None:
-    if model.box.names not in ((), ("current",)):
-        raise InputError("a car can only step a damper that is scheduled by its current",
-                         got=", ".join(model.box.names))
+        self._state = a @ self._state + b @ self._shaped(displacement, velocity) + f

@@ -92,9 +92,8 @@ def _drawn_in(found: Identification, records: Sequence[Record]) -> tuple[Identif
     return found.replace(model=_inputs_again(model, found.layout, records)), share  # type: ignore[arg-type]
 
 
-def _inputs_again(
-    model: LPVTransferFunction, layout: ParameterLayout, records: Sequence[Record]
-) -> LPVTransferFunction:
+def _inputs_again(model: LPVTransferFunction, layout: ParameterLayout,
+                  records: Sequence[Record]) -> LPVTransferFunction:
     """The model with b and c by least squares of its free run, which is linear in them."""
     theta = layout.read(model)
     free = np.flatnonzero(layout.table[:, 0] > 0)

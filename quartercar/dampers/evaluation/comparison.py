@@ -297,18 +297,11 @@ def _compared(damper: Damper, found: DamperFit | None, data: Prepared, first: in
     held_out = score(damper, data.held_out, first)
     training = score(damper, data.training, first)
     passivity = found.passivity if found is not None else damper.passivity()
-    flags = []
-    if held_out.total.diverged_at is not None or training.total.diverged_at is not None:
-        flags.append("diverged")
-    if not passivity.passive:
-        flags.append("not-passive")
-    if found is not None and found.at_bounds:
-        flags.append("at-bounds")
-    if found is not None and found.undetermined:
-        flags.append("undetermined")
-    if damper.polarity < 0:
-        flags.append("reversed-polarity")
-    if held_out.extrapolation_share > 0:
-        flags.append("extrapolates")
+    raised = {"diverged": held_out.total.diverged_at is not None or training.total.diverged_at is not None,
+              "not-passive": not passivity.passive,
+              "at-bounds": found is not None and bool(found.at_bounds),
+              "undetermined": found is not None and bool(found.undetermined),
+              "reversed-polarity": damper.polarity < 0, "extrapolates": held_out.extrapolation_share > 0}
     speed = time_per_simulated_second(damper, data.held_out)
-    return Compared(damper, found, training, held_out, speed, passivity, tuple(flags))
+    return Compared(damper, found, training, held_out, speed, passivity,
+                    tuple(flag for flag, is_so in raised.items() if is_so))

@@ -94,19 +94,21 @@ def _force(drive: Drive) -> np.ndarray:
     return drive.force
 
 
-class Full:
-    """All parameters move together.
+class MovingFit:
+    """All parameters move together, or some while the others stay.
 
-    Attributes
+    Parameters
     ----------
     problem : DamperFitProblem
-    coordinates : SearchCoordinates
-        Of all parameters.
+    free : sequence of str, optional
+        Names of those that move; all where left out. The others stay at the damper's own values.
     """
 
-    def __init__(self, problem: DamperFitProblem) -> None:
-        self.problem = problem
-        self.coordinates = SearchCoordinates(problem.damper.parameters)
+    def __init__(self, problem: DamperFitProblem, free: Sequence[str] | None = None) -> None:
+        damper = problem.damper
+        self.problem, self.base = problem, damper.vector
+        self.free = [list(damper.names).index(n) for n in (damper.names if free is None else free)]
+        self.coordinates = SearchCoordinates([damper.parameters[i] for i in self.free])
 
     def start(self, theta: np.ndarray) -> np.ndarray:
         """Coordinates of a vector of parameters.
@@ -114,36 +116,35 @@ class Full:
         Parameters
         ----------
         theta : (P,) array
-            Parameters, SI; brought inside their bounds.
+            All parameters, SI; those that move are brought inside their bounds.
 
         Returns
         -------
-        (P,) array
-            Logarithms where the parameter moves by its logarithm.
+        (k,) array
+            Of the parameters that move; logarithms where one moves by its logarithm.
         """
-        return self.coordinates.of(theta)
+        return self.coordinates.of(theta[self.free])
 
     def trial(self, point: np.ndarray) -> Trial | None:
         """Residual at a point of the search; None where the run diverges.
 
         Parameters
         ----------
-        point : (P,) array
-            Coordinates.
+        point : (k,) array
+            Coordinates of the parameters that move.
 
         Returns
         -------
         Trial or None
-            Residual F̂ − F [N] with the parameters there.
+            Residual F̂ − F [N], and all parameters.
         """
-        theta = self.coordinates.values(point)
+        theta = self.base.copy()
+        theta[self.free] = self.coordinates.values(point)
         residual = self.problem.model(theta) - self.problem.measured
-        if not np.isfinite(residual).all():
-            return None
-        return Trial(point, theta, residual)
+        return Trial(point, theta, residual) if np.isfinite(residual).all() else None
 
     def jacobian(self, trial: Trial) -> np.ndarray:
-        """(m, P) derivative of the residual in the coordinates.
+        """(m, k) derivative of the residual in the coordinates.
 
         Parameters
         ----------
@@ -152,10 +153,10 @@ class Full:
 
         Returns
         -------
-        (m, P) array
+        (m, k) array
             [N per unit of the coordinate].
         """
-        return self.problem.jacobian(trial.theta) * self.coordinates.slope(trial.theta)
+        return self.problem.sensitivity(trial.theta, self.free) * self.coordinates.slope(trial.theta[self.free])
 
 
 class ProjectedFit:

@@ -14,7 +14,7 @@ from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.fitted_law import FittedLaw
-from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
+from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit, ProjectedFit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.fitting.solver import DamperSearchEnd, SearchCoordinates, search_law
 
@@ -68,13 +68,13 @@ def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettin
         jacobian = problem.jacobian(theta)
         left = residual_of(problem.measured, problem.measured + found.trial.residual)
         spread = estimate_covariance(jacobian, left, problem.lengths, ~held)
-        report = _identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
+        open_, condition = _identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
         notes.append(f"the search stopped at its limit of {settings.evaluations} evaluations before it had settled")
     return Estimate(damper.with_vector(theta), spread.covariance,
-                    tuple(n for n, h in zip(damper.names, held, strict=True) if h), report.undetermined, tuple(notes),
-                    starts if len(damper.linear) < len(damper.names) else None, report.condition)
+                    tuple(n for n, h in zip(damper.names, held, strict=True) if h), open_, tuple(notes),
+                    starts if len(damper.linear) < len(damper.names) else None, condition)
 
 
 def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSearchEnd, Starts]:
@@ -194,7 +194,7 @@ def searched_short(problem: DamperFitProblem, starts: Sequence[np.ndarray], sett
     list of ShortSearch
         Never empty; where all diverge, every start at infinite cost.
     """
-    view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
+    view = ProjectedFit(problem) if problem.damper.linear else MovingFit(problem)
     ends = [search_law(view, view.start(s), settings.short_evaluations, COARSE) for s in starts]
     out = sorted((ShortSearch(e.trial.cost, e.trial.theta, e.trial.residual) for e in ends if e is not None),
                  key=lambda t: t.cost)
@@ -241,7 +241,7 @@ def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) 
         if first is None:
             return None
         theta = first.trial.theta
-    full = Full(problem)
+    full = MovingFit(problem)
     return search_law(full, full.start(theta), settings.evaluations, settings.tolerance)
 
 
@@ -325,24 +325,8 @@ NAMED = 0.3
 """share of a direction from which a parameter is named, up to three."""
 
 
-@dataclass(frozen=True)
-class Identifiability:
-    """What the data determine of each direction in parameter space.
-
-    Attributes
-    ----------
-    undetermined : tuple of str
-        A sentence for each open direction.
-    condition : float
-        Largest over smallest singular value of the scaled sensitivities.
-    """
-
-    undetermined: tuple[str, ...]
-    condition: float
-
-
 def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray,
-                     covariance: np.ndarray, free: np.ndarray) -> Identifiability:
+                     covariance: np.ndarray, free: np.ndarray) -> tuple[tuple[str, ...], float]:
     """Singular directions of the sensitivities to relative changes of the free parameters.
 
     A direction v of relative changes is open where √(vᵀ D⁻¹ C D⁻¹ v) > ½ with C the covariance and D the natural sizes,
@@ -357,17 +341,24 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
     measured : (m,) array
     covariance : (P, P) array
     free : (P,) bool array
+
+    Returns
+    -------
+    undetermined : tuple of str
+        A sentence for each open direction.
+    condition : float
+        Largest over smallest singular value of the scaled sensitivities.
     """
     names = [n for n, f in zip(damper.names, free, strict=True) if f]
     if not names:
-        return Identifiability((), 1.0)
+        return (), 1.0
     sizes = _natural_sizes(damper, theta, jacobian, measured)[free]
     norms = np.linalg.norm(jacobian[:, free], axis=0) * sizes
     lost = ~(norms > SINGULAR * norms.max()) if norms.max() > 0 else np.ones(len(names), dtype=bool)
     out = [f"{n}: has no effect on these data" for n, gone in zip(names, lost, strict=True) if gone]
     kept = np.flatnonzero(~lost)
     if not kept.size:
-        return Identifiability(tuple(out), float("inf"))
+        return tuple(out), float("inf")
     scaled = np.linalg.qr(jacobian[:, free][:, kept] * sizes[kept], mode="r")
     _, s, vt = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).max(), full_matrices=False)
     relative = covariance[np.ix_(free, free)][np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
@@ -376,7 +367,7 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
         if error > OPEN or s[k] < SINGULAR * s[0]:
             out.append(_sentence([names[i] for i in kept], vt[k], error, s[k] < SINGULAR * s[0]))
     condition = float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
-    return Identifiability(tuple(out), float("inf") if lost.any() else condition)
+    return tuple(out), float("inf") if lost.any() else condition
 
 
 def _natural_sizes(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ def best_starts(damper: StaticDamper, drives: Sequence[Drive], grid: Sequence[Ma
             vector[names.index(name)] = value
         vector = np.clip(vector, lower, upper)
         gradient = np.vstack([damper.jacobian(d, vector) for d in thin])[:, columns]
-        vector[columns], cost = _bounded(gradient, force, lower[columns], upper[columns])
+        vector[columns], cost = bounded_fit(gradient, force, lower[columns], upper[columns])
         ranked.append((cost, vector))
     ranked.sort(key=lambda pair: pair[0])
     return [vector for _, vector in ranked[:count]]
@@ -103,11 +103,60 @@ def _thinned(drive: Drive, step: int) -> Drive:
                  drive.current[keep], None if drive.force is None else drive.force[keep])
 
 
-def _bounded(columns: np.ndarray, target: np.ndarray, lower: np.ndarray,
-             upper: np.ndarray) -> tuple[np.ndarray, float]:
-    """Least squares inside bounds, columns scaled to one size; the solution and its sum of squares."""
+def bounded_fit(columns: np.ndarray, target: np.ndarray, lower: np.ndarray,
+                upper: np.ndarray | float = np.inf) -> tuple[np.ndarray, float]:
+    """Least squares inside bounds, columns scaled to one size.
+
+    Parameters
+    ----------
+    columns : (n, k) array
+    target : (n,) array
+    lower, upper : (k,) array
+        Bounds; infinite for none.
+
+    Returns
+    -------
+    solution : (k,) array
+    cost : float
+        Sum of squares.
+    """
     from scipy.optimize import lsq_linear
 
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size = column_size(columns)
     found = lsq_linear(columns / size, target, (lower * size, upper * size), method="bvls")
     return np.clip(found.x / size, lower, upper), float(2 * found.cost)
+
+
+def nonnegative_fit(columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
+    """Least squares without negative coefficients, columns scaled to one size.
+
+    Parameters
+    ----------
+    columns : (n, k) array
+    target : (n,) array
+
+    Returns
+    -------
+    solution : (k,) array
+    error : float
+        Root of the sum of squares.
+    """
+    from scipy.optimize import nnls
+
+    size = column_size(columns)
+    found, error = nnls(columns / size, target)
+    return found / size, float(error)
+
+
+def column_size(columns: np.ndarray) -> np.ndarray:
+    """(k,) norms by which columns are scaled to one size; next to nothing for a column of zeros.
+
+    Parameters
+    ----------
+    columns : (n, k) array
+
+    Returns
+    -------
+    (k,) array
+    """
+    return np.maximum(np.linalg.norm(columns, axis=0), 1e-300)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.least_squares import Trial
 from lpvid.record import Record
 from lpvid.toolkit import single_thread
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.fitting.front import prepared
-from quartercar.dampers.fitting.problem import DamperFitProblem
+from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.fitting.solver import SearchCoordinates, search_law
+from quartercar.dampers.fitting.solver import search_law
 from quartercar.dampers.laws.semi_active import SemiActiveDamper
 from quartercar.dampers.polarity import common_polarity
 
@@ -53,8 +52,8 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     InputError
         The free run diverges from every start.
     """
-    parts = [PartialResiduals(s, drives, free) for s in starts]
-    begun = [(part, trial) for part in parts if (trial := part.trial(part.start())) is not None]
+    parts = [MovingFit(DamperFitProblem(s, tuple(drives)), free) for s in starts]
+    begun = [(part, trial) for part in parts if (trial := part.trial(part.start(part.base))) is not None]
     if not begun:
         raise InputError(f"{starts[0].name}: the free run diverges from every start", got=f"{len(starts)} starts")
     begun.sort(key=lambda pair: pair[1].cost)
@@ -67,7 +66,7 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     end = trial if found is None else found.trial
     measured = part.problem.measured
     power = sum(float(np.sum((m - m.mean()) ** 2)) for m in np.split(measured, np.cumsum(part.problem.lengths)[:-1]))
-    return part.damper.with_vector(end.theta), end.cost / max(power, 1e-300)
+    return part.problem.damper.with_vector(end.theta), end.cost / max(power, 1e-300)
 
 
 def unseen(damper: SemiActiveDamper, drives: Sequence[Drive], free: Sequence[str]) -> tuple[str, ...]:
@@ -87,72 +86,12 @@ def unseen(damper: SemiActiveDamper, drives: Sequence[Drive], free: Sequence[str
     tuple of str
         Empty too where the run diverges.
     """
-    part = PartialResiduals(damper, drives, free)
-    now = part.trial(part.start())
+    part = MovingFit(DamperFitProblem(damper, tuple(drives)), free)
+    now = part.trial(part.start(part.base))
     if now is None or not free:
         return ()
     size = np.abs(part.jacobian(now)).max(axis=0)
     return tuple(n for n, s in zip(free, size, strict=True) if s == 0.0)
-
-
-class PartialResiduals(Generic[D]):
-    """Residuals of a damper of which only some parameters move.
-
-    Attributes
-    ----------
-    coordinates : SearchCoordinates
-        Of those that move.
-    """
-
-    def __init__(self, damper: D, drives: Sequence[Drive], free: Sequence[str]) -> None:
-        self.problem = DamperFitProblem(damper, tuple(drives))
-        self.damper = damper
-        self.base = damper.vector
-        self.free = [list(damper.names).index(n) for n in free]
-        self.coordinates = SearchCoordinates([damper.parameters[i] for i in self.free])
-
-    def start(self) -> np.ndarray:
-        """Coordinates of the damper's own values.
-
-        Returns
-        -------
-        (k,) array
-            Of the parameters that move; logarithms where one moves by its logarithm.
-        """
-        return self.coordinates.of(self.base[self.free])
-
-    def trial(self, point: np.ndarray) -> Trial | None:
-        """Residual at a point of the search; None where the run diverges.
-
-        Parameters
-        ----------
-        point : (k,) array
-            Coordinates of the parameters that move.
-
-        Returns
-        -------
-        Trial or None
-            Residual F̂ − F [N], and all parameters.
-        """
-        theta = self.base.copy()
-        theta[self.free] = self.coordinates.values(point)
-        residual = self.problem.model(theta) - self.problem.measured
-        return Trial(point, theta, residual) if np.isfinite(residual).all() else None
-
-    def jacobian(self, trial: Trial) -> np.ndarray:
-        """(m, k) derivative of the residual in the coordinates.
-
-        Parameters
-        ----------
-        trial : Trial
-            What `trial` returned.
-
-        Returns
-        -------
-        (m, k) array
-            [N per unit of the coordinate].
-        """
-        return self.problem.sensitivity(trial.theta, self.free) * self.coordinates.slope(trial.theta[self.free])
 
 
 SLOW = 0.1
@@ -399,7 +338,7 @@ def gas_from_slow(damper: SemiActiveDamper, drives: Sequence[Drive]) -> tuple[di
     """
     if not drives:
         return None
-    x, v, f = (np.concatenate([getattr(d, name) for d in drives]) for name in ("displacement", "velocity", "force"))
+    x, v, f = joined(drives, "displacement", "velocity", "force")
     moving = np.abs(v) > 0.3 * np.quantile(np.abs(v), 0.9)
     x, v, f, side = x[moving], v[moving], f[moving], np.sign(v[moving])
     spring = "gas_stiffness" in damper.gas_values

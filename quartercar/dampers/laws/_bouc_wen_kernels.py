@@ -7,11 +7,8 @@ import math
 import numpy as np
 
 from lpvid.toolkit import njit
-from quartercar.dampers.stepper import FINE, Move
+from quartercar.dampers.stepper import FINE, GAMMA, RATIO, Move
 
-GAMMA = 1.0 - math.sqrt(0.5)
-"""diagonal of the two-stage SDIRK method of order 2, L-stable and stiffly accurate"""
-RATIO = (1.0 - GAMMA) / GAMMA
 ITERATIONS = 40
 """most Newton or bisection steps of one stage; three or four are usual"""
 CLOSE = 1e-8

@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from lpvid.toolkit import njit
-from quartercar.dampers.laws._bouc_wen_kernels import GAMMA, RATIO, _capped, _stage, node_rate
+from quartercar.dampers.laws._bouc_wen_kernels import _capped, _stage, node_rate
+from quartercar.dampers.stepper import GAMMA, RATIO
 
 INPUTS = 10
 """of a step: y, z, c_0, k_0, c_1, α, β, γ, δ, n"""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.families import LawDamper
+from quartercar.dampers.fitting.starting import nonnegative_fit, ranked_starts
 
 BINS = 40
 """speeds at which the settled curve is read"""
@@ -30,30 +32,22 @@ def starting_vectors(damper: LawDamper, shape: tuple, drives: Sequence[Drive], c
     v = R(F)/√a_O + e(F)/√a_V is linear in what is left.
     """
     speeds, forces, preload = settled_points(drives)
-    velocity = np.concatenate([d.velocity for d in drives])
+    velocity, total = joined(drives, "velocity", "force")
     bend = np.concatenate([np.gradient(d.velocity, d.sample_time) for d in drives])
     stroke = float(np.mean(velocity**2) / max(np.sqrt(np.mean(bend**2)), 1e-12))
-    total = np.concatenate([d.force for d in drives if d.force is not None])
     base = float(total.std()) / max(stroke, 1e-9)
-    ranked = []
-    for curve in curves("series_loss" in damper.names, shape, speeds, forces)[:CURVES]:
-        for stiffness in STIFFNESSES:
-            for frequency, damping in POPPETS:
-                named = {**curve, "hydraulic_stiffness": base * stiffness, "valve_frequency": frequency,
-                         "valve_damping": damping, "friction": 0.01 * float(forces.max()), "preload": preload}
-                vector = np.array([np.clip(named[p.name], p.lower, p.upper) for p in damper.parameters])
-                with np.errstate(all="ignore"):
-                    error = sum(float(np.sum((damper.response(d, vector) - d.force) ** 2)) for d in drives
-                                if d.force is not None)
-                ranked.append((error if np.isfinite(error) else np.inf, vector))
-    ranked.sort(key=lambda pair: pair[0])
-    return [vector for _, vector in ranked[:count]]
+    candidates = []
+    best = curves("series_loss" in damper.names, shape, speeds, forces)[:CURVES]
+    for curve, stiffness, (frequency, damping) in product(best, STIFFNESSES, POPPETS):
+        named = {**curve, "hydraulic_stiffness": base * stiffness, "valve_frequency": frequency,
+                 "valve_damping": damping, "friction": 0.01 * float(forces.max()), "preload": preload}
+        candidates.append(np.array([np.clip(named[p.name], p.lower, p.upper) for p in damper.parameters]))
+    return ranked_starts(damper, drives, candidates, count)
 
 
 def settled_points(drives: Sequence[Drive]) -> tuple[np.ndarray, np.ndarray, float]:
     """(speeds, forces, preload): force binned over speed, directions and loop branches averaged."""
-    v = np.concatenate([d.velocity for d in drives])
-    force = np.concatenate([d.force for d in drives if d.force is not None])
+    v, force = joined(drives, "velocity", "force")
     edges = np.unique(np.quantile(np.abs(v), np.linspace(0.0, 1.0, BINS + 1)))
     places = np.clip(np.searchsorted(edges, np.abs(v), side="right") - 1, 0, max(edges.size - 2, 0))
     speeds, forces, middles = [], [], []
@@ -78,7 +72,7 @@ def curves(series: bool, shape: tuple, speeds: np.ndarray, forces: np.ndarray) -
             limit = opening * float(forces.max())
             branches = settled_branches(forces, (1.0, 1.0, limit, 1.0, 1.0, 1.0, ratio), shape)
             weight = 1.0 / np.maximum(speeds, 0.05 * speeds.max())
-            gains, error = _nonnegative(branches * weight[:, None], speeds * weight)
+            gains, error = nonnegative_fit(branches * weight[:, None], speeds * weight)
             curve = {"opening_force": limit, "orifice_loss": 1.0 / max(gains[0], 1e-6) ** 2}
             valve = gains[1] if gains[1] > 0 else 10.0 * max(gains[0], 1e-6)
             curve["valve_loss"] = 1.0 / valve**2
@@ -87,11 +81,3 @@ def curves(series: bool, shape: tuple, speeds: np.ndarray, forces: np.ndarray) -
             found.append((error, curve))
     found.sort(key=lambda pair: pair[0])
     return [curve for _, curve in found]
-
-
-def _nonnegative(columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
-    from scipy.optimize import nnls
-
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    gains, error = nnls(columns / scale, target)
-    return gains / scale, float(error)

@@ -7,11 +7,8 @@ import math
 import numpy as np
 
 from lpvid.toolkit import njit
-from quartercar.dampers.stepper import FINE, Move
+from quartercar.dampers.stepper import FINE, GAMMA, RATIO, Move
 
-GAMMA = 1.0 - math.sqrt(0.5)
-"""diagonal of the two-stage SDIRK method of order 2, L-stable and stiffly accurate"""
-RATIO = (1.0 - GAMMA) / GAMMA
 ITERATIONS = 60
 """most Newton steps of one stage; three are usual"""
 CLOSE = 1e-9
@@ -51,13 +48,7 @@ def wang_kamath_run(v, h, substeps, theta, f, g):
     out[0] = f
     f, g = f + 0.0 * theta[0, 0], g + 0.0 * theta[0, 0]
     for k in range(v.size - 1):
-        count = substeps[k]
-        ah = GAMMA * h / count
-        for j in range(count):
-            early, late = (j + GAMMA) / count, (j + 1.0) / count
-            fa, ga = _stage(f, g, v[k] + early * (v[k + 1] - v[k]), ah, theta, k, early)
-            fb, gb = f + RATIO * (fa - f), g + RATIO * (ga - g)
-            f, g = _stage(fb, gb, v[k] + late * (v[k + 1] - v[k]), ah, theta, k, late)
+        f, g = wang_kamath_step(f, g, v[k], v[k + 1], h, substeps[k], theta[k:k + 2])
         out[k + 1] = f
     return out
 
@@ -68,20 +59,20 @@ def wang_kamath_step(f, g, v0, v1, h, count, theta):
     ah = GAMMA * h / count
     for j in range(count):
         early, late = (j + GAMMA) / count, (j + 1.0) / count
-        fa, ga = _stage(f, g, v0 + early * (v1 - v0), ah, theta, 0, early)
+        fa, ga = _stage(f, g, v0 + early * (v1 - v0), ah, theta, early)
         fb, gb = f + RATIO * (fa - f), g + RATIO * (ga - g)
-        f, g = _stage(fb, gb, v0 + late * (v1 - v0), ah, theta, 0, late)
+        f, g = _stage(fb, gb, v0 + late * (v1 - v0), ah, theta, late)
     return f, g
 
 
 @njit()
-def _stage(f, g, v, ah, theta, k, share):
+def _stage(f, g, v, ah, theta, share):
     """(f', g') with f' = f + a h g', w_1(g' − g) = a h [v − w_2 g' − P(f')], by guarded Newton steps in f'."""
-    w1 = theta[k, 0] + share * (theta[k + 1, 0] - theta[k, 0])
-    w2 = theta[k, 1] + share * (theta[k + 1, 1] - theta[k, 1])
-    w3 = theta[k, 2] + share * (theta[k + 1, 2] - theta[k, 2])
-    w4 = theta[k, 3] + share * (theta[k + 1, 3] - theta[k, 3])
-    w5 = theta[k, 4] + share * (theta[k + 1, 4] - theta[k, 4])
+    w1 = theta[0, 0] + share * (theta[1, 0] - theta[0, 0])
+    w2 = theta[0, 1] + share * (theta[1, 1] - theta[0, 1])
+    w3 = theta[0, 2] + share * (theta[1, 2] - theta[0, 2])
+    w4 = theta[0, 3] + share * (theta[1, 3] - theta[0, 3])
+    w5 = theta[0, 4] + share * (theta[1, 4] - theta[0, 4])
     lead = w1 / ah + w2
     root = f
     low, high = -math.inf, math.inf
@@ -94,10 +85,7 @@ def _stage(f, g, v, ah, theta, k, share):
             high = min(high, root.real)
         elif error.real < 0.0:
             low = max(low, root.real)
-        if steep.real > 0.0:
-            step = error / steep
-        else:
-            step = error / lead
+        step = error / (steep if steep.real > 0.0 else lead)
         if done:
             root = root - step
             break

@@ -14,7 +14,7 @@ from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.families import COMPLEX_STEP, DynamicDamper
+from quartercar.dampers.families import DynamicDamper, complex_slope
 from quartercar.dampers.laws.expressions import named_parameters
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.parameter import Parameter
@@ -253,15 +253,15 @@ class BoucWen(DynamicDamper):
         theta, _ = self.coefficients(vector)
         along = spencer_tangents(drive.displacement, drive.velocity, self._command(drive), drive.sample_time,
                                  motion_steps(drive), theta, self._begun(drive, vector))
-        chain, springs = np.empty((along.shape[0], len(columns))), np.empty((2, len(columns)))
+
+        def inner(moved: np.ndarray) -> np.ndarray:
+            shifted, springs = self.coefficients(moved)
+            return np.concatenate([shifted, self._begun(drive, moved), springs])
+
+        chain = np.empty((along.shape[0] + 2, len(columns)))
         for place, j in enumerate(columns):
-            moved = vector.astype(complex)
-            step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
-            moved[j] += 1j * step
-            shifted, outside = self.coefficients(moved)
-            chain[:, place] = np.imag(np.concatenate([shifted, self._begun(drive, moved)])) / step
-            springs[:, place] = np.imag(outside) / step
-        return along.T @ chain + np.column_stack([drive.displacement, np.ones(drive.n_samples)]) @ springs
+            chain[:, place] = complex_slope(inner, vector, j)
+        return along.T @ chain[:-2] + np.column_stack([drive.displacement, np.ones(drive.n_samples)]) @ chain[-2:]
 
     def _command(self, drive: Drive) -> np.ndarray:
         """(n,) current that counts; none where it is not read."""
@@ -314,7 +314,8 @@ class BoucWen(DynamicDamper):
         from quartercar.dampers.fitting.starting import ranked_starts
         from quartercar.dampers.laws.bouc_wen_starts import loop_candidates
 
-        return ranked_starts(self, drives, loop_candidates(self, drives), min(count, MOST_STARTS))
+        candidates = loop_candidates(self.parameters, self.exponent, drives)
+        return ranked_starts(self, drives, candidates, min(count, MOST_STARTS))
 
     # -- the printed form --------------------------------------------------------------------------------------------
     @classmethod

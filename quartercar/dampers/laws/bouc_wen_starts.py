@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 
-from quartercar.dampers.drive import Drive
-from quartercar.dampers.fitting.starting import path
+from quartercar.dampers.drive import Drive, joined
+from quartercar.dampers.fitting.starting import bounded_fit, path
 from quartercar.dampers.parameter import Parameter
 
 KNEES = (0.1, 0.3, 1.0)
@@ -20,37 +19,16 @@ RATES = (60.0, 300.0)
 """rates of the current's lag [1/s]"""
 
 
-class LoopLaw(Protocol):
-    """What these starts read of a law; `BoucWen` is one."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """With bounds."""
-        ...
-
-    @property
-    def scheduled(self) -> bool:
-        """Whether the current enters."""
-        ...
-
-    @property
-    def springs(self) -> bool:
-        """Whether springs are part of it."""
-        ...
-
-    @property
-    def exponent(self) -> float:
-        """n, where it is no parameter."""
-        ...
-
-
-def loop_candidates(damper: LoopLaw, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
+def loop_candidates(parameters: Sequence[Parameter], exponent: float,
+                    drives: Sequence[Drive]) -> Iterator[np.ndarray]:
     """Vectors whose plateau is that of the measured loop.
 
     Parameters
     ----------
-    damper : LoopLaw
-        Structure.
+    parameters : sequence of Parameter
+        Of a `BoucWen`.
+    exponent : float
+        n, a start for it where it is a parameter.
     drives : sequence of Drive
         With forces.
 
@@ -59,37 +37,34 @@ def loop_candidates(damper: LoopLaw, drives: Sequence[Drive]) -> Iterator[np.nda
     iterator of (P,) arrays
         By knee, slip and rate of the current.
     """
-    v, x, i, f = (np.concatenate([getattr(d, n) for d in drives]) for n in ("velocity", "displacement", "current",
-                                                                            "force"))
-    plateau = _plateau(v, x, i, f, damper)
+    names = {p.name for p in parameters}
+    v, x, i, f = joined(drives, "velocity", "displacement", "current", "force")
+    plateau = _plateau(v, x, i, f, names)
     travel = np.concatenate([d.displacement if d.displacement.any() else path(d) for d in drives]).std()
-    grid = product(KNEES, SLIPS, RATES if damper.scheduled else RATES[:1])
+    grid = product(KNEES, SLIPS, RATES if "current_rate" in names else RATES[:1])
     speed = float(np.sqrt(np.mean(v**2)))
     for knee, slip, rate in grid:
-        yield _assembled(damper, plateau, knee * speed, slip * float(travel), rate)
+        yield _assembled(parameters, exponent, plateau, knee * speed, slip * float(travel), rate)
 
 
-def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, damper: LoopLaw) -> dict[str, float]:
+def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, names: set[str]) -> dict[str, float]:
     """Least squares of F = (c + c_i i) v + (h + h_i i) sign v + k x + F_g over the faster half of the samples."""
-    from scipy.optimize import lsq_linear
-
     fast = np.abs(v) >= np.median(np.abs(v))
     v, x, i, f = v[fast], x[fast], i[fast], f[fast]
     columns = {"c": v, "h": np.sign(v)}
-    if damper.scheduled:
+    if "yield_force_per_current" in names:
         columns |= {"c_i": v * i, "h_i": np.sign(v) * i}
-    if damper.springs:
+    if "gas_stiffness" in names:
         columns["k"] = x
     columns["offset"] = np.ones(v.size)
     lower = [-np.inf if name == "offset" else 0.0 for name in columns]
-    stacked = np.column_stack(list(columns.values()))
-    size = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
-    found = lsq_linear(stacked / size, f, (np.array(lower), np.inf), method="bvls").x / size
+    found, _ = bounded_fit(np.column_stack(list(columns.values())), f, np.array(lower))
     out = {"c": 0.0, "h": 0.0, "c_i": 0.0, "h_i": 0.0, "k": 0.0} | dict(zip(columns, map(float, found), strict=True))
     return out | {"top": float(np.abs(i).max()), "spread": float(f.std())}
 
 
-def _assembled(damper: LoopLaw, p: dict[str, float], knee: float, slip: float, rate: float) -> np.ndarray:
+def _assembled(parameters: Sequence[Parameter], exponent: float, p: dict[str, float], knee: float, slip: float,
+               rate: float) -> np.ndarray:
     """Series dashpot from the knee, then the parallel elements so that the plateau stays."""
     height = max(p["h"] + p["h_i"] * p["top"], 0.05 * p["spread"])
     slope = max(p["c"] + p["c_i"] * p["top"], 0.01 * p["spread"] / max(knee, 1e-9))
@@ -100,5 +75,5 @@ def _assembled(damper: LoopLaw, p: dict[str, float], knee: float, slip: float, r
               "hysteresis_shape": 0.5, "viscous_damping_per_current": lift * p["c_i"],
               "series_damping_per_current": 0.01 * series / max(p["top"], 1e-9),
               "yield_force_per_current": lift * p["h_i"], "current_rate": rate, "parallel_stiffness": 0.5 * p["k"],
-              "gas_stiffness": 0.5 * p["k"], "gas_force": p["offset"], "exponent": damper.exponent}
-    return np.array([np.clip(values[q.name], q.lower, q.upper) for q in damper.parameters])
+              "gas_stiffness": 0.5 * p["k"], "gas_force": p["offset"], "exponent": exponent}
+    return np.array([np.clip(values[q.name], q.lower, q.upper) for q in parameters])

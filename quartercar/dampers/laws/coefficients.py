@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import comb
+from typing import Any
 
 import numpy as np
 
@@ -156,27 +157,15 @@ class Controlled(Coefficient):
         p, places = self.prototype, PLACES[self.degree]
         where = {"": "", "_at_low": " at the lowest current, {:.3g}", "_at_high": " at the highest current, {:.3g}",
                  "_between": ", control value between"}
-        return tuple(
-            Parameter(
-                p.name + place,
-                p.unit,
-                p.description + where[place].format(self.span[0] if place == "_at_low" else self.span[1]),
-                value,
-                p.lower,
-                p.upper,
-            )
-            for place, value in zip(places, self.defaults, strict=True)
-        )
+        ends = {"_at_low": self.span[0], "_at_high": self.span[1]}
+        return tuple(Parameter(p.name + place, p.unit, p.description + where[place].format(ends.get(place)), value,
+                               p.lower, p.upper) for place, value in zip(places, self.defaults, strict=True))
 
     def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """By de Casteljau's rule: no matrix of powers, which would take longer than the law itself."""
         if self.degree == 0:
             return np.full(np.shape(current), theta[0])
-        s = (np.asarray(current) - self.span[0]) / (self.span[1] - self.span[0])
-        level = list(theta)
-        while len(level) > 1:
-            level = [a + s * (b - a) for a, b in itertools.pairwise(level)]
-        return level[0]
+        return _casteljau((np.asarray(current) - self.span[0]) / (self.span[1] - self.span[0]), theta)
 
     def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
         d, low, high = self.degree, *self.span
@@ -220,16 +209,15 @@ class Controlled(Coefficient):
         """
         low, high = self.span
 
-        def value(current: Expr) -> Expr:
-            if self.degree == 0:
-                return theta[0]
-            s = (current - low) / (high - low)
-            level = list(theta)
-            while len(level) > 1:
-                level = [a + s * (other - a) for a, other in itertools.pairwise(level)]
-            return level[0]
+        return lambda current: theta[0] if self.degree == 0 else _casteljau((current - low) / (high - low), theta)
 
-        return value
+
+def _casteljau(share: Any, theta: Sequence | np.ndarray) -> Any:
+    """De Casteljau's rule at a share of the span, for numbers, arrays and expressions."""
+    level = list(theta)
+    while len(level) > 1:
+        level = [a + share * (b - a) for a, b in itertools.pairwise(level)]
+    return level[0]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from lpvid.toolkit import checks
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes, sub_steps
 from quartercar.dampers.parameter import Parameter
@@ -271,7 +271,7 @@ class ExtendedBoucWen(SemiActiveDamper):
 
     def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[ExtendedBoucWen]:
         """Gas, c_0 and α from the force at higher speeds; c_1 and δ over a grid."""
-        x, v, f = (np.concatenate([getattr(d, name) for d in drives]) for name in ("displacement", "velocity", "force"))
+        x, v, f = joined(drives, "displacement", "velocity", "force")
         fastest, stroke = float(np.abs(v).max()), max(float(np.ptp(x)), 1e-6)
         if gas_known:
             f = f - self.conservative_force(x)

@@ -11,10 +11,8 @@ import numpy as np
 
 from lpvid.export.expression import Expr, call
 from lpvid.export.step_builder import StepBuilder
-from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.scheduling import Polynomial, Product, Scheduling
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
@@ -22,6 +20,7 @@ from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Controlled, settled_span
 from quartercar.dampers.laws.expressions import Law, named_parameters
 from quartercar.dampers.laws.secant import secant
+from quartercar.dampers.laws.secant_model import secant_model
 from quartercar.dampers.parameter import Parameter
 
 SECANTS = ("saturation", "turning")
@@ -199,10 +198,9 @@ class Kwok(StaticDamper):
             Without memory; along records as measured: their polarity and zero of the displacement.
             It runs along ``damper.with_secants(record)``: the secants are channels that no record has.
         """
-        degree = self.degree
         blocks = dict(zip(self.functions, np.split(self.vector[:-1], len(self.functions)), strict=True))
         powers = {name: f.powers(blocks[name]) for name, f in self.functions.items()}
-        quadratic = 2 * degree                                                 # α δ is quadratic where both are affine
+        quadratic = 2 * self.degree  # α δ is quadratic where both are affine
 
         def padded(c: np.ndarray) -> np.ndarray:
             return np.pad(c, (0, quadratic + 1 - c.size))
@@ -210,19 +208,11 @@ class Kwok(StaticDamper):
         none = np.zeros(quadratic + 1)
         sharpness, width = float(self.vector[-1]), self.turning_stroke
         alpha, delta = powers["hysteresis_force"], powers["hysteresis_shift"]
-        speed = np.column_stack([padded(powers["viscous_damping"]), padded(sharpness * alpha), none]).ravel()
-        stroke = np.column_stack([padded(powers["stiffness"]), none, padded(np.convolve(alpha, delta) / width)]).ravel()
-        constant = np.column_stack([padded(powers["offset"]), none, none]).ravel() - self.centre * stroke
-        secants = Polynomial(SECANTS, degree=1)
-        basis = Product(Polynomial(("current",), degree=quadratic), secants) if degree else secants
-        low, high = self.current_range or settled_span(self.span, None)
-        current = [("current", low, high, self.current_unit)] if degree else []
-        names, lower, upper, units = zip(*current, *((n, 0.0, 1.0, "") for n in SECANTS), strict=True)
-        return LPVTransferFunction(
-            np.zeros((0, 1, 1, basis.size)), self.polarity * np.stack([speed, stroke])[None, None], basis, sample_time,
-            Scheduling(names, lower, upper, units=units), self.polarity * constant[None, None],
-            inputs=(Signal("velocity", "m/s"), Signal("displacement", "m")), outputs=(Signal("force", "N"),),
-            metadata={"damper": self.name, "polarity": self.polarity})
+        return secant_model(
+            self, sample_time, SECANTS, self.current_range or settled_span(self.span, None),
+            np.column_stack([padded(powers["viscous_damping"]), padded(sharpness * alpha), none]),
+            np.column_stack([padded(powers["stiffness"]), none, padded(np.convolve(alpha, delta) / width)]),
+            np.column_stack([padded(powers["offset"]), none, none]))
 
     def with_secants(self, record: Record) -> Record:
         """The record with the channels ``saturation`` and ``turning`` that schedule the model of `to_lpv`.

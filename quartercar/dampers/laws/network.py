@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.toolkit import checks
-from quartercar.dampers.drive import Drive
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
@@ -84,18 +84,6 @@ def network_gradient(speed: np.ndarray, laminar: float, quadratic: float, leak: 
     q, d = _path_speed(speed, laminar, quadratic, leak)
     slope = laminar + 2 * quadratic * q
     return np.column_stack([q / d, q**2 / d, -(laminar + quadratic * q) * q * slope / d, slope / d])
-
-
-def _parallel_force(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
-    """Force of a parallel network at speeds ≥ 0, `hydraulics.parallel_pressure` in the force domain [N]."""
-    return _root_force(speed, orifice, leak)[0] ** 2
-
-
-def _parallel_gradient(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
-    """(n, 2) derivative of `_parallel_force` in c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
-    root, bottom = _root_force(speed, orifice, leak)
-    common = np.divide(-2 * root**2, bottom, out=np.zeros_like(root), where=bottom > 0)
-    return np.column_stack([common, common * root])
 
 
 def _root_force(speed: np.ndarray, orifice: float, leak: float) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +159,7 @@ class NetworkDamper(StaticDamper):
     def parameters(self) -> tuple[Parameter, ...]:
         if not self.asymmetric:
             return (*self.network, *STATICS)
-        sided = [Parameter(f"{p.name}_{side}", p.unit, f"{p.description}, {side}", p.default, p.lower, p.upper)
+        sided = [replace(p, name=f"{p.name}_{side}", description=f"{p.description}, {side}")
                  for side in SIDES for p in self.network]
         return (*sided, *STATICS)
 
@@ -210,10 +198,9 @@ class NetworkDamper(StaticDamper):
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """A grid over laminar share and leak; force scale, friction and offset by least squares; the best first."""
-        from scipy.optimize import nnls
+        from quartercar.dampers.fitting.starting import nonnegative_fit
 
-        v = np.concatenate([d.velocity for d in drives])
-        f = np.concatenate([d.force for d in drives if d.force is not None])
+        v, f = joined(drives, "velocity", "force")
         keep = slice(None, None, -(-v.size // SAMPLES))
         v, f, top = v[keep], f[keep], float(np.abs(v).max())
         shares = SHARES if LAMINAR in self.network else (0.0,)
@@ -225,10 +212,7 @@ class NetworkDamper(StaticDamper):
             shape = [network_force(np.maximum(sign * v, 0.0), share / top, turbulent / top**2, leak)
                      for sign in (1, -1)]
             columns = [shape[0], -shape[1]] if self.asymmetric else [shape[0] - shape[1]]
-            design = np.column_stack([*columns, *rest])
-            size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-            scaled, cost = nnls(design / size, f)
-            found = scaled / size
+            found, cost = nonnegative_fit(np.column_stack([*columns, *rest]), f)
             sides = [self.network_vector(k * share / top, k * turbulent / top**2, min(leak / k, 1e6))
                      for k in np.maximum(found[:-3], 1e-12 * float(np.abs(f).max()))]
             ranked.append((cost, np.concatenate([*sides, [found[-3], found[-2] - found[-1]]])))
@@ -244,9 +228,7 @@ class NetworkDamper(StaticDamper):
         return np.full(np.shape(displacement), self.values["offset"])
 
     def to_lpv(self, sample_time: float) -> Any:
-        raise InputError(f"no LPV form of '{self.name}'",
-                         why="it has no memory and no scheduling: its slope is a function of the velocity itself",
-                         mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")
+        raise self.without_lpv_form()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -297,10 +279,14 @@ class ParallelNetwork(NetworkDamper):
     network: ClassVar[tuple[Parameter, ...]] = ORIFICE, LEAK
 
     def _network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return _parallel_force(speed, theta[0], theta[1])
+        """`hydraulics.parallel_pressure` in the force domain."""
+        return _root_force(speed, theta[0], theta[1])[0] ** 2
 
     def _network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return _parallel_gradient(speed, theta[0], theta[1])
+        """By c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
+        root, bottom = _root_force(speed, theta[0], theta[1])
+        common = np.divide(-2 * root**2, bottom, out=np.zeros_like(root), where=bottom > 0)
+        return np.column_stack([common, common * root])
 
     def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
         return np.array([max(quadratic, 1e-300) ** -0.5, leak])

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from lpvid.errors import InputError
 from lpvid.export.expression import Expr, call, select
 from lpvid.export.step_builder import StepBuilder
 from lpvid.toolkit import checks
@@ -233,9 +232,7 @@ class PowerLawDamper(StaticDamper):
         return self._columns(np.zeros(v.size), v, self.vector)[:, :6] @ self._coefficients(self.vector)[:6]
 
     def to_lpv(self, sample_time: float) -> Any:
-        raise InputError(f"no LPV form of '{self.name}'",
-                         why="it has no memory and no scheduling: its slope is a function of the velocity itself",
-                         mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")
+        raise self.without_lpv_form()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -8,8 +8,9 @@ import numpy as np
 
 from lpvid.export.expression import Array, ByPrecision, Expr, Index, Real, Rounded, Symbol, call, select
 from lpvid.export.step_builder import StepBuilder
-from quartercar.dampers.laws._bouc_wen_kernels import GAMMA, ITERATIONS, RATIO
+from quartercar.dampers.laws._bouc_wen_kernels import ITERATIONS
 from quartercar.dampers.laws.semi_active import SemiActiveDamper, sub_steps
+from quartercar.dampers.stepper import GAMMA, RATIO
 
 CLOSE = ByPrecision(1e-8, 3e-4)
 """relative Newton step after which one further step ends the stage: about the root of the arithmetic's round-off"""

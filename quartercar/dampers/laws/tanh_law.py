@@ -18,12 +18,13 @@ from lpvid.model.input_stage import TanhStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.scheduling import Polynomial, Product, Scheduling
-from quartercar.dampers.drive import Drive
+from lpvid.scheduling import Polynomial
+from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Coefficient, Controlled, settled_span
 from quartercar.dampers.laws.expressions import Law, named_parameters
 from quartercar.dampers.laws.secant import secant
+from quartercar.dampers.laws.secant_model import box, origin, secant_model
 from quartercar.dampers.parameter import Parameter
 
 SATURATION = "saturation"
@@ -213,8 +214,7 @@ class TanhLaw(StaticDamper):
         """Bounded least squares for everything linear on a grid of sharpness and critical ratio, the best first."""
         from quartercar.dampers.fitting.starting import best_starts
 
-        v = np.concatenate([d.velocity for d in drives])
-        x = np.concatenate([d.displacement for d in drives])
+        v, x = joined(drives, "velocity", "displacement")
         speed, stroke = float(np.sqrt(np.mean(v**2))) or 1.0, float(np.sqrt(np.mean(x**2)))
         omega = speed / stroke if stroke else 0.0
         _, sharpness, _, ratio, post_ratio = self.terms
@@ -298,34 +298,21 @@ class TanhLaw(StaticDamper):
         force, damping = terms.yield_force.powers(pieces[0]), terms.post_yield.powers(pieces[2])
         degree = max(force.size, damping.size) - 1
         force, damping = (np.pad(a, (0, degree + 1 - a.size)) for a in (force, damping))
-        sharpness = float(pieces[1][0])
-        offset = float(vector[-1]) if self.offset else 0.0
-        names = {"outputs": (Signal("force", "N"),), "metadata": {"damper": self.name, "polarity": self.polarity}}
+        sharpness, currents = float(pieces[1][0]), self.current_range or self.currents
+        offset = np.zeros((degree + 1, 2))
+        offset[0, 0] = vector[-1] if self.offset else 0.0
         if terms.ratio is None:
             basis = Polynomial(("current",) if degree else (), degree=degree)
-            b, c = np.stack([damping, force])[None, None], offset * np.eye(1, basis.size)[:, None]
-            return LPVTransferFunction(np.zeros((0, 1, 1, basis.size)), self.polarity * b, basis, sample_time,
-                                       self._lpv_box(degree, False), self.polarity * c,
-                                       inputs=(Signal("velocity", "m/s"),), input_stage=TanhStage(v0=1 / sharpness),
-                                       **names)
+            return LPVTransferFunction(np.zeros((0, 1, 1, basis.size)),
+                                       self.polarity * np.stack([damping, force])[None, None], basis, sample_time,
+                                       box(self, degree, currents), self.polarity * offset[None, None, :, 0],
+                                       inputs=(Signal("velocity", "m/s"),), outputs=(Signal("force", "N"),),
+                                       input_stage=TanhStage(v0=1 / sharpness), metadata=origin(self))
         ratio = float(pieces[3][0])
         post_ratio = ratio if terms.post_ratio is None else float(pieces[4][0])
-        saturation = Polynomial((SATURATION,), degree=1)
-        basis = Product(Polynomial(("current",), degree=degree), saturation) if degree else saturation
-        speed = np.column_stack([damping, sharpness * force]).ravel()
-        stroke = np.column_stack([post_ratio * damping, ratio * sharpness * force]).ravel()
-        constant = offset * np.eye(1, basis.size)[0] - self.centre * stroke
-        b = self.polarity * np.stack([speed, stroke])[None, None]
-        return LPVTransferFunction(np.zeros((0, 1, 1, basis.size)), b, basis, sample_time, self._lpv_box(degree, True),
-                                   self.polarity * constant[None, None],
-                                   inputs=(Signal("velocity", "m/s"), Signal("displacement", "m")), **names)
-
-    def _lpv_box(self, degree: int, saturated: bool) -> Scheduling:
-        low, high = self.current_range or self.currents
-        rows = [("current", low, high, self.current_unit)] if degree else []
-        rows += [(SATURATION, 0.0, 1.0, "")] if saturated else []
-        names, lower, upper, units = zip(*rows, strict=True) if rows else ((), (), (), ())
-        return Scheduling(names, lower, upper, units=units)
+        return secant_model(self, sample_time, (SATURATION,), currents,
+                            np.column_stack([damping, sharpness * force]),
+                            np.column_stack([post_ratio * damping, ratio * sharpness * force]), offset)
 
     def with_saturation(self, record: Record) -> Record:
         """The record with a channel ``saturation``, ρ = tanh(A_3 s)/(A_3 s), that schedules the model of `to_lpv`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -87,13 +87,8 @@ class WangKamath(DynamicDamper):
             unit = "" if self.current_unit == "1" else f"1/{self.current_unit}"
             growth = Parameter("force_growth", unit, "g, of the force with the current", 1.0, 0.0)
             return (*COEFFICIENTS, growth) if self.growing else COEFFICIENTS
-        return tuple(
-            Parameter(
-                f"{p.name}_{m}", p.unit, p.description, p.default * 0.4 ** (m / self.degree), p.lower, p.upper, p.log
-            )
-            for p in COEFFICIENTS
-            for m in range(self.degree + 1)
-        )
+        return tuple(replace(p, name=f"{p.name}_{m}", default=p.default * 0.4 ** (m / self.degree))
+                     for p in COEFFICIENTS for m in range(self.degree + 1))
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -241,7 +236,8 @@ class WangKamath(DynamicDamper):
         from quartercar.dampers.fitting.starting import ranked_starts
         from quartercar.dampers.laws.wang_kamath_starts import regression_candidates
 
-        return ranked_starts(self, drives, regression_candidates(self, drives), min(count, MOST_STARTS))
+        candidates = regression_candidates(self.parameters, self.basis, self.force_scale, drives)
+        return ranked_starts(self, drives, candidates, min(count, MOST_STARTS))
 
 
 def _flow(f, w: np.ndarray) -> tuple:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 
-from quartercar.dampers.drive import Drive
-from quartercar.dampers.fitting.starting import path
+from quartercar.dampers.drive import Drive, joined
+from quartercar.dampers.fitting.starting import column_size, path
 from quartercar.dampers.parameter import Parameter
 
 WINDOWS = (7, 21)
@@ -22,50 +21,18 @@ GROWTHS = (0.5, 2.0, 8.0)
 """share by which the largest current raises the force, where the model has one law that grows with it"""
 
 
-class FlowLaw(Protocol):
-    """What these starts read of a law; `WangKamath` is one."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """With bounds."""
-        ...
-
-    @property
-    def growing(self) -> bool:
-        """Whether the force scale grows with the current."""
-        ...
-
-    @property
-    def degree(self) -> int:
-        """Of the coefficients in the current."""
-        ...
-
-    @property
-    def force_scale(self) -> float:
-        """F_s [N]."""
-        ...
-
-    def basis(self, current: np.ndarray) -> np.ndarray:
-        """Functions of the current in the coefficients.
-
-        Parameters
-        ----------
-        current : (n,) array
-
-        Returns
-        -------
-        (n, degree + 1) array
-        """
-        ...
-
-
-def regression_candidates(damper: FlowLaw, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
+def regression_candidates(parameters: Sequence[Parameter], basis: Callable[[np.ndarray], np.ndarray],
+                          force_scale: float, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
     """Vectors from the regression of v on (f̈, ḟ, f, f³, f⁵).
 
     Parameters
     ----------
-    damper : FlowLaw
-        Structure.
+    parameters : sequence of Parameter
+        Of a `WangKamath`.
+    basis : callable
+        (n,) currents -> (n, degree + 1) functions of them in the coefficients.
+    force_scale : float
+        F_s [N].
     drives : sequence of Drive
         With forces.
 
@@ -74,48 +41,49 @@ def regression_candidates(damper: FlowLaw, drives: Sequence[Drive]) -> Iterator[
     iterator of (P,) arrays
         By growth with the current, smoothing window, lag and inertia.
     """
-    v = np.concatenate([d.velocity for d in drives])
+    v, current = joined(drives, "velocity", "current")
     travel = float(np.concatenate([path(d) for d in drives]).std())
-    top = max(float(np.abs(np.concatenate([d.current for d in drives])).max()), 1e-9)
-    for growth, window in product([g / top for g in GROWTHS] if damper.growing else [0.0], WINDOWS):
-        columns = np.vstack([_columns(damper, d, window, growth) for d in drives])
+    top = max(float(np.abs(current).max()), 1e-9)
+    growing = parameters[-1].name == "force_growth"
+    for growth, window in product([g / top for g in GROWTHS] if growing else [0.0], WINDOWS):
+        columns = np.vstack([_columns(basis, force_scale, d, window, growth) for d in drives])
         for lag, factor in product(LAGS, FACTORS):
-            vector = _regressed(damper, columns, v, lag * travel)
-            vector[: damper.degree + 1] *= factor
-            yield _bounded(damper, np.append(vector, growth) if damper.growing else vector)
+            vector = _regressed(parameters, columns, v, lag * travel)
+            vector[: vector.size // 5] *= factor
+            yield _bounded(parameters, np.append(vector, growth) if growing else vector)
 
 
-def _columns(damper: FlowLaw, drive: Drive, window: int, growth: float) -> np.ndarray:
+def _columns(basis: Callable[[np.ndarray], np.ndarray], force_scale: float, drive: Drive, window: int,
+             growth: float) -> np.ndarray:
     """(n, 5(degree + 1)) regressors of one drive."""
     from scipy.signal import savgol_filter
 
     assert drive.force is not None
-    f = drive.force / (damper.force_scale * (1.0 + growth * np.maximum(drive.current, 0.0)))
+    f = drive.force / (force_scale * (1.0 + growth * np.maximum(drive.current, 0.0)))
     window = min(window, (drive.n_samples - 1) // 2 * 2 + 1)
     if window > 4:
         rate, bend = (savgol_filter(f, window, 4, deriv=k, delta=drive.sample_time) for k in (1, 2))
     else:
         rate, bend = np.gradient(f, drive.sample_time), np.zeros(f.size)
-    basis = damper.basis(drive.current)
-    return np.hstack([signal[:, None] * basis for signal in (bend, rate, f, f**3, f**5)])
+    shares = basis(drive.current)
+    return np.hstack([signal[:, None] * shares for signal in (bend, rate, f, f**3, f**5)])
 
 
-def _regressed(damper: FlowLaw, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
+def _regressed(parameters: Sequence[Parameter], columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
     """Least squares with w_1, w_2, w_5 not below zero; w_2 held at `lag` unless that is 0."""
     from scipy.optimize import lsq_linear
 
-    wide = damper.degree + 1
+    wide, size = columns.shape[1] // 5, column_size(columns)
     held = np.zeros(5 * wide, dtype=bool)
     held[wide: 2 * wide] = lag > 0
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    lower = np.where([p.log for p in damper.parameters[: 5 * wide]], 0.0, -np.inf)
+    lower = np.where([p.log for p in parameters[: 5 * wide]], 0.0, -np.inf)
     target = v - lag * columns[:, held].sum(axis=1)
     out = np.full(5 * wide, lag)
     out[~held] = lsq_linear((columns / size)[:, ~held], target, (lower[~held], np.inf), method="bvls").x / size[~held]
     return out
 
 
-def _bounded(damper: FlowLaw, vector: np.ndarray) -> np.ndarray:
+def _bounded(parameters: Sequence[Parameter], vector: np.ndarray) -> np.ndarray:
     """Inside the bounds, with coefficients that came out as zero at a hundredth of their defaults."""
-    floor = [max(0.01 * p.default, p.lower) if p.log else p.lower for p in damper.parameters]
-    return np.clip(vector, floor, [p.upper for p in damper.parameters])
+    floor = [max(0.01 * p.default, p.lower) if p.log else p.lower for p in parameters]
+    return np.clip(vector, floor, [p.upper for p in parameters])

@@ -18,7 +18,7 @@ from lpvid.least_squares import bounded_least_squares, bounded_step
 from quartercar.dampers import DamperFit, FitSettings, Guo, Linear, Parameter, fit
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.evaluation.scoring import score
-from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
+from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit, ProjectedFit
 from quartercar.dampers.fitting.searching import estimate_law
 from quartercar.dampers.fitting.solver import SearchCoordinates
 
@@ -108,7 +108,8 @@ def test_projection_and_the_full_search_agree() -> None:
     _, given = _tanh(30.0)
     found = fit(Tanh(), given)
     problem = DamperFitProblem(Tanh(), (Tanh().drive(given, force=True),))
-    gradient = Full(problem).jacobian(Full(problem).trial(Full(problem).start(found.damper.vector))).T  # type: ignore[arg-type]
+    view = MovingFit(problem)
+    gradient = view.jacobian(view.trial(view.start(found.damper.vector))).T  # type: ignore[arg-type]
     residual = problem.model(found.damper.vector) - problem.measured
     size = np.linalg.norm(gradient, axis=1) * np.linalg.norm(residual)
     assert np.abs(gradient @ residual / size).max() < 1e-6

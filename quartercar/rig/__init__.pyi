@@ -1,0 +1,34 @@
+"""Public names and where they live; `lazy_loader` reads this file at import, type checkers as well."""
+
+from .causes import CAUSES as CAUSES
+from .causes import Cause as Cause
+from .causes import Effect as Effect
+from .causes import effect as effect
+from .damper import Motion as Motion
+from .damper import Response as Response
+from .damper import RigDamper as RigDamper
+from .damper import respond as respond
+from .patterns import EXPERIMENTS as EXPERIMENTS
+from .patterns import Aprbs as Aprbs
+from .patterns import Chirp as Chirp
+from .patterns import Constant as Constant
+from .patterns import Creep as Creep
+from .patterns import Experiment as Experiment
+from .patterns import Icps as Icps
+from .patterns import Multisine as Multisine
+from .patterns import Prbs as Prbs
+from .patterns import Road as Road
+from .patterns import Sine as Sine
+from .patterns import Stepped as Stepped
+from .patterns import Triangle as Triangle
+from .plan import Plan as Plan
+from .plan import iterate_plan as iterate_plan
+from .plan import load_plan as load_plan
+from .plan import parse_plan as parse_plan
+from .plan import plan_schema as plan_schema
+from .plan import plan_template as plan_template
+from .plan import run_plan as run_plan
+from .sensors import Sensors as Sensors
+from .storing import write_csv as write_csv
+from .virtual import Rig as Rig
+from .virtual import default_records as default_records
