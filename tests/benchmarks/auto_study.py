@@ -2,6 +2,8 @@
 
     LPVID_DATA=… python tests/benchmarks/auto_study.py [--budget S] [--out FILE.jsonl] [--only auto|hand] [GROUP…]
 
+GROUP is a group of `real_records`, or one of its siblings as ``NAME:TURN``: the same specimens with less or other data.
+
 By hand is given the advantage: each structure's best order is the one of the highest held-out fit, of which `--auto`
 sees nothing. All figures are free-run fits [%] on held-out data, but the ceiling, which is estimated from the training
 data's noise and applied to the held-out data's spread. Times are processor seconds. FILE has one line for each group
@@ -20,7 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from real_records import GROUPS, Part, written
+from real_records import GROUPS, Group, Part, siblings, written
 
 import lpvid as lpv
 from lpvid.cli.automatic import choose
@@ -35,6 +37,8 @@ from lpvid.record import Record
 GYROSCOPE = "gyroscope/estimation.csv"
 SCHEDULED = {"random": "voltage", "sines": "current", "labcontrol-voltages": "voltage"}
 """groups whose damper has a command that moves."""
+KINDS = ("quasi", "subspace", "arx", "riv", "oe", "pem-ss")
+"""structures by hand, cheap before dear."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +59,17 @@ class Case:
         return self.input == ("velocity",) and self.output == "force"
 
 
-def cases() -> list[Case]:
-    """All groups of `real_records`, and the gyroscope."""
+def cases(groups: Sequence[Group] = GROUPS) -> list[Case]:
+    """These groups, and the gyroscope with all of `GROUPS`."""
     found = [Case("gyroscope", (Part(GYROSCOPE, 0.0, 2 / 3),), (Part(GYROSCOPE, 2 / 3, 1.0),), ("motor current",),
-                  "gimbal speed", ("p1", "p2", "p3"))]
-    for group in GROUPS:
+                  "gimbal speed", ("p1", "p2", "p3"))] if groups is GROUPS else []
+    for group in groups:
         rate = float(group.options[1]) if group.options[:1] == ("--sample-rate",) else None
-        if group.name == "car":
-            found.append(Case("car", group.training, group.held_out, ("actuator force", "road"), "sprung"))
+        specimen = group.of or group.name
+        if specimen == "car":
+            found.append(Case(group.name, group.training, group.held_out, ("actuator force", "road"), "sprung"))
             continue
-        schedule = SCHEDULED.get(group.name)
+        schedule = SCHEDULED.get(specimen)
         found.append(Case(group.name, group.training, group.held_out, sample_rate=rate,
                           schedule=(schedule,) if schedule else ()))
     return found
@@ -154,11 +159,15 @@ def _held_out_of(rows: Sequence[CandidateRow], data: Data) -> list[dict]:
 
 
 def by_all_hands(case: Case, data: Data, most: float) -> dict:
-    """The best held-out fit of every structure, in `most` processor seconds: those not tried by then are counted."""
+    """The best held-out fit of every structure, cheap kinds first, in `most` processor seconds.
+
+    Those not tried by then are counted.
+    """
     best: dict[str, float] = {}
     which: dict[str, str] = {}
     begun, left = time.process_time(), 0
-    for kind, structure in by_hand(case):
+    tried = sorted(by_hand(case), key=lambda pair: KINDS.index(pair[0]))
+    for kind, structure in tried:
         if time.process_time() - begun > most:
             left += 1
             continue
@@ -175,12 +184,11 @@ def by_all_hands(case: Case, data: Data, most: float) -> dict:
 
 def table(rows: Sequence[dict]) -> str:
     """Markdown."""
-    kinds = ("arx", "oe", "riv", "subspace", "pem-ss", "quasi")
-    lines = ["| group | auto | structure of it | " + " | ".join(kinds) + " | auto − best | ceiling | auto, s |",
-             "|---" * (len(kinds) + 6) + "|"]
+    lines = ["| group | auto | structure of it | " + " | ".join(KINDS) + " | auto − best | ceiling | auto, s |",
+             "|---" * (len(KINDS) + 6) + "|"]
     for row in rows:
         hand, ceiling = row.get("hand", {}), row.get("ceiling")
-        cells = [f"{hand[k]:.1f}" if k in hand else "–" for k in kinds]
+        cells = [f"{hand[k]:.1f}" if k in hand else "–" for k in KINDS]
         gap = f"{row['auto'] - max(hand.values()):+.1f}" if hand and "auto" in row else "–"
         found = ("– | –", "–")
         if "auto" in row:
@@ -209,9 +217,9 @@ def main() -> None:
     parser.add_argument("--rules", action="store_true", help="also the held-out fit of every candidate, for `rules`")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
-    known = {case.name: case for case in cases()}
+    known = {case.name: case for case in cases() + cases(siblings())}
     rows = stored(asked.out)
-    for name in asked.groups or known:
+    for name in asked.groups or [case.name for case in cases()]:
         for part, key in (("auto", "auto"), ("hand", "hand")):
             row = stored(asked.out).get(name, rows.get(name, {}))
             if key in row or asked.only not in (None, part):

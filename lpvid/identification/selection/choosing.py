@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.covariance import residual_memory
-from lpvid.identification.selection.free_run import Trial, spread
+from lpvid.identification.selection.free_run import Trial, spread, unstable_share_of_range
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
 
@@ -59,6 +59,11 @@ def close_to_least(trials: Sequence[Trial]) -> list[int]:
 def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int:
     """Place of the choice: the simplest within one standard error of the least that all data do not speak against.
 
+    Of those within one standard error, the ones that compete are those whose frozen poles leave the unit circle in the
+    smallest part of the range (`unstable_share_of_range`). Along the training trajectory all of them stay inside, but
+    it is a line in that range: later data combine its values otherwise, and what a model does there no error on the
+    training data measures.
+
     Five folds see a difference only from about their standard error on, and each fits to four fifths of the data. What
     they leave open is asked of all training data::
 
@@ -80,20 +85,24 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     -------
     int
     """
-    sizes = [np.inf if t.n_parameters is None else t.n_parameters for t in tried]
     near = close_to_least([t.trial for t in tried])
-    simpler = sorted((i for i in near if sizes[i] < sizes[0]), key=lambda i: (sizes[i], tried[i].trial.mean))
-    if not simpler:
+    if len(near) < 2:
         return 0
-    best = _model(tried[0])
-    if best is None:
-        return simpler[0]
+    models = {i: _model(tried[i]) for i in near}
+    shares = {i: 1.0 if (m := models[i]) is None else unstable_share_of_range(m) for i in near}
+    near = [i for i in near if shares[i] == min(shares.values())]
+    sizes = {i: np.inf if (k := tried[i].n_parameters) is None else k for i in near}
+    least = near[0]
+    simpler = sorted((i for i in near if sizes[i] < sizes[least]), key=lambda i: (sizes[i], tried[i].trial.mean))
+    best = models[least]
+    if not simpler or best is None:
+        return simpler[0] if simpler else least
     count = independent_samples(best, records)
     for i in simpler:
-        other = _model(tried[i])
-        if other is not None and count * _log_ratio(other, best, records) <= 2 * (sizes[0] - sizes[i]):
+        other = models[i]
+        if other is not None and count * _log_ratio(other, best, records) <= 2 * (sizes[least] - sizes[i]):
             return i
-    return 0
+    return least
 
 
 def _model(tried: Tried) -> Model | None:

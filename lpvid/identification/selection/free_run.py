@@ -19,6 +19,7 @@ from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.result import Identification
 from lpvid.identification.selection.excursions import furthest
 from lpvid.identification.structure import Structure
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.scheduling import Spline
@@ -26,6 +27,8 @@ from lpvid.simulation import Model, simulate
 
 GAP = 4
 """gap between training and held-out samples, in times the longest past of any candidate."""
+RANGE_POINTS = 2000
+"""points of the grid on which frozen poles are looked at over the range of the scheduling."""
 TIME_UP = "the time was up"
 """how the reason of a candidate begins that a search's budget left unfinished."""
 LEFT = "left"
@@ -351,3 +354,30 @@ def unstable_share(model: Model, records: Sequence[Record]) -> float:
             count += modulus.size
     return unstable / count
 
+
+def unstable_share_of_range(model: Model) -> float:
+    """Share of the box of its scheduling in which a frozen pole lies outside the unit circle.
+
+    On a grid of about `RANGE_POINTS` points. The training trajectory is a line in that box. On the gyroscope, whose
+    later data leave it, 32 output errors of three to six poles without a frozen pole outside along the trajectory have
+    them in 0 to 10 % of the box: of the seven with more than 3 % three have less than 95.4 % there (least 89.9 %), of
+    the other 25 two (least 95.2 %).
+
+    Parameters
+    ----------
+    model : model
+        Any; only transfer functions with output lags and discrete state spaces have frozen poles here.
+
+    Returns
+    -------
+    float
+        Between 0 and 1; 0 for other models.
+    """
+    if not isinstance(model, LPVTransferFunction | LPVStateSpace) or not model.box.names:
+        return 0.0
+    frozen = family(model)
+    if not frozen.order or not frozen.discrete:
+        return 0.0
+    with single_thread():
+        grid = model.box.grid(max(round(RANGE_POINTS ** (1 / len(model.box.names))), 2))
+        return float(np.mean(np.abs(frozen.poles(grid)).max(axis=1) >= 1.0))

@@ -23,7 +23,7 @@ LOW_ORDERS = (1, 2, 3, 4)
 has poles wherever the noise is on the output, so that its best order gives little information on the output error's."""
 MOST_LAGS = 10
 """highest order tried."""
-STEPS = ((0, 0, 1), (0, 0, -1), (-1, -1, 0), (1, 1, 0), (0, -1, 0), (0, 1, 0))
+STEPS = ((0, 0, 1), (0, 0, -1), (-1, -1, 0), (1, 1, 0), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))
 """changes of output lags, input lags and first input lag that lead to a neighbour."""
 SEGMENTS = 10
 """hat functions of the output, for a quasi-LPV structure."""
@@ -88,8 +88,8 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
     yield Round("state space by prediction error", _state_spaces(search))
     yield Round("more orders and terms", _richer(search, leader), True)
     yield Round("scheduled on its own output", _own_output(leader, damper, scheduled), True)
-    for _ in range(2):
-        yield Round("around the best", _around(search), True)
+    yield Round("around the best", _around(search.simplest(OutputError)))
+    yield Round("around the least error", _around(next((s for s, _ in search.ranked_among(OutputError)), None)))
     yield Round("state space by prediction error at other orders", _more_states(search), True)
     leading = [s for s, _ in search.ranked_among(OutputError)[:IN_FULL]]
     yield Round("the best output errors in full", tuple(in_full(s) for s in leading))
@@ -157,9 +157,12 @@ def _first(leader: ARX) -> tuple[Structure, ...]:
     return tuple(dict.fromkeys(hasty(output_error(s)) for s in orders))
 
 
-def _around(search: StructureSearch) -> tuple[Structure, ...]:
-    """Output-error structures that differ from the best of them by one lag, in one place."""
-    best = search.simplest(OutputError)
+def _around(best: Structure | None) -> tuple[Structure, ...]:
+    """Output-error structures that differ from this one by one lag, in one place.
+
+    Near the ceiling too: there the least error may be a tie of many orders, which the range of the scheduling tells
+    apart (`simplest_supported`), and only what was tried can be chosen.
+    """
     if not isinstance(best, OutputError):
         return ()
     nb, nk = best.arx.width, best.arx.delay

@@ -436,6 +436,17 @@ class TestCoherentInputs:
         z = np.exp(-2j * np.pi * seen.strongest * 0.01)
         assert seen.ratio == pytest.approx(1 / (3 - z + 0.5 * z**2), rel=0.05)
 
+    @pytest.mark.parametrize("seed", range(5))
+    def test_a_short_record_is_looked_at_too(self, seed):
+        """Three hundred samples: a warning was left out below 528."""
+        rng = np.random.default_rng(seed)
+        road, own, force = rng.standard_normal(300), rng.standard_normal(300), np.zeros(300)
+        for k in range(1, 300):
+            force[k] = 0.5 * force[k - 1] + road[k]
+        for second, found in ((force, 1), (own, 0)):
+            record = Record({"force": second, "road": road, "y": road + own}, 0.01)
+            assert len(audit(record, inputs=("force", "road")).of("coherent-inputs")) == found
+
     def test_a_record_with_independent_inputs_lifts_it(self):
         rng = np.random.default_rng(3)
         pooled = [self.record(rng, True, "a"), self.record(rng, False, "b")]

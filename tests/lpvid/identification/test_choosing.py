@@ -11,8 +11,9 @@ from scipy.signal import lfilter
 import lpvid as lpv
 from lpvid.identification.selection import select
 from lpvid.identification.selection.choosing import Tried, close_to_least, independent_samples, simplest_supported
-from lpvid.identification.selection.free_run import Trial
+from lpvid.identification.selection.free_run import Trial, unstable_share_of_range
 from lpvid.record import Record
+from lpvid.scheduling import Scheduling
 
 
 def gain(*taps: float) -> lpv.LPVTransferFunction:
@@ -57,6 +58,39 @@ def test_no_difference_that_the_folds_see_is_given_away():
     record = measured(300, np.random.default_rng(2).standard_normal(300), second=0.0)
     sure = Tried(Trial(0.1 + np.array([0.0020, 0.0021, 0.0019, 0.0020, 0.0020])), 1, lambda: gain(1.0))
     assert simplest_supported([tie(2, gain(1.0, 0.0)), sure], [record]) == 0
+
+
+def scheduled(a: list[list[float]], lower: tuple[float, ...], upper: tuple[float, ...]) -> lpv.LPVTransferFunction:
+    """Poles that move with p1 and p2; gain 1."""
+    names = ("p1", "p2")[:len(lower)]
+    basis = lpv.Polynomial(names, degree=1)
+    box = Scheduling(names, lower, upper)
+    gains = [[1.0] + [0.0] * len(names)]
+    return lpv.LPVTransferFunction.siso(a, gains, basis, 0.01, scheduling=box, inputs="u", outputs="y")
+
+
+def test_the_share_of_the_range_with_poles_outside_is_its_volume():
+    """Oracle: the pole is p1 + p2, outside above the diagonal of the unit square; 0.5 + p1 from p1 = 1/2."""
+    half = unstable_share_of_range(scheduled([[0.0, -1.0, -1.0]], (0.0, 0.0), (1.0, 1.0)))
+    assert half == pytest.approx(0.5, abs=0.02)
+    assert unstable_share_of_range(scheduled([[-0.5, -1.0]], (0.0,), (1.0,))) == pytest.approx(0.5, abs=1e-3)
+    assert unstable_share_of_range(scheduled([[-0.5, -0.4]], (0.0,), (1.0,))) == 0.0
+    assert unstable_share_of_range(gain(1.0)) == 0.0
+
+
+def test_of_a_tie_the_one_that_is_stable_over_the_whole_range_is_taken():
+    """p1 and p2 are never large together in the data, so that no error on them sees where the poles go there."""
+    rng = np.random.default_rng(5)
+    p1 = np.where(np.arange(600) % 100 < 50, 1.0, 0.0)
+    channels: Any = {"u": rng.standard_normal(600), "p1": p1, "p2": 1.0 - p1}
+    record = Record({**channels, "y": channels["u"] + 0.3 * rng.standard_normal(600)}, sample_time=0.01)
+    along = scheduled([[0.0, -0.9, -0.9]], (0.0, 0.0), (1.0, 1.0))  # pole 0.9 at every sample, 1.8 where both are large
+    inside = scheduled([[0.0, -0.45, -0.45]], (0.0, 0.0), (1.0, 1.0))
+    assert unstable_share_of_range(along) > 0.3
+    assert simplest_supported([tie(1, along), tie(2, inside, 1.0)], [record]) == 1
+    assert simplest_supported([tie(1, inside), tie(2, along, 1.0)], [record]) == 0
+    sure = Tried(Trial(0.1 + np.array([0.0020, 0.0021, 0.0019, 0.0020, 0.0020])), 2, lambda: inside)
+    assert simplest_supported([tie(1, along), sure], [record]) == 0  # no tie
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
