@@ -5,8 +5,8 @@
 - ``checks``: checks of a caller's argument, each with a message of one line (`checks.positive`, `checks.known_name`).
 - ``njit``, ``copy_values``: compile a kernel with numba and keep it on disk. They load numba: import a module of
   kernels inside the function that calls them.
-- ``single_thread``, ``found_once``, ``in_processes``, ``Beside``: one BLAS thread inside a block, a value that threads
-  share, a function over items on several processes, one call beside the caller's own work.
+- ``single_thread``, ``found_once``, ``in_processes``, ``in_forks``, ``Beside``: one BLAS thread inside a block, a value
+  that threads share, a function over items on several processes or forks, one call beside the caller's own work.
 - ``Shown``: a noun that draws itself and has a card in a notebook.
 
 Examples
@@ -22,6 +22,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks as checks
+from lpvid._forks import in_forks
 from lpvid._processes import Beside, in_processes
 from lpvid._shown import Shown
 from lpvid._threads import found_once, single_thread
@@ -29,7 +30,8 @@ from lpvid._threads import found_once, single_thread
 if TYPE_CHECKING:
     from lpvid._compiling import copy_values, njit
 
-__all__ = ["Beside", "Shown", "checks", "copy_values", "found_once", "in_processes", "njit", "single_thread"]
+__all__ = ["Beside", "Shown", "checks", "copy_values", "found_once", "in_forks", "in_processes", "njit",
+           "single_thread"]
 
 
 def __getattr__(name: str) -> Any:
