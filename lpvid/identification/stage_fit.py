@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid._forks import in_forks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.result import Identification
@@ -56,9 +57,9 @@ def fit_stages(records: Sequence[Record], structure: ARX, box: Scheduling) -> Id
 def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Identification:
     sample = shorten(records, SAMPLES, structure.start + 50)
     starts = _starts(sample, structure, box)
-    costs = [free_run_cost(sample, s.of(structure), box) for s in starts]
+    costs = in_forks(lambda s: free_run_cost(sample, s.of(structure), box), starts)
     order = np.argsort(costs, kind="stable")[:REFINED]
-    found = [_refine(sample, structure, box, starts[i]) for i in order]
+    found = in_forks(lambda i: _refine(sample, structure, box, starts[i]), order.tolist())
     best = min(found, key=lambda pair: pair[0])[1]
     result = best.of(structure).regress(records, box)
     stated = " and ".join(fitted_stages(result.model, structure))

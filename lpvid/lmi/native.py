@@ -163,6 +163,7 @@ class Conic:
         a, b = self._assembled(values)
         settings = clarabel.DefaultSettings()
         settings.verbose = False
+        settings.max_threads = 1  # the same numbers; threads of the factorization wait for each other at these sizes
         for name, value in options.items():
             setattr(settings, name, value)
         cones = [clarabel.PSDTriangleConeT(n) if n > 1 else clarabel.NonnegativeConeT(1) for n in self.sizes if n]

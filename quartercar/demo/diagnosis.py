@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,13 +64,11 @@ class HiddenCause(Encoded):
         """
         return [self.verdict, *repr(self.found).splitlines()[:6]]
 
+    @cached_property
     def section(self) -> Section:
-        """For the report.
+        """For the report: the verdict, the parameters found, loops before and after, where the baseline is most wrong.
 
-        Returns
-        -------
-        Section
-            With the verdict, the parameters found, loops before and after, and where the baseline is most wrong.
+        Drawn where it is first asked for, and kept where this is sent to another process.
         """
         from lpvid.plot import diagnosis as draw
         from lpvid.report import Item, PageFigure, Paragraph
@@ -113,4 +112,6 @@ def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda
     rig = Rig(damper=RigDamper.static(), effects=(effect(name, strength),))
     test = replace(EXPERIMENTS["test-3"], duration=DURATION)
     question = pose([rig.run(test, seed, 0)], "guo", "quartercar", [rig.run(test, seed, 1)])
-    return HiddenCause(name, question, answer(question, None, report_progress))
+    found = HiddenCause(name, question, answer(question, None, report_progress))
+    report_progress(f"drawing {found.section.title.lower()}")
+    return found

@@ -55,7 +55,7 @@ class Drawn:
         from lpvid.report.figures import comparisons
 
         shown = tuple(comparisons(model, held_out, "held-out"))
-        return cls(shown, tuple(run_figures(shown, experiments)), hidden.section())
+        return cls(shown, tuple(run_figures(shown, experiments)), hidden.section)
 
 
 def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> list[Item]:

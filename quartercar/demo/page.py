@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -26,21 +27,25 @@ def demo_page(demo: Demo) -> Page:
     from lpvid.report.identification import identification_page
     from lpvid.report.passivity import passivity_section
     from lpvid.report.stability import stability_page
+    from lpvid.toolkit import in_forks
 
-    model = identification_page(demo.found, (), demo.gaps, demo.audit)
-    stability = stability_page(demo.study, "the damper model")
+    parts: tuple[Callable[[], Any], ...] = (
+        demo.ride.section, lambda: stability_page(demo.study, "the damper model"),
+        lambda: identification_page(demo.found, (), demo.gaps, demo.audit),
+        lambda: (passivity_section(demo.found), _experiments_figure(demo)))
+    ride, stability, model, (passivity, experiments) = in_forks(lambda draw: draw(), parts)  # the longest first
     parameters = [s for s in model.sections if s.title in ("Where the error lies", "What is left in the residuals",
                                                            "Parameters", "Remarks")]
     sections = (
-        Section("Eight experiments", (experiments_table(demo.experiments), *_experiments_figure(demo))),
+        Section("Eight experiments", (experiments_table(demo.experiments), *experiments)),
         Section("The virtual rig and the model", demo.drawn.runs),
         Section("State-space forms", (Paragraph("What each form costs on the training currents, against the transfer "
                                                 "function, in free run from rest."), forms_table(demo.gaps))),
         Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
         *(s for s in stability.sections if s.title != "The model"),
-        *passivity_section(demo.found),
+        *passivity,
         demo.drawn.hidden,
-        demo.ride.section(),
+        ride,
         *parameters,
         Section("The data", (Paragraph(f"{len(demo.training)} training and {len(demo.held_out)} held-out records from "
                                        "the virtual rig: compliance in series, a yield force that saturates with the "

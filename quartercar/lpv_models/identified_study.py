@@ -18,6 +18,7 @@ from quartercar.lpv_models.embedding import output_gap, replay
 from quartercar.lpv_models.frozen_damper import FrozenDamper, Matrices, filtered, response
 from quartercar.lpv_models.identified_continuous import ContinuousDamper
 from quartercar.parameters import CarParameters
+from quartercar.vehicle.batch import Log, start_fleet
 from quartercar.vehicle.nonlinear import Coil, QuarterCar
 from quartercar.vehicle.result import CarRun
 
@@ -250,16 +251,30 @@ def driven(parameters: CarParameters, damper: Damper, currents: tuple[float, flo
     elevations = {name: (z - z[0]) * np.minimum(t, 1.0) for name, z in elevations.items()} | {"bump, 50 mm": bump}
     held = max(1, round(STEPS / clock))
     random = np.repeat(rng.uniform(*currents, n // held + 1), held)[:n]
-    found = {}
-    for name, road in elevations.items():
-        for label, current in (("lowest", currents[0]), ("highest", currents[1]), ("random", random)):
-            try:
-                found[f"{name}, {label} current"] = car.run(road, clock, current)
-            except NumericalError:
-                raise InputError(f"the car with this damper leaves all bounds on {name}", got=f"{label} current",
-                                 why="the identified model gives energy there",
-                                 mend="fit a passive model (--passive), or records that reach these speeds") from None
-    return found
+    commands = {"lowest": np.full(n, currents[0]), "highest": np.full(n, currents[1]), "random": random}
+    pairs = [(road, label) for road in elevations for label in commands]
+    runs = _together(car, clock, np.column_stack([elevations[road] for road, _ in pairs]),
+                     np.column_stack([commands[label] for _, label in pairs]), pairs)
+    return {f"{road}, {label} current": run for (road, label), run in zip(pairs, runs, strict=True)}
+
+
+def _together(car: QuarterCar, clock: float, roads: np.ndarray, commands: np.ndarray,
+              pairs: Sequence[tuple[str, str]]) -> list[CarRun]:
+    """All runs sample by sample side by side: (n, cars) elevations and commands, with the names of each."""
+    fleet = start_fleet(car, clock, roads[0], commands[0])
+    log = Log(fleet, roads)
+    log.note(commands[0])
+    try:
+        for k in range(1, len(roads)):
+            fleet.advance(roads[k], commands[k - 1])
+            log.note(commands[k])
+    except NumericalError:
+        size = np.abs(fleet.motion).max(axis=1)
+        road, label = pairs[int(np.argmax(np.where(np.isnan(size), np.inf, size)))]
+        raise InputError(f"the car with this damper leaves all bounds on {road}", got=f"{label} current",
+                         why="the identified model gives energy there",
+                         mend="fit a passive model (--passive), or records that reach these speeds") from None
+    return [log.run(i) for i in range(len(pairs))]
 
 
 def _centred(parameters: CarParameters, damper: Damper, currents: tuple[float, float],

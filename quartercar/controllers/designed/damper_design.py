@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -59,9 +59,9 @@ class DamperTask:
     def __post_init__(self) -> None:
         checks.positive(self.lag, "lag", "s")
 
-    @property
+    @cached_property
     def embedded(self) -> EmbeddedDamper:
-        """The damper in the car, with what each step costs."""
+        """The damper in the car, with what each step costs; kept with the task, also where it is sent elsewhere."""
         return study(self.parameters, self.damper, self.currents, self.centre, self.order)
 
     @property

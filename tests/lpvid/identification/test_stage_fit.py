@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lpvid import _threads
 from lpvid.files import read
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.stage_fit import DIVERGED_COST, free_run_cost, shorten, unresolved
 from lpvid.model.input_stage import TanhStage, ThreeZoneStage
-from lpvid.model.scheduling_stage import SchedulingLag
+from lpvid.model.scheduling_stage import SchedulingLag, SchedulingStage
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Scheduling
 
@@ -114,6 +117,28 @@ def test_a_known_lag_of_the_current_is_found(rng: np.random.Generator) -> None:
     assert lag.tau_rise == pytest.approx(0.020, rel=0.01)
     assert found.training is not None
     assert found.training.overall.free_run.esr < 1e-5
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks are used on Linux")
+def test_one_and_two_processes_find_the_same(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    v, p = motion(rng, 800), stepped_current(rng, 800)
+    y = respond(v[:, None], SchedulingLag(0.01, 0.02).apply(p[:, None], TS)[:, 0], rng, 0.02)
+    record = Record({"velocity": v, "current": p, "force": y}, sample_time=TS)
+    begun, fork = [], os.fork
+    monkeypatch.setattr(os, "fork", lambda: begun.append(1) or fork())
+    monkeypatch.setattr(_threads, "undisturbed", lambda: True)  # threads of the test runner wait and hold no lock
+
+    def fitted(processors: int) -> tuple[np.ndarray, SchedulingStage | None, int]:
+        monkeypatch.setattr(_threads, "processors", lambda: processors)
+        monkeypatch.setattr(_threads, "_crew", _threads._Crew())
+        begun.clear()
+        found = identify(record, ARX(na=1, nb=1, basis=P1, schedule_filter="rise-fall"))
+        return found.parameters, found.model.scheduling_stage, len(begun)
+
+    (one, lag, alone), (two, same, beside) = fitted(1), fitted(2)
+    assert np.array_equal(one, two)
+    assert lag == same
+    assert (alone, beside) == (0, 2)  # the starts, and the two that are refined
 
 
 def test_a_run_away_costs_more_than_any_that_stays(rng: np.random.Generator) -> None:

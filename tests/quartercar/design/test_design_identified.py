@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +13,13 @@ from helpers.known_dampers import STEP, damper
 from typer.testing import CliRunner
 
 import lpvid as lpv
+from lpvid._processes import _packed
 from lpvid.errors import InputError
 from lpvid.synthesis.dissipative_feedback import KEPT
 from lpvid.synthesis.result import Synthesis
 from quartercar.cli.app import app
 from quartercar.controllers.contract import Setting
+from quartercar.controllers.designed import damper_design
 from quartercar.controllers.designed.damper_design import DamperTask, feasible, synthesized_gain
 from quartercar.controllers.designed.damper_law import DamperLaw
 from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified, gain_of
@@ -55,6 +58,20 @@ def seen(run, k: int) -> dict[str, np.ndarray]:
 
 
 # -- the synthesis -----------------------------------------------------------------------------------------------------
+def test_a_design_that_was_sent_does_not_study_the_damper_anew(task: DamperTask,
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = task.embedded
+    sent = pickle.loads(_packed(task).getvalue())
+
+    def again(*given: object) -> None:
+        raise AssertionError("studied anew")
+
+    monkeypatch.setattr(damper_design, "study", again)
+    assert sent.embedded.order == wanted.order
+    np.testing.assert_array_equal(sent.embedded.velocities, wanted.velocities)
+    assert replace(sent, slow=0.5) != sent
+
+
 @pytest.mark.seconds
 def test_the_gain_is_certified_for_every_share(task: DamperTask) -> None:
     result = synthesized_gain(task)

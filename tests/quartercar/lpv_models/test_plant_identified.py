@@ -12,7 +12,9 @@ from lpvid.errors import InputError
 from lpvid.model.input_stage import ThreeZoneStage
 from quartercar.dampers import Guo6, LpvArx
 from quartercar.dampers.blackbox.held import Held
+from quartercar.dampers.blackbox.identified import Identified
 from quartercar.lpv_models import IdentifiedDamper, Prefiltered, RampedDamper, replay
+from quartercar.lpv_models.identified_study import driven
 from quartercar.lpv_models.prefilter import prefiltered
 from quartercar.parameters import MEGANE
 from quartercar.rides.default_damper import identified_damper
@@ -156,3 +158,22 @@ def test_a_damper_that_does_not_act_at_once_needs_no_ramp() -> None:
     b[0] = 0.0
     with pytest.raises(InputError, match="acts at once"):
         RampedDamper(MEGANE, LpvArx(order=1, stored=Held(late.replace(b=b), ONE).to_dict()))
+
+
+def test_runs_side_by_side_are_those_of_each_car_alone() -> None:
+    law = damper(2, 0.008, -15.0)
+    car = QuarterCar(MEGANE, law, lift_off=False)
+    found = driven(MEGANE, law, (0.0, 2.0))
+    assert len(found) == 9
+    for name in ("ISO C, 20 m/s, lowest current", "ISO D, 20 m/s, random current", "bump, 50 mm, random current"):
+        run = found[name]
+        alone = car.run(run["road"], STEP, run["command"])
+        for signal in ("suspension_velocity", "damper_force", "body_acceleration", "current"):
+            np.testing.assert_allclose(run[signal], alone[signal], atol=1e-6 * np.abs(alone[signal]).max())
+
+
+def test_a_run_that_leaves_all_bounds_is_named() -> None:
+    model = damper(2).at_clock(STEP)
+    gives = Identified.of(model.replace(b=-20 * model.b), "gives energy")
+    with pytest.raises(InputError, match=r"leaves all bounds on (ISO|bump).* current"):
+        driven(MEGANE, gives, (0.0, 2.0))

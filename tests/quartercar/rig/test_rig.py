@@ -430,6 +430,21 @@ def test_cached_kernels_know_the_layout_of_their_parameters():
     assert zlib.crc32(",".join(Physics._fields).encode()) == _integrator.LAYOUT
 
 
+@pytest.mark.parametrize("found_at", [1.0, 1.0 + 1e-12, 0.3, 2.0])
+def test_a_stage_is_the_inverse_of_its_equation_wherever_it_starts(found_at):
+    """The root is chosen, the right side of the equation computed from it by the laws as they are printed."""
+    from quartercar.rig import _integrator
+
+    p, h, gain = RigDamper().physics(), 1.8e-5, 700.0
+    for w in (-0.21, -2e-3, 3e-7, 4.9e-3, 0.0277):
+        scale = p.asymmetry if w > 0 else 1.0
+        force = scale * (p.viscous * w + gain * math.tanh(w / p.yield_speed))
+        root, found = _integrator._stage(p.compliance * force + h * w, h, found_at * w, p.viscous, gain, 1.0, -1e300,
+                                         0.0, p)
+        assert root == pytest.approx(w, rel=1e-13, abs=1e-15)  # rounding of D(F) against h w
+        assert found == pytest.approx(force, rel=1e-13)
+
+
 # -- contract over all causes -------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def clean():
