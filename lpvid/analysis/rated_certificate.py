@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from lpvid.codec import ADDED
-from lpvid.lmi.certificate import EPS, GRID, Recheck, grid
+from lpvid.lmi.certificate import GRID, Recheck, grid
 from lpvid.lmi.certificate_common import StorageCertificate
+from lpvid.lmi.coordinates import Coordinates
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
 from lpvid.lmi.readings import readings_of
@@ -144,7 +145,7 @@ class RatedGainCertificate(StorageCertificate):
 
         He(PA) + Ṗ = He(P(A + ½P⁻¹Ṗ)): the drift is written as part of A.
         """
-        over = _Coordinates.of(self.states, self.matrices.shape[-1])
+        over = Coordinates.of(self.states, self.matrices.shape[-1])
         if over is None:
             return Recheck(False, False, math.nan, "the states of the certificate are singular, or nearly")
         names = self.box.names
@@ -181,41 +182,6 @@ class RatedGainCertificate(StorageCertificate):
                 return found
             margin = min(margin, found.margin)
         return Recheck(True, False, margin, f"shown on a grid of {len(points)} points only, not between them")
-
-
-@dataclass(frozen=True, eq=False)
-class _Coordinates:
-    """x = Tξ, with L computed for T⁻¹ and a bound W of what that multiplies magnitudes by.
-
-    From LT = I − E follows T⁻¹ = (I − E)⁻¹L: but for terms in E², which are below a unit of rounding where ‖E‖² is,
-    |T⁻¹ − L| ≤ |E||L| (Higham 2002, 14.1). E as computed is off by n units of |L||T|, and the products LAT by 2n units
-    of |L||A||T|. With W = I + |L||T| + |E|/nε all are less than 6nε W|L||A||T|, the share of the magnitudes that
-    `certify_gain` takes.
-    """
-
-    into: np.ndarray
-    back: np.ndarray
-    growth: np.ndarray
-
-    @classmethod
-    def of(cls, states: np.ndarray | None, n: int) -> _Coordinates | None:
-        """None where E is more than rounding."""
-        eye = np.eye(n)
-        if states is None:
-            return cls(eye, eye, eye)
-        try:
-            back = np.linalg.inv(states)
-        except np.linalg.LinAlgError:
-            return None
-        off = np.abs(eye - back @ states)
-        if not np.linalg.norm(off) ** 2 <= EPS:
-            return None
-        return cls(states, back, eye + np.abs(back) @ np.abs(states) + off / (n * EPS))
-
-    def magnitudes(self, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of T⁻¹AT, T⁻¹B, CT."""
-        into, back = np.abs(self.into), self.growth @ np.abs(self.back)
-        return back @ np.abs(a) @ into, back @ np.abs(b), np.abs(c) @ into
 
 
 def _affine_in_rates(model: LPVStateSpace) -> bool:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.analysis.rated_certificate import RatedGainCertificate, _Coordinates
+from lpvid.analysis.rated_certificate import RatedGainCertificate
 from lpvid.lmi.certificate import EPS
+from lpvid.lmi.coordinates import Coordinates
 
 
 def turned(rate: float = 1.0, wrong: float = 1.0) -> lpv.LPVStateSpace:
@@ -117,7 +118,7 @@ def test_what_a_change_of_states_rounds_is_below_its_magnitudes(spread):
     for _ in range(10):
         t = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-spread, spread, (n, 1))
         a, b, c = rng.normal(size=(n, n)), rng.normal(size=(n, 2)), rng.normal(size=(3, n))
-        over, back = _Coordinates.of(t, n), inverse(t)
+        over, back = Coordinates.of(t, n), inverse(t)
         assert over is not None
         true = product(product(back, exact(a)), exact(t)), product(back, exact(b)), product(exact(c), exact(t))
         found = over.back @ a @ over.into, over.back @ b, c @ over.into
