@@ -31,7 +31,7 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     """The loop's storage function, re-checked; None where its rounding errors, or its approximation, cost the proof.
 
     With X(p), Y(p) the storage function holds X⁻¹, which is no finite sum: it is fitted in a richer basis. That of a
-    controller which reads the rates ties them to p, on a grid.
+    controller which reads the rates ties them to p.
 
     Parameters
     ----------
@@ -49,8 +49,9 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     """
     states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
     if formula.variations.rated:
-        made = (RatedGainCertificate.of(loop, matrices, basis, bound * (1 + share), states)
-                for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks) for share in SHARES)
+        gammas = [bound * (1 + share) for share in SHARES]
+        made = (RatedGainCertificate.within(loop, matrices, basis, gammas, states)
+                for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks))
         return next((c for c in made if c is not None), None)
     box = box_of(driven(loop).readings, loop.box)
     return (_exact(formula, loop, box, bound, states) or proven(loop, bound, _proposals(formula, box), SHARES)
