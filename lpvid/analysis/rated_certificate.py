@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from lpvid.codec import ADDED
-from lpvid.lmi.certificate import EPS, GRID, Recheck, grid
+from lpvid.lmi.box_positivity import everywhere
+from lpvid.lmi.certificate import GRID, Recheck, grid
 from lpvid.lmi.certificate_common import StorageCertificate
+from lpvid.lmi.coordinates import Coordinates, over_states
 from lpvid.lmi.driven import Driven, driven
-from lpvid.lmi.gain_certificate import certify_gain
+from lpvid.lmi.gain_certificate import BoundedReal, certify_gain
+from lpvid.lmi.inequality import budget_for, positive_everywhere, root_of
+from lpvid.lmi.readings import readings_of
+from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
@@ -26,8 +32,9 @@ class RatedGainCertificate(StorageCertificate):
     """A storage function ξᵀP(p)ξ, x = Tξ, that bounds the gain of a loop with scheduling p and ṗ, both read by it.
 
     To a `GainCertificate` the variables ``p_rate`` would be free of p: it needs He(PA(p, v)) + Ṗ(p, ṗ) at every v
-    and ṗ. Here v = ṗ. With A affine in v the inequality is affine in ṗ, so that corners of the rates suffice at each p;
-    it is looked at on a grid of p.
+    and ṗ. Here v = ṗ. With A affine in v the inequality is affine in ṗ, so that corners of the rates suffice at each p.
+    At each corner it is a polynomial, or a wave, of p alone, which is decided on the whole box where the budget allows;
+    else it is looked at on a grid of p.
 
     T is for the digits. Where a plant's states and its controller's all but cancel in V, the products PA over the
     loop's own states cancel too, and their rounding errors can exceed the margin: for Wu et al. 1996 with X and Y
@@ -46,7 +53,10 @@ class RatedGainCertificate(StorageCertificate):
     model_hash : str
     inputs, outputs : tuple of str
     margin : float
-        As in `GainCertificate`.
+        As in `GainCertificate`; of one that is shown on a grid, after the congruence that makes P(p) the identity at
+        each point.
+    between_grid : bool
+        Proven on the whole box.
     states : (n, n) array, optional
         T; left out, the identity.
     """
@@ -93,7 +103,34 @@ class RatedGainCertificate(StorageCertificate):
         made = cls(gamma, matrices, basis, loop.box, system.digest, system.inputs, system.outputs, -math.inf,
                    states=states)
         found = made._looked_at(loop)
-        return replace(made, margin=found.margin) if found.holds else None
+        if not found.holds:
+            return None
+        whole = made._on_box(loop, system)
+        return replace(made, margin=whole.margin if whole.holds else found.margin, between_grid=whole.holds)
+
+    @classmethod
+    def within(cls, loop: LPVStateSpace, matrices: np.ndarray, basis: Basis, gammas: Iterable[float],
+               states: np.ndarray | None = None) -> RatedGainCertificate | None:
+        """The one of the least of several gains that is proven on the whole box; else the least that holds on a grid.
+
+        Parameters
+        ----------
+        loop, matrices, basis, states
+            As in `of`.
+        gammas : iterable of float
+            Rising.
+
+        Returns
+        -------
+        RatedGainCertificate or None
+        """
+        first: RatedGainCertificate | None = None
+        for gamma in gammas:
+            made = cls.of(loop, matrices, basis, gamma, states)
+            if made is not None and made.between_grid:
+                return made
+            first = first or made
+        return first
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON.
@@ -136,23 +173,75 @@ class RatedGainCertificate(StorageCertificate):
         return ""
 
     def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
-        return self._looked_at(model)
+        return self._on_box(model, subject) if self.between_grid else self._looked_at(model)
+
+    def _on_box(self, model: LPVStateSpace, subject: Driven) -> Recheck:
+        """The bounded-real inequality at every corner of the rates, at every p of the box."""
+        readings = subject.readings
+        names = tuple(r.label for r in readings)
+        limits = dict(zip(self.box.names, zip(self.box.lower, self.box.upper, strict=True), strict=True))
+        rates = [i for i, n in enumerate(names) if n.endswith(RATE)]
+        fault = self._tied(model)
+        if not fault and (any(limits[names[i]][0] != -limits[names[i]][1] for i in rates)
+                          or not set(self.basis.names) <= set(names)):
+            fault = "the rates that the model reads are not symmetric, or it reads none"
+        system = over_states(subject, self.states)
+        if fault or system is None:
+            return Recheck(False, False, math.nan, fault or "the states of the certificate are singular, or nearly")
+        speeds = tuple(limits[n + RATE][1] if n + RATE in limits else None for n in names)
+        box = Scheduling(names, tuple(limits[n][0] for n in names), tuple(limits[n][1] for n in names), speeds)
+        storage = Storage(self.matrices, self.basis, box, None)
+        problem, root = BoundedReal(system, storage, self.gamma), root_of(storage)
+        if root is None:
+            return Recheck(False, False, -math.inf, "P is not positive definite at the centre of the box")
+        scale = problem.congruence(root)
+        own, budget = [i for i in range(len(names)) if i not in rates], budget_for(len(scale))
+        positive = positive_everywhere(storage, root, budget)
+        axes = [storage.axes(readings, problem.power)[0][i] for i in own]
+        ceiling = problem.ceiling(scale) if any(a.frequency for a in axes) else math.inf
+        margin, corners = math.inf, list(itertools.product((-1.0, 1.0), repeat=len(rates)))
+        for signs in corners if positive.holds else ():
+            move, still = np.full((1, len(names)), 0.5), np.zeros(len(names))
+            for i, sign in zip(rates, signs, strict=True):
+                still[i], of = sign * limits[names[i]][1], names[i].removesuffix(RATE)
+                move[0, names.index(of) if of in names else i] = 0.5 * (1 + sign)
+
+            def value(p: np.ndarray, _: np.ndarray, move: np.ndarray = move, still: np.ndarray = still
+                      ) -> tuple[np.ndarray, float]:
+                whole = np.repeat(still[None, :], len(p), axis=0)
+                whole[:, own] = p
+                return problem.evaluate(whole, move, scale)
+
+            proof = everywhere(value, axes, [], budget=max(budget // len(corners), 1), ceiling=ceiling)
+            if not proof.holds:
+                return Recheck(False, False, proof.bound, "not shown between the points of a grid")
+            margin = min(margin, proof.bound)
+        if not positive.holds:
+            return Recheck(False, False, positive.bound, "P(p) is not shown to be positive definite on the box")
+        return Recheck(True, True, margin, "proven on the whole box by Bernstein coefficients")
+
+    def _tied(self, model: LPVStateSpace) -> str:
+        """Why corners of the rates would not be enough; empty where they are."""
+        if not _affine_in_rates(model):
+            return "the model is not affine in the rates"
+        if any(n + RATE not in self.box.names for n in self.basis.names):
+            return "P depends on a variable whose rate the model does not read"
+        return ""
 
     def _looked_at(self, model: LPVStateSpace) -> Recheck:
         """The bounded-real inequality at every corner of the rates, on a grid of p.
 
         He(PA) + Ṗ = He(P(A + ½P⁻¹Ṗ)): the drift is written as part of A.
         """
-        over = _Coordinates.of(self.states, self.matrices.shape[-1])
+        over = Coordinates.of(self.states, self.matrices.shape[-1])
         if over is None:
             return Recheck(False, False, math.nan, "the states of the certificate are singular, or nearly")
         names = self.box.names
         rates = [i for i, n in enumerate(names) if n.endswith(RATE)]
         moving = [names.index(names[i].removesuffix(RATE)) for i in rates]
-        if not _affine_in_rates(model):
-            return Recheck(False, False, math.nan, "the model is not affine in the rates")
-        if set(self.basis.names) - {names[i] for i in moving}:
-            return Recheck(False, False, math.nan, "P depends on a variable whose rate the model does not read")
+        fault = self._tied(model)
+        if fault:
+            return Recheck(False, False, math.nan, fault)
         own = [i for i in range(len(names)) if i not in rates]
         still = self.box.part([names[i] for i in own])
         points = grid(still, GRID.get(len(own), 3))
@@ -178,41 +267,6 @@ class RatedGainCertificate(StorageCertificate):
                 return found
             margin = min(margin, found.margin)
         return Recheck(True, False, margin, f"shown on a grid of {len(points)} points only, not between them")
-
-
-@dataclass(frozen=True, eq=False)
-class _Coordinates:
-    """x = Tξ, with L computed for T⁻¹ and a bound W of what that multiplies magnitudes by.
-
-    From LT = I − E follows T⁻¹ = (I − E)⁻¹L: but for terms in E², which are below a unit of rounding where ‖E‖² is,
-    |T⁻¹ − L| ≤ |E||L| (Higham 2002, 14.1). E as computed is off by n units of |L||T|, and the products LAT by 2n units
-    of |L||A||T|. With W = I + |L||T| + |E|/nε all are less than 6nε W|L||A||T|, the share of the magnitudes that
-    `certify_gain` takes.
-    """
-
-    into: np.ndarray
-    back: np.ndarray
-    growth: np.ndarray
-
-    @classmethod
-    def of(cls, states: np.ndarray | None, n: int) -> _Coordinates | None:
-        """None where E is more than rounding."""
-        eye = np.eye(n)
-        if states is None:
-            return cls(eye, eye, eye)
-        try:
-            back = np.linalg.inv(states)
-        except np.linalg.LinAlgError:
-            return None
-        off = np.abs(eye - back @ states)
-        if not np.linalg.norm(off) ** 2 <= EPS:
-            return None
-        return cls(states, back, eye + np.abs(back) @ np.abs(states) + off / (n * EPS))
-
-    def magnitudes(self, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of T⁻¹AT, T⁻¹B, CT."""
-        into, back = np.abs(self.into), self.growth @ np.abs(self.back)
-        return back @ np.abs(a) @ into, back @ np.abs(b), np.abs(c) @ into
 
 
 def _affine_in_rates(model: LPVStateSpace) -> bool:

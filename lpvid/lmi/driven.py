@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class Driven:
         sha256 of what a gain depends on.
     inputs, outputs : tuple of str
         Names of w and z.
+    sizes : (M + 1, n + n_z, n + n_w) array, optional
+        What the rounding errors of the coefficients are shares of; left out, their absolute values.
     """
 
     coefficients: np.ndarray
@@ -45,6 +47,7 @@ class Driven:
     digest: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    sizes: np.ndarray | None = None
 
     def matrices(self, points: np.ndarray) -> Matrices:
         """A, B, C, D at `points` of shape (N, len(readings)), each (N, …).
@@ -76,7 +79,7 @@ class Driven:
         return self.matrices(points)[0]
 
     def magnitudes(self, points: np.ndarray) -> Matrices:
-        """Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`.
+        """Σ |coefficient| |φ|, or `sizes` in their place, which bounds the rounding errors of `matrices`.
 
         Parameters
         ----------
@@ -89,10 +92,12 @@ class Driven:
             Not negative.
         """
         weights = reading_weights(self.basis, self.readings, points)
-        return self._parts(np.tensordot(np.abs(weights), np.abs(self.coefficients), axes=1))
+        return self._parts(np.tensordot(np.abs(weights), self._sizes, axes=1))
 
     def ceilings(self, box: Scheduling) -> Matrices:
         """(1, …) entrywise bounds of |A|, |B|, |C|, |D| over the box, trigonometric functions over their period.
+
+        Those of coefficients over other states, which are off by rounding, include what they may be off.
 
         Parameters
         ----------
@@ -108,7 +113,20 @@ class Driven:
         for reading in self.readings:  # a delayed copy has the box of its variable
             limits.setdefault(reading.name, limits[reading.label])
         weights = np.append(basis_ceilings(self.basis, limits), 1.0)
-        return self._parts(np.tensordot(weights[None, :], np.abs(self.coefficients), axes=1))
+        whole = np.abs(self.coefficients)
+        if self.sizes is not None:
+            whole = whole + 6 * self.order * np.finfo(float).eps * self.sizes
+        return self._parts(np.tensordot(weights[None, :], whole, axes=1))
+
+    @property
+    def dual(self) -> Driven:
+        """(Aᵀ, Cᵀ, Bᵀ, Dᵀ)."""
+        return replace(self, coefficients=self.coefficients.swapaxes(1, 2), inputs=self.outputs, outputs=self.inputs,
+                       sizes=None if self.sizes is None else self.sizes.swapaxes(1, 2))
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        return np.abs(self.coefficients) if self.sizes is None else self.sizes
 
     def _parts(self, s: np.ndarray) -> Matrices:
         n = self.order

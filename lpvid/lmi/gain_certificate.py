@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from lpvid.codec import ADDED
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import EPS, Recheck, diagonal
 from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
+from lpvid.lmi.coordinates import over_states
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
@@ -108,7 +111,15 @@ def _bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GainCertificate(StorageCertificate):
-    """A storage function xᵀP(p)x that bounds the gain of a model from its inputs to its outputs.
+    """A storage function ξᵀP(p)ξ, x = Tξ, that bounds the gain of a model from its inputs to its outputs.
+
+    T is for the digits: where a plant's states and its controller's all but cancel in the storage function, as those of
+    a near-integrator and its copy in the controller do, the products over the model's own states cancel too, and their
+    rounding errors exceed the margin.
+
+    With `inverse` the storage function is ξᵀQ(p)⁻¹ξ, and `matrices` are those of Q, where that has few terms and P has
+    not: a design whose X moves has Q = diag(Y⁻¹, X(p) − Y⁻¹). The inequality, multiplied by Q from both sides, is that
+    of the dual system (Aᵀ, Cᵀ, Bᵀ, Dᵀ) with the storage function Q and the opposite rates, which are as fast.
 
     Parameters
     ----------
@@ -132,6 +143,10 @@ class GainCertificate(StorageCertificate):
         Proven on the whole box, not only on the points of a grid.
     solver : str
         What proposed the matrices.
+    states : (n, n) array, optional
+        T; left out, the identity.
+    inverse : bool
+        The matrices are those of P⁻¹.
     """
 
     kind: str
@@ -146,12 +161,15 @@ class GainCertificate(StorageCertificate):
     margin: float
     between_grid: bool
     solver: str = ""
+    states: np.ndarray | None = field(default=None, metadata=ADDED)
+    inverse: bool = field(default=False, metadata=ADDED)
 
     SCHEMA = "lpvid/gain-certificate/1"
     NOUN = "a gain certificate"
 
     @classmethod
-    def of(cls, system: Driven, storage: Storage, gamma: float, found: Recheck, solver: str = "") -> GainCertificate:
+    def of(cls, system: Driven, storage: Storage, gamma: float, found: Recheck, solver: str = "",
+           states: np.ndarray | None = None, inverse: bool = False) -> GainCertificate:
         """The certificate of a storage function that was re-checked.
 
         Parameters
@@ -163,13 +181,30 @@ class GainCertificate(StorageCertificate):
             Of the three.
         solver : str
             What proposed the matrices.
+        states : (n, n) array, optional
+            T, where the storage function is over other states.
+        inverse : bool
+            The matrices are those of P⁻¹.
 
         Returns
         -------
         GainCertificate
         """
         return cls(certificate_kind(storage), gamma, storage.matrices, storage.basis, storage.box, system.sample_time,
-                   system.digest, system.inputs, system.outputs, found.margin, found.between_grid, solver)
+                   system.digest, system.inputs, system.outputs, found.margin, found.between_grid, solver, states,
+                   inverse)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Without T where there is none, and without `inverse` where the matrices are P's: a file of before is written
+            again as it was.
+        """
+        given = {"states": self.states is not None, "inverse": self.inverse}
+        return {k: v for k, v in super().to_dict().items() if given.get(k, True)}
 
     @property
     def claim(self) -> str:
@@ -178,13 +213,16 @@ class GainCertificate(StorageCertificate):
 
     def fault(self, model: LPVStateSpace, subject: Driven) -> str:
         fault = super().fault(model, subject)
+        if not fault and self.states is not None and self.states.shape != (subject.order, subject.order):
+            fault = "the states of the certificate do not fit the model"
         return fault or ("" if 0 < self.gamma < math.inf else "the certificate holds a gain that is not positive")
 
     def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
-        return recheck_gain(subject, self.storage, self.gamma)
+        return recheck_gain(subject, self.storage, self.gamma, states=self.states, inverse=self.inverse)
 
 
-def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None) -> Recheck:
+def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None,
+                 states: np.ndarray | None = None, inverse: bool = False) -> Recheck:
     """Check that a storage function proves a gain, between grid points if the budget allows.
 
     Parameters
@@ -192,11 +230,15 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
     system : Driven
         w → z.
     storage : Storage
-        xᵀP(p)x.
+        ξᵀP(p)ξ.
     gamma : float
         Bound of the gain.
     budget : int, optional
         Matrices that subdivision may examine; left out, about a second's worth.
+    states : (n, n) array, optional
+        T of x = Tξ; left out, the identity.
+    inverse : bool
+        The storage function is ξᵀQ(p)⁻¹ξ, and `storage` is Q; in discrete time a constant one.
 
     Returns
     -------
@@ -215,7 +257,12 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
     """
     if not 0 < gamma < math.inf:
         return Recheck(False, False, math.nan, "a gain bound is positive and finite")
-    return recheck_inequality(BoundedReal(system, storage, gamma), budget=budget)
+    changed = over_states(system, states)
+    if changed is None:
+        return Recheck(False, False, math.nan, "the states of the certificate are singular, or nearly")
+    if inverse and storage.readings and system.sample_time is not None:
+        return Recheck(False, False, math.nan, "the inverse of a moving storage function needs continuous time")
+    return recheck_inequality(BoundedReal(changed.dual if inverse else changed, storage, gamma), budget=budget)
 
 
 def certify_gain(system: Matrices, P: np.ndarray, gamma: float, *, slopes: np.ndarray | None = None,

@@ -199,8 +199,8 @@ def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None
     if root is None:
         return Recheck(False, False, -math.inf, "P is not positive definite at the centre of the box")
     scale = problem.congruence(root)
-    budget = budget or max(4_000_000 // (len(scale) ** 2 + 8), 2_000)
-    positive = _positive(storage, root, budget) if n else Positivity(True, 1.0, 0)
+    budget = budget or budget_for(len(scale))
+    positive = positive_everywhere(storage, root, budget) if n else Positivity(True, 1.0, 0)
     if positive.holds is False:
         return Recheck(False, False, positive.bound, "P(p) is not positive definite at every point of the box")
     if positive.holds:
@@ -215,7 +215,37 @@ def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None
     return _on_grid(problem, root, scale)
 
 
-def _positive(storage: Storage, root: np.ndarray, budget: int) -> Positivity:
+def budget_for(size: int) -> int:
+    """How many matrices subdivision may examine: about a second's worth.
+
+    Parameters
+    ----------
+    size : int
+        Rows of a matrix.
+
+    Returns
+    -------
+    int
+    """
+    return max(4_000_000 // (size ** 2 + 8), 2_000)
+
+
+def positive_everywhere(storage: Storage, root: np.ndarray, budget: int) -> Positivity:
+    """Whether P(p) ≻ 0 on the whole box.
+
+    Parameters
+    ----------
+    storage : Storage
+        P(p).
+    root : (n, n) array
+        W with W P(centre) Wᵀ = I.
+    budget : int
+        Matrices that may be examined.
+
+    Returns
+    -------
+    Positivity
+    """
     def scaled(points: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, float]:
         values = root @ storage.values(points) @ root.T
         size = np.abs(root) @ storage.magnitudes(points) @ np.abs(root.T)

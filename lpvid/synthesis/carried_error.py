@@ -84,9 +84,9 @@ def _rechecked(found: Synthesis, loop: LPVStateSpace) -> GainCertificate | None:
     system, storage = driven(loop), old.storage
     for share in SHARES:
         gamma = old.gamma * (1 + share)
-        outcome = recheck_gain(system, storage, gamma)
+        outcome = recheck_gain(system, storage, gamma, states=old.states, inverse=old.inverse)
         if outcome.holds:
-            return GainCertificate.of(system, storage, gamma, outcome, old.solver)
+            return GainCertificate.of(system, storage, gamma, outcome, old.solver, old.states, old.inverse)
     return None
 
 

@@ -31,7 +31,7 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     """The loop's storage function, re-checked; None where its rounding errors, or its approximation, cost the proof.
 
     With X(p), Y(p) the storage function holds X⁻¹, which is no finite sum: it is fitted in a richer basis. That of a
-    controller which reads the rates ties them to p, on a grid.
+    controller which reads the rates ties them to p.
 
     Parameters
     ----------
@@ -47,16 +47,36 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     GainCertificate, RatedGainCertificate or None
         The latter for a controller that reads the rates.
     """
+    states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
     if formula.variations.rated:
-        states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
-        made = (RatedGainCertificate.of(loop, matrices, basis, bound * (1 + share), states)
-                for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks) for share in SHARES)
+        gammas = [bound * (1 + share) for share in SHARES]
+        made = (RatedGainCertificate.within(loop, matrices, basis, gammas, states)
+                for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks))
         return next((c for c in made if c is not None), None)
-    return proven(loop, bound, _proposals(formula, box_of(driven(loop).readings, loop.box)), SHARES)
+    box = box_of(driven(loop).readings, loop.box)
+    return (_exact(formula, loop, box, bound, states) or proven(loop, bound, _proposals(formula, box), SHARES)
+            or proven(loop, bound, _proposals(formula, box, LoopStorage.blocks), SHARES, states))
+
+
+def _exact(formula: FeedbackLaw, loop: LPVStateSpace, box: Scheduling, bound: float, states: np.ndarray
+           ) -> GainCertificate | None:
+    """That of a continuous design in which one of X and Y moves, over its own functions: exact, where fits are not.
+
+    Over the states of its two blocks P is diag(X⁻¹, Y(p) − X⁻¹), or P⁻¹ is diag(Y⁻¹, X(p) − Y⁻¹).
+    """
+    own, plant = formula.variations.basis, formula.plant.plant
+    if own is None or not formula.variations.moving or loop.is_discrete or not set(own.names) <= set(box.names):
+        return None
+    points, inverse = dense(plant.box, CELLS.get(len(plant.box.names), 4)), formula.variations.varying == "controls"
+    values = formula.storage(points).blocks()
+    matrices = np.tensordot(np.linalg.pinv(columns(plant.box, own, points)),
+                            np.linalg.inv(values) if inverse else values, axes=1)
+    return proven(loop, bound, [(own, 0.5 * (matrices + matrices.swapaxes(1, 2)))], SHARES, states, inverse)
 
 
 def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, np.ndarray]],
-           shares: Sequence[float]) -> GainCertificate | None:
+           shares: Sequence[float], states: np.ndarray | None = None, inverse: bool = False
+           ) -> GainCertificate | None:
     """The first of some storage functions that proves a gain at most `shares` above a bound; else the best on a grid.
 
     loop : LPVStateSpace
@@ -69,6 +89,10 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
     proposals : iterable of (Basis, (K, n, n) array)
     shares : sequence of float
         Rising.
+    states : (n, n) array, optional
+        T of x = Tξ, where the storage functions are over ξ.
+    inverse : bool
+        The matrices are those of P⁻¹.
 
     Returns
     -------
@@ -84,9 +108,9 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
             gamma = bound * (1 + share)
             if best is not None and gamma >= best.gamma and best.between_grid:
                 return best
-            found = recheck_gain(system, storage, gamma)
+            found = recheck_gain(system, storage, gamma, states=states, inverse=inverse)
             if found.holds and (best is None or found.between_grid > best.between_grid):
-                best = GainCertificate.of(system, storage, gamma, found)
+                best = GainCertificate.of(system, storage, gamma, found, states=states, inverse=inverse)
             if found.holds:
                 break
         if best is not None and best.between_grid:
@@ -144,7 +168,8 @@ def _proposals(formula: FeedbackLaw, box: Scheduling,
                ) -> Iterator[tuple[Basis, np.ndarray]]:
     own, plant = formula.variations.basis, formula.plant.plant
     if own is None or not set(own.names) <= set(box.names):
-        yield Polynomial((), 0), written(formula.storage(plant.box.centre[None, :]))
+        still = written(formula.storage(plant.box.centre[None, :]))
+        yield Polynomial((), 0), 0.5 * (still + still.swapaxes(1, 2))
         return
     points = dense(plant.box, CELLS.get(len(plant.box.names), 4))
     yield from fits(written(formula.storage(points)), plant.box, points, richer_bases(own, plant.box))

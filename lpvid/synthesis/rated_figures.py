@@ -1,8 +1,8 @@
 """What a design's own storage function shows of a loop whose controller reads how fast the scheduling moves.
 
 The variables ``p_rate`` of such a loop are ṗ, while an analysis of the loop alone would take them as free of p. With
-P(p) and A affine in ṗ every inequality is affine in ṗ: corners of the rates suffice at each p, and p is looked at on a
-grid.
+P(p) and A affine in ṗ every inequality is affine in ṗ: corners of the rates suffice at each p. p is looked at on a
+grid; the certificate of a gain is then proven between its points too, where that can be decided.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SEARCHED = {1: 41, 2: 6}
 """Points per variable at which a storage function is looked for, 3 for more variables; it is verified on a finer grid.
 With 9, 21 and 41 points a loop whose gain is at least .438 is verified at .468, .443 and .440."""
 SHARES = (1e-6, 1e-4, 1e-3)
-"""by which the certified gain may lie above the one computed at the same points: rounding"""
+"""by which the certified gain may lie above the one computed at the same points: rounding, and the points' distance"""
 UNITS = (1e-8, 1e8)
 """between which the unit of a storage function is looked for where none comes with it, over that of the promise"""
 
@@ -98,7 +98,8 @@ class RatedLoop:
                 break
         if isinstance(criterion, CovarianceCriterion):
             return Figure(criterion.kind, description, promised, found[0], _frozen_variance(at, criterion.peak), False)
-        return Figure("H-infinity", description, promised, found[0], frozen_gain(at), False, found[1])
+        proven = found[1] is not None and found[1].between_grid
+        return Figure("H-infinity", description, promised, found[0], frozen_gain(at), proven, found[1])
 
     def _proposals(self) -> Iterator[tuple[Basis, np.ndarray]]:
         points = self._points()
@@ -184,11 +185,10 @@ class RatedLoop:
                                    method="bounded", options={"xatol": 1e-3})
             unit = float(np.exp(best.x))
         found = bound(unit)
-        for share in SHARES if np.isfinite(found) else ():
-            made = RatedGainCertificate.of(self.loop, unit * matrices, basis, found * (1 + share))
-            if made is not None:
-                return made.gamma, made
-        return np.inf, None
+        if not np.isfinite(found):
+            return np.inf, None
+        made = RatedGainCertificate.within(self.loop, unit * matrices, basis, [found * (1 + s) for s in SHARES])
+        return (np.inf, None) if made is None else (made.gamma, made)
 
     def _variance(self, basis: Basis, matrices: np.ndarray, peak: bool) -> float:
         """ν² = s·max trace(CP⁻¹Cᵀ) with the least s for which He(PA) + Ṗ + PBBᵀP/s ≼ 0 (`variance_figure`)."""

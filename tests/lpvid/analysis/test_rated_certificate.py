@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.analysis.rated_certificate import RatedGainCertificate, _Coordinates
+from lpvid.analysis.rated_certificate import RatedGainCertificate
 from lpvid.lmi.certificate import EPS
+from lpvid.lmi.coordinates import Coordinates
 
 
 def turned(rate: float = 1.0, wrong: float = 1.0) -> lpv.LPVStateSpace:
@@ -35,7 +36,7 @@ def storage() -> tuple[lpv.Polynomial, np.ndarray]:
 def test_a_change_of_coordinates_that_moves_keeps_the_gain_of_one():
     basis, matrices = storage()
     found = RatedGainCertificate.of(turned(), matrices, basis, 1.02)
-    assert found is not None and not found.between_grid and "which the loop reads" in found.claim
+    assert found is not None and found.between_grid and "which the loop reads" in found.claim
     assert lpv.verify(found, turned()).holds
     assert RatedGainCertificate.of(turned(), matrices, basis, 0.98) is None
 
@@ -44,6 +45,24 @@ def test_the_tie_between_p_and_its_rate_is_what_proves_it():
     """With the rate read with the wrong sign the same storage function proves nothing."""
     basis, matrices = storage()
     assert RatedGainCertificate.of(turned(wrong=-1.0), matrices, basis, 1.02) is None
+
+
+def test_what_lies_between_the_points_of_a_grid_is_not_passed_over():
+    """ẋ = (−1 + f(p) + 0.1 ṗ)x + w, z = x with P = 1: a gain of 1/0.9, but for f = 0.9 between two grid points."""
+    knots, height = (-1.0, 0.0021, 0.0025, 0.0029, 1.0), np.array([0.0, 0, 0.9, 0, 0])
+    box = lpv.Scheduling(("p", "p_rate"), (-1.0, -1.0), (1.0, 1.0), (1.0, None))
+    basis = lpv.Product(lpv.Spline("p", 4, 1, knots), lpv.Polynomial("p_rate", 1))
+    ones = np.zeros((10, 1, 1))
+    ones[::2] = 1.0
+    for lift, proven in ((0.0, True), (1.0, False)):
+        a = -ones
+        a[::2, 0, 0] += lift * height
+        a[1::2] = 0.1
+        loop = lpv.LPVStateSpace(a, ones, ones, np.zeros((10, 1, 1)), basis, None, box, inputs=("w",), outputs=("z",))
+        found = RatedGainCertificate.of(loop, np.eye(1)[None], lpv.Polynomial((), 0), 1.12)
+        assert found is not None and found.between_grid is proven
+        assert lpv.verify(replace(found, between_grid=True), loop).holds is proven
+        assert RatedGainCertificate.of(loop, np.eye(1)[None], lpv.Polynomial((), 0), 1.1) is None
 
 
 def test_a_changed_certificate_does_not_hold(tmp_path):
@@ -117,7 +136,7 @@ def test_what_a_change_of_states_rounds_is_below_its_magnitudes(spread):
     for _ in range(10):
         t = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-spread, spread, (n, 1))
         a, b, c = rng.normal(size=(n, n)), rng.normal(size=(n, 2)), rng.normal(size=(3, n))
-        over, back = _Coordinates.of(t, n), inverse(t)
+        over, back = Coordinates.of(t, n), inverse(t)
         assert over is not None
         true = product(product(back, exact(a)), exact(t)), product(back, exact(b)), product(exact(c), exact(t))
         found = over.back @ a @ over.into, over.back @ b, c @ over.into
