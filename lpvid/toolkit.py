@@ -32,8 +32,8 @@ from lpvid._threads import found_once, single_thread
 if TYPE_CHECKING:
     from lpvid._compiling import copy_values, njit
 
-__all__ = ["Beside", "ReadOnlyState", "Shown", "checks", "copy_values", "found_once", "in_forks", "in_processes", "njit",
-           "single_thread"]
+__all__ = ["Beside", "ReadOnlyState", "Shown", "checks", "copy_values", "found_once", "in_forks", "in_processes",
+           "njit", "single_thread"]
 
 
 def __getattr__(name: str) -> Any:

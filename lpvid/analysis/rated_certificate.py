@@ -18,7 +18,6 @@ from lpvid.lmi.coordinates import Coordinates, over_states
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import BoundedReal, certify_gain
 from lpvid.lmi.inequality import budget_for, positive_everywhere, root_of
-from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
