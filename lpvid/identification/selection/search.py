@@ -410,8 +410,8 @@ class StructureSearch:
         for i, (row, tried) in enumerate(good):
             if i == chosen:
                 reason = "chosen: least free-run error" if i == 0 else (
-                    "chosen: within one standard error of the best, its frozen poles inside in as much of the range "
-                    "or more, and of such ones the simplest that AIC allows")
+                    "chosen: within one standard error of the best, with frozen poles inside in more of the range, or "
+                    "with fewer parameters and not worse by AIC")
             elif i in near:
                 reason = "least free-run error, but no sure one: see the choice" if i == 0 else (
                     "within one standard error of the best, but no simpler, worse on all training data by AIC, or with "
