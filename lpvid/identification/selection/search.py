@@ -410,10 +410,12 @@ class StructureSearch:
         for i, (row, tried) in enumerate(good):
             if i == chosen:
                 reason = "chosen: least free-run error" if i == 0 else (
-                    "chosen: within one standard error of the best with fewer parameters, and not worse by AIC")
+                    "chosen: within one standard error of the best, with frozen poles inside in more of the range, or "
+                    "with fewer parameters and not worse by AIC")
             elif i in near:
-                reason = "least free-run error, but no simpler than the choice" if i == 0 else (
-                    "within one standard error of the best, but no simpler, or worse on all training data by AIC")
+                reason = "least free-run error, but no sure one: see the choice" if i == 0 else (
+                    "within one standard error of the best, but no simpler, worse on all training data by AIC, or with "
+                    "frozen poles outside in more of the range")
             elif i >= running:
                 reason = "its free run is worse than the mean of the output"
             else:

@@ -39,8 +39,9 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
     (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
-    the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. The simplest
-    within one standard error wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
+    the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. Of those within
+    one standard error, the ones whose frozen poles lie outside in the smallest part of the range remain; of these the
+    simplest wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
     there than the mean of the output is taken only if all do. Other structures go to cross-validation directly. Stages
     requested by name are fitted once for every basis and held while orders are compared; the choice is refitted with
     them.
