@@ -15,6 +15,7 @@ from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +83,7 @@ class LPVStateSpace(LPVModel):
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
+        checked_basis(self.basis)
         m = self.basis.size
         a = _checks.frozen_array(self.A, "A", ndim=3)
         c = _checks.frozen_array(self.C, "C", ndim=3)

@@ -16,6 +16,7 @@ from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,7 @@ class LPVTransferFunction(LPVModel):
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
+        checked_basis(self.basis)
         m = self.basis.size
         b = _checks.finite(_checks.frozen_array(self.b, "b", ndim=4), "b")
         ny, nu = b.shape[1], b.shape[2]
@@ -120,6 +122,7 @@ class LPVTransferFunction(LPVModel):
         LPVTransferFunction
             With one input and one output.
         """
+        checked_basis(basis)
         m = basis.size
         arrays = {name: _checks.frozen_array(x, name) for name, x in (("a", a), ("b", b), ("c", c))}
         shaped = [_checks.shaped(x, (None, m), f"{name} (lags by basis functions)") if x.size else x.reshape(0, m)
