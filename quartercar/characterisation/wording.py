@@ -168,7 +168,8 @@ def summary(found: Characterisation) -> str:
         label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
     for s in found.static[:2]:
-        kind = "creep" if s.creep else f"at {1e3 * s.speed:.3g} mm/s, upper bound of friction"
+        kind = "creep" if s.creep else (f"at {1e3 * s.speed:.3g} mm/s: friction at most, gas with what the dampings of "
+                                        "the directions differ by")
         whose = f"{s.specimen}: " if len(found.data.specimens) > 1 else ""
         lines.append(f"  {whose}gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, "
                      f"friction {s.friction:.4g} N ({kind})")
