@@ -42,7 +42,7 @@ class LPVStateSpace(LPVModel):
     sample_time : float or None
         Sampling period [s]; None for continuous time.
     scheduling : Scheduling, optional
-        Names, box and rate bounds of p.
+        Names, box and rate bounds of p; left out, −1 to 1 of each of the basis's variables, at any rate.
     state_offset, output_offset : (M, n) and (M, n_outputs) arrays, optional
         f and g.
     observer_gain : (M, n, n_outputs) array, optional

@@ -44,7 +44,7 @@ class LPVTransferFunction(LPVModel):
     sample_time : float
         Sampling period [s].
     scheduling : Scheduling, optional
-        Names, box and rate bounds of p; left out, an open box around the basis's variables.
+        Names, box and rate bounds of p; left out, −1 to 1 of each of the basis's variables, at any rate.
     c : (n_affine, n_outputs, M) array, optional
         Affine terms from lag 0 on.
     lagged : bool

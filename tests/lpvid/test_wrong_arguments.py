@@ -79,3 +79,14 @@ def test_units_of_channels_that_a_record_lacks_are_allowed():
     """One table of units for many records; `force_2` beside `force` is no slip."""
     units = {"velocity": "mm/s", "force": "kN"}
     assert lpv.Record({"velocity": [1.0], "force_2": [1.0]}, 0.1, units=units).unit("force_2") == ""
+
+
+def test_a_band_along_named_columns_is_that_along_the_record():
+    columns = {"time": RECORD.times, **{name: RECORD[name] for name in ("u", "p", "y")}}
+    drawn = FOUND.draw(np.random.default_rng(0), 5)
+    np.testing.assert_array_equal(lpv.free_run_band(drawn, columns).low, lpv.free_run_band(drawn, RECORD).low)
+
+
+def test_the_box_of_a_model_without_one():
+    assert lpv.LPVTransferFunction.siso([[-0.5, 0.1]], [[0, 0], [1, 0]], lpv.Polynomial("p", 1), 0.1).box == \
+        lpv.Scheduling("p", -1.0, 1.0)
