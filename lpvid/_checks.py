@@ -144,7 +144,7 @@ def instance(value: object, kind: type | tuple[type, ...], what: str, mend: str 
 
 def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
     """A name, several names, or a comma-separated list; at least one, all different."""
-    parts = value.split(",") if isinstance(value, str) else list(value)
+    parts = value.split(",") if isinstance(value, str) else list(value) if isinstance(value, Iterable) else [value]
     if not all(isinstance(p, str) for p in parts):
         raise InputError(f"{name} must be channel names", got=repr(value))
     listed = tuple(p.strip() for p in parts if p.strip())

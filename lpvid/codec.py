@@ -58,6 +58,10 @@ class MissingKey(InputError):
         super().__init__(f"the key '{key}' is missing")
 
 
+class UnknownKind(InputError):
+    """An object in a file whose kind no class that was imported has."""
+
+
 class Encoded:
     """A dataclass that goes to plain data.
 
@@ -377,7 +381,8 @@ def _of_kind(cls: type[Coded], kind: object) -> Any:
         found.update({vars(c)["kind"]: c for c in own if "kind" in vars(c)})
         waiting += own
     if kind not in found:
-        raise InputError(f"unknown {cls.NOUN} in a model file", got=kind, why=f"known: {', '.join(sorted(found))}")
+        raise UnknownKind(f"unknown {cls.NOUN} in a model file", got=kind, why=f"known: {', '.join(sorted(found))}",
+                          mend="import the module that defines it first")
     return found[kind]
 
 

@@ -113,7 +113,7 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     >>> simulate(model, record, "zero").output.ravel()
     array([0.  , 1.5 , 2.25])
     """
-    record = _one_record(record, "simulate")
+    record = one_record(record, "simulate")
     model = _acting(model, record)
     if isinstance(model, LPVStateSpace) and model.sample_time is None:
         return _simulate_continuous(model, record, initial)
@@ -178,7 +178,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
     from lpvid import _kernels
 
     horizon = _checks.count(horizon, "horizon", at_least=1)
-    record = _one_record(record, "predict")
+    record = one_record(record, "predict")
     model = _acting(model, record)
     u, p = _signals(model, record)
     y = _outputs(model, record)
@@ -455,8 +455,24 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
 
 
 # -- shared ----------------------------------------------------------------------------------------------------------
-def _one_record(given: Any, verb: str) -> Record:
-    """The record itself, or what becomes one: named columns of a dict, an array or a frame."""
+def one_record(given: Any, verb: str) -> Record:
+    """The record itself, or what becomes one: named columns of a dict, an array or a frame.
+
+    Parameters
+    ----------
+    given : Record, mapping, data frame, structured array, or a list of one of these
+    verb : str
+        Name of the function that was given it, for the message.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    InputError
+        Several records, or what is none.
+    """
     if isinstance(given, Record):
         return given
     listed = as_records(given)

@@ -13,7 +13,7 @@ from lpvid.model.lpv_model import LPVModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.simulation import Model, simulate
+from lpvid.simulation import Model, one_record, simulate
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
         Fewer than two models, a level outside of (0, 1), a band with noise without a generator, or models that all
         diverge on the record.
     """
-    drawn = _drawn(models, level)
+    drawn, record = _drawn(models, level), one_record(record, "free_run_band")
     runs = [simulate(m, record) for m in drawn]
     kept = [r for r in runs if r.diverged_at is None]
     if not kept:

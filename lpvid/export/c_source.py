@@ -137,7 +137,9 @@ def _members(name: str, kind: str, quantities: Sequence[Quantity]) -> list[str]:
     for q in quantities:
         shape = "".join(f"[{n}]" for n in q.shape)
         span = ("" if not (np.isfinite(q.lower) and np.isfinite(q.upper)) else f", range {q.lower:g} to {q.upper:g}")
-        out.append(f"    {name}_real {q.name}{shape}; /**< {_plain(q.description)}{span} [{q.unit or '1'}] */")
+        unit = q.unit or ("1" if kind in ("inputs", "outputs") else "")  # of coefficients none is known
+        span += f" [{unit}]" if unit else ""
+        out.append(f"    {name}_real {q.name}{shape}; /**< {_plain(q.description)}{span} */")
     return out
 
 

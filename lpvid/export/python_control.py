@@ -130,6 +130,7 @@ def from_control(systems: Sequence[control.StateSpace], at: Sequence | np.ndarra
     >>> float(from_control(grid, [0, 1, 2], names="current").frozen([0.5])[0][0, 0].round(12))
     0.85
     """
+    _checks.instance(systems, (Sequence, np.ndarray), "from_control takes a list of systems, one for each point")
     if not systems:
         raise InputError("a grid needs at least one system", got="none")
     period = _common(systems)

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lpvid.codec import MissingKey
+from lpvid.codec import MissingKey, UnknownKind
 from lpvid.errors import InputError
 from lpvid.export.json_files import jsonable, write_json, write_text
 from lpvid.named_classes import NamedClasses
@@ -263,6 +263,9 @@ def load(path: str | os.PathLike) -> Any:
                          why=f"known: {', '.join(tags)}", mend="write it again with lpvid.save")
     try:
         return _rebuilt(data, kind)
+    except UnknownKind as error:
+        raise InputError(f"'{path}' is not a consistent {kind.name} file", got=f"{error.what} '{error.got}'",
+                         why=error.why, mend=error.mend) from None
     except (MissingKey, KeyError) as error:
         key = error.key if isinstance(error, MissingKey) else error.args[0]
         raise InputError(f"'{path}' lacks '{key}'", why=f"a {kind.name} file needs it",

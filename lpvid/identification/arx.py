@@ -15,13 +15,14 @@ from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, RegressionEstimate, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.ridge import Ridge
-from lpvid.identification.structure import Structure, checked_basis
+from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import STAGES, InputStage
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 
 @dataclass(frozen=True)

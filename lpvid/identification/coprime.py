@@ -15,7 +15,7 @@ from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
 from lpvid.identification.state_space_result import checked_signals, package, static_basis
 from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, refine
-from lpvid.identification.structure import Structure, checked_basis
+from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.state_space import LPVStateSpace
@@ -23,6 +23,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization.varying import unity
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial
+from lpvid.scheduling.basis import checked_basis
 
 RIDGES = (0.0, 1e-6, 1e-3)
 """penalties of the warm start, each tried where the one before cannot be solved or leads nowhere."""

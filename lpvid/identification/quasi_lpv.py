@@ -14,12 +14,13 @@ from lpvid.identification.arx import _moves, scheduling_box
 from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.identification.result import Identification
-from lpvid.identification.structure import Structure, checked_basis
+from lpvid.identification.structure import Structure
 from lpvid.model.quasi import ON, QuasiLPVModel, checked_own
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling, Spline
+from lpvid.scheduling.basis import checked_basis
 
 TRIALS = (0.2, 0.0, 0.6)
 """starting trial weights, in units of output spread over input spread."""

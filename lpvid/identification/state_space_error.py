@@ -29,13 +29,14 @@ from lpvid.identification.state_space_search import (
     frozen_radius,
     refine,
 )
-from lpvid.identification.structure import Structure, checked_basis
+from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
 from lpvid.least_squares import CONVERGED
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.realization import realize
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 if TYPE_CHECKING:
     from lpvid.model.transfer_function import LPVTransferFunction

@@ -8,30 +8,12 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.identification.result import Identification
 from lpvid.named_classes import NamedClasses
 from lpvid.record import Record
-from lpvid.scheduling import Basis
 
 S = TypeVar("S")
-
-
-def checked_basis(basis: object) -> None:
-    """Refuse what is no basis, a variable's name for instance.
-
-    Parameters
-    ----------
-    basis : object
-
-    Raises
-    ------
-    InputError
-        Anything but a `Basis`.
-    """
-    mend = f'lpv.Polynomial("{basis}", degree=1)' if isinstance(basis, str) else 'lpv.Polynomial("current", degree=1)'
-    _checks.instance(basis, Basis, "coefficients depend on the scheduling by a basis", mend)
 
 
 class Structure(Encoded, ABC):

@@ -22,12 +22,13 @@ from lpvid.identification.state_space_result import (
     static_basis,
 )
 from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, bounded, evaluate, triangle
-from lpvid.identification.structure import Structure, checked_basis
+from lpvid.identification.structure import Structure
 from lpvid.identification.subspace_order import FOLDS, free_run_errors
 from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 SHORTEST, LONGEST, KERNEL_PAST = 3, 12, 4
 """past chosen automatically: the longest between these two that can be written out, or else the third."""

@@ -67,14 +67,14 @@ def step_response(model: LPVStateSpace, time: np.ndarray, scheduling: np.ndarray
 
     Parameters
     ----------
+    model : LPVStateSpace
+        In continuous time.
     time : (n,) array
         Equally spaced [s].
     scheduling : (n,) or (n, n_scheduling) array, optional
         Along the same times; left out, the middle of the box.
     of : str, optional
         The input; left out, the first.
-    model : LPVStateSpace
-        In continuous time.
 
     Returns
     -------

@@ -17,6 +17,7 @@ from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _point
 from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """A, B, C, D, at one value of the scheduling or (N, …) at several."""
@@ -46,7 +47,7 @@ class LPVStateSpace(LPVModel):
     sample_time : float or None
         Sampling period [s]; None for continuous time.
     scheduling : Scheduling, optional
-        Names, box and rate bounds of p.
+        Names, box and rate bounds of p; left out, −1 to 1 of each of the basis's variables, at any rate.
     state_offset, output_offset : (M, n) and (M, n_outputs) arrays, optional
         f and g.
     observer_gain : (M, n, n_outputs) array, optional
@@ -87,6 +88,7 @@ class LPVStateSpace(LPVModel):
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
+        checked_basis(self.basis)
         m = self.basis.size
         a = _checks.frozen_array(self.A, "A", ndim=3)
         c = _checks.frozen_array(self.C, "C", ndim=3)

@@ -16,6 +16,7 @@ from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling.basis import checked_basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class LPVTransferFunction(LPVModel):
     sample_time : float
         Sampling period [s].
     scheduling : Scheduling, optional
-        Names, box and rate bounds of p; left out, an open box around the basis's variables.
+        Names, box and rate bounds of p; left out, −1 to 1 of each of the basis's variables, at any rate.
     c : (n_affine, n_outputs, M) array, optional
         Affine terms from lag 0 on.
     lagged : bool
@@ -91,6 +92,7 @@ class LPVTransferFunction(LPVModel):
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
+        checked_basis(self.basis)
         m = self.basis.size
         b = _checks.finite(_checks.frozen_array(self.b, "b", ndim=4), "b")
         ny, nu = b.shape[1], b.shape[2]
@@ -120,6 +122,7 @@ class LPVTransferFunction(LPVModel):
         LPVTransferFunction
             With one input and one output.
         """
+        checked_basis(basis)
         m = basis.size
         arrays = {name: _checks.frozen_array(x, name) for name, x in (("a", a), ("b", b), ("c", c))}
         shaped = [_checks.shaped(x, (None, m), f"{name} (lags by basis functions)") if x.size else x.reshape(0, m)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.codec import Coded
 from lpvid.errors import InputError
 from lpvid.scheduling.reading import Reading
@@ -17,12 +19,23 @@ class Basis(Coded, ABC):
     """Functions φ_1(p) … φ_M(p) of the scheduling variables, in physical units outside, normalised inside.
 
     A basis is bound to a box by `bound`; unbound it takes p as it is.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in files; left out, the class with its module.
     """
 
     NOUN = "basis"
     JSON = ("kind", ...)
 
+    kind: ClassVar[str]
     names: tuple[str, ...]
+
+    def __init_subclass__(cls, *, abstract: bool = False, **others: Any) -> None:
+        super().__init_subclass__(**others)
+        if not abstract and "kind" not in vars(cls):
+            cls.kind = f"{cls.__module__}.{cls.__qualname__}"
 
     @property
     @abstractmethod
@@ -233,3 +246,19 @@ class Basis(Coded, ABC):
     def knots_of(self) -> Mapping[str, tuple[float, ...]]:
         """Rising values of each variable at which a piece ends."""
         return {}
+
+
+def checked_basis(basis: object) -> None:
+    """Refuse what is no basis, a variable's name for instance.
+
+    Parameters
+    ----------
+    basis : object
+
+    Raises
+    ------
+    InputError
+        Anything but a `Basis`.
+    """
+    mend = f'lpv.Polynomial("{basis}", degree=1)' if isinstance(basis, str) else 'lpv.Polynomial("current", degree=1)'
+    _checks.instance(basis, Basis, "coefficients depend on the scheduling by a basis", mend)

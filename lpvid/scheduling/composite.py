@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.scheduling.basis import Basis
 
 
-class Composite(Basis):
+class Composite(Basis, abstract=True):
     """Several bases over the union of their variables."""
 
     factors: tuple[Basis, ...]

@@ -58,9 +58,9 @@ class Figures:
             return f"{self.kind} diverged at sample {self.diverged_at}"
         if self.esr is None:
             return f"{self.kind} without figures: the output does not move"
-        mean = "" if self.mean_error is None else f", mean error {self.mean_error:.4g} {self.rmse_unit}"
-        return (f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} "
-                f"{self.rmse_unit}{mean})")
+        unit = f" {self.rmse_unit}" if self.rmse_unit else ""
+        mean = "" if self.mean_error is None else f", mean error {self.mean_error:.4g}{unit}"
+        return f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g}{unit}{mean})"
 
 
 @dataclass(frozen=True)

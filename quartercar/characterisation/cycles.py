@@ -20,7 +20,8 @@ RECENT = 15
 """cycles before it that the next one must be like: a slow drift of the test is allowed"""
 MOST_OF = 1.0 / 3.0
 """part of the record from which fewer cycles do, if they are a sine or a triangle, and up to which blocks of less than
-six cycles are taken for chance: a random record has more strokes"""
+six cycles are taken for chance: a random record has more strokes. Three cycles from one middle of the stroke to another
+have a single whole one between crossings, a third of the record: as much less is allowed as cycles may differ by"""
 SINE = 1.0 / 18.0
 """distortion of the displacement up to which it counts as a sine: half of a triangle's, whose third harmonic is 1/9"""
 FLAT = 0.5
@@ -131,14 +132,15 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
     x = run.displacement
     marks = _crossings(x, turning_points(x, _threshold(x)))
     found: list[Block] = []
+    enough = MOST_OF * (1.0 - SAME_SPEED) * x.size
     for group in _alike(marks, run):
         whole = marks[group[-1] + 1][0] - marks[group[0]][0]
-        if len(group) >= FEWEST or whole > MOST_OF * x.size:
+        if len(group) >= FEWEST or whole > enough:
             block = _block(run, [(marks[k], marks[k + 1]) for k in group])
             if block is not None and (len(group) >= FEWEST or block.kind != "periodic"):
                 found.append(block)
     covered = sum(c.span.stop - c.span.start for b in found for c in b.cycles)
-    return tuple(b for b in found if covered > MOST_OF * x.size or len(b.cycles) >= 2 * FEWEST)
+    return tuple(b for b in found if covered > enough or len(b.cycles) >= 2 * FEWEST)
 
 
 def noise_of(x: np.ndarray) -> float:

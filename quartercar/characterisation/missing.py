@@ -120,7 +120,8 @@ def _static(found: Characterisation) -> list[Missing]:
     slow = min((s.speed for s in found.static), default=None)
     why = "no record of constant current and constant speed below 10 mm/s"
     if slow is not None:
-        why += f"; the slowest reaches {1e3 * slow:.3g} mm/s, whose half difference is an upper bound of the friction"
+        why += (f"; the slowest steady test reaches {1e3 * slow:.3g} mm/s: half its difference bounds the friction, "
+                "its mean holds what the dampings of the two directions differ by")
     return [Missing("gas force, spring rate and friction at creep", why, CREEP_TEST)]
 
 

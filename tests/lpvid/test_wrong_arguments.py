@@ -32,6 +32,9 @@ WRONG = {
     "models without names": (lambda: lpv.compare_models([MODEL], RECORD), "by name"),
     "a transfer function to reduce": (lambda: lpv.reduce_order(MODEL, 1), "lpv.realize"),
     "an identification to refit": (lambda: lpv.refit_form(FOUND, RECORD, form="controllable"), "its .model"),
+    "one candidate": (lambda: lpv.select(RECORD, lpv.ARX(**ORDERS)), "several structures"),
+    "one frozen system": (lambda: lpv.from_control(MODEL.to_control(at=1.0), at=[1.0]), "a list of systems"),
+    "a name for a model's basis": (lambda: lpv.LPVTransferFunction.siso([[-0.5]], [[1.0]], "p", 0.1), "lpv.Polynomial"),
     "an unknown variable": (lambda: MODEL.to_control(at={"q": 1.0}), "no scheduling variable 'q'"),
     "a variable left out": (lambda: MODEL.to_control(at={}), "add p"),
     "a misspelt unit": (lambda: lpv.Record({"velocity": U, "force": U}, 0.1, units={"velocty": "mm/s", "force": "N"}),
@@ -79,3 +82,18 @@ def test_units_of_channels_that_a_record_lacks_are_allowed():
     """One table of units for many records; `force_2` beside `force` is no slip."""
     units = {"velocity": "mm/s", "force": "kN"}
     assert lpv.Record({"velocity": [1.0], "force_2": [1.0]}, 0.1, units=units).unit("force_2") == ""
+
+
+def test_a_band_along_named_columns_is_that_along_the_record():
+    columns = {"time": RECORD.times, **{name: RECORD[name] for name in ("u", "p", "y")}}
+    drawn = FOUND.draw(np.random.default_rng(0), 5)
+    np.testing.assert_array_equal(lpv.free_run_band(drawn, columns).low, lpv.free_run_band(drawn, RECORD).low)
+
+
+def test_the_box_of_a_model_without_one():
+    assert lpv.LPVTransferFunction.siso([[-0.5, 0.1]], [[0, 0], [1, 0]], lpv.Polynomial("p", 1), 0.1).box == \
+        lpv.Scheduling("p", -1.0, 1.0)
+
+
+def test_figures_without_a_unit_have_no_gap_before_the_comma():
+    assert " ," not in str(FOUND) and " )" not in str(FOUND)

@@ -87,6 +87,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         No candidates, or none that these data can carry.
     """
     listed = as_records(records)
+    _checks.instance(candidates, Iterable, "a selection is among several structures", "[ARX(...), ARX(...)]")
     structures = list(dict.fromkeys(candidates))
     if not listed or not structures:
         raise InputError("nothing to select from", got=f"{len(listed)} records and {len(structures)} candidates")

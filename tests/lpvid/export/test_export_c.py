@@ -20,6 +20,7 @@ from helpers.exported_models import (
     transfer_function,
 )
 
+import lpvid as lpv
 from lpvid import Polynomial, Scheduling, Shifted
 from lpvid.errors import InputError, NumericalError
 from lpvid.export.c_build import run_self_test
@@ -251,3 +252,15 @@ def test_a_continuous_model_is_discretised_at_a_given_rate(rng):
     assert found.program.sample_time == 0.01 and error(found) < 1e-13
     held, sampled = found.program.notes  # a controller's scheduling is held inside its box
     assert "held" in held and "output off by" in sampled
+
+
+def test_the_header_states_no_unit_where_none_is_known(tmp_path):
+    """Coefficients from m/s to N and a velocity scale are no pure numbers; a signal without unit is one."""
+    model = lpv.LPVTransferFunction.siso([[-0.9, 0.1]], [[0, 0], [0.1, 0]], lpv.Polynomial("valve", degree=1), 0.01,
+                                         inputs=(lpv.Signal("velocity", "m/s"),), outputs=(lpv.Signal("force", "N"),))
+    lpv.export_c(model, tmp_path, name="unit")
+    members = [m for m in (tmp_path / "unit.h").read_text().splitlines() if "unit_real" in m and "/**<" in m]
+    coefficients = [m for m in members if "coefficients" in m]
+    assert len(coefficients) == 2 and not any(m.endswith("[1] */") for m in coefficients)
+    for name, unit in {"velocity": "m/s", "force": "N", "valve": "1"}.items():
+        assert any(f"unit_real {name};" in m and m.endswith(f"[{unit}] */") for m in members)

@@ -368,3 +368,34 @@ def test_a_tolerance_that_has_nothing_to_check_says_why(three_specimens, tmp_pat
     assert not other.checks and "nominal forces holds none" in other.missing[0].why
     fine = CharacteriseSettings(speeds=(0.3,), specimen=r"(S\d+)_")
     assert not any(m.what == "tolerance band" for m in qc.characterise(three_specimens, fine, tolerance=band).missing)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.25, 0.5, 0.75])
+def test_three_creeping_cycles_from_any_place_of_the_stroke_give_gas_and_friction(start):
+    """The test that the page asks for. From mid stroke to mid stroke one cycle alone lies between two crossings."""
+    amplitude, speed, rate = 2e-3, 1e-3, 200.0
+    phase = start + np.arange(0.0, 3.0, speed / (4 * amplitude * rate))
+    out = np.mod(phase, 1.0)
+    x = amplitude * np.where(out < 0.25, 4 * out, np.where(out < 0.75, 2 - 4 * out, 4 * out - 4))
+    way = np.where((out < 0.25) | (out >= 0.75), 1.0, -1.0)
+    noise = np.random.default_rng(0).normal(size=(2, x.size))
+    found = qc.characterise(lpv.Record({"displacement": x + 2e-6 * noise[0],
+                                    "force": 40.0 * way - 150.0 + 3000.0 * x + 0.5 * noise[1]}, 1.0 / rate,
+                                   units={"displacement": "m", "force": "N"}))
+    slow, = found.static
+    assert slow.creep
+    assert slow.gas == pytest.approx(150.0, abs=0.3)
+    assert slow.friction == pytest.approx(40.0, abs=0.3)
+    assert slow.rate == pytest.approx(3000.0, rel=0.02)
+
+
+def test_the_text_says_what_a_fast_test_leaves_in_gas_and_friction():
+    """A damping of 1200 N·s/m outwards and 720 inwards: 240 N·s/m of mean speed over the inner 80 % of the stroke."""
+    t = np.arange(0.0, 6.0, 1e-3)
+    x, v = 0.0125 * np.sin(8 * t), 0.1 * np.cos(8 * t)
+    found = qc.characterise(lpv.Record({"displacement": x, "force": np.where(v > 0, 1200 * v, 720 * v)}, 1e-3,
+                                   units={"displacement": "m", "force": "N"}))
+    slow, = found.static
+    mean = 0.1 * (0.8 * 0.6 + np.arcsin(0.8)) / 1.6  # of 0.1 sqrt(1 - u^2) over |u| < 0.8
+    assert slow.gas == pytest.approx(-240.0 * mean, abs=0.1)
+    assert "gas with what the dampings of the directions differ by" in str(found)
