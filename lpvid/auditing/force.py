@@ -234,7 +234,7 @@ def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     ------
     Finding
         ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning, or a note where the loops are
-        as wide as the difference; its value is the largest difference [N].
+        as wide as the difference, or four standard errors narrower; its value is the largest difference [N].
     """
     found = [(view.name, *level, float(view.stroke[2].std())) for view in views
              if view.stroke is not None and (level := _offset(view)) is not None]
@@ -244,8 +244,9 @@ def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     rms = float(np.median([f[4] for f in found]))
     width = max(low[3], high[3])
     spread = high[1] - low[1]
-    if spread > max(0.1 * rms, 4 * float(np.hypot(low[2], high[2]))):
-        elastic = spread < width
+    unsure = 4 * float(np.hypot(low[2], high[2]))
+    if spread > max(0.1 * rms, unsure):
+        elastic = spread < width + unsure
         yield Finding("force-offset-varies", "", "", "note" if elastic else "warning",
                       f"the force at zero velocity runs from {low[1]:.4g} N ('{low[0]}') to {high[1]:.4g} N "
                       f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms"
