@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from lpvid.auditing import coherence, motion
 from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
+from lpvid.auditing.force import turned_apart
 from lpvid.auditing.streamed import audit_stream
 from lpvid.auditing.view import view
 from lpvid.condition.tables import as_records
@@ -62,7 +63,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     found += [finding for check in DATA_SET_CHECKS for finding in check(views)]
     found += coherence.coherent_inputs(views, inputs)
     names = tuple(record.name for record in listed)
-    return Audit(ordered(found, names), tuple(repr(record) for record in listed), names)
+    return Audit(ordered(turned_apart(found), names), tuple(repr(record) for record in listed), names)
 
 
 def motion_remarks(records: Sequence[Record]) -> tuple[str, ...]:

@@ -14,13 +14,13 @@ RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
     values.duplicates,
     motion.velocity_against_displacement, motion.hum, resting.rests, resting.flat_peaks,
-    force.offset, force.drift,
+    force.polarity, force.offset, force.drift,
     excitation.repeated, spectrum.moving_average, naming.nominal,
 )
 """Checks of one record at a time."""
 
 DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
-    clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.polarity, force.mixed_polarity, force.offset_between,
+    clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.mixed_polarity, force.offset_between,
     motion.magnitude, excitation.scheduling, excitation.same_excitation, gains.motion_gain_varies,
     gains.force_gain_varies,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,37 +47,52 @@ def dissipation(view: View) -> tuple[float, float, float] | None:
     return mean / float(force.std() * velocity.std()), mean, abs(mean) / max(error, 1e-12 * abs(mean), 1e-300)
 
 
-def polarity(views: Sequence[View]) -> Iterator[Finding]:
+def polarity(view: View) -> Iterator[Finding]:
     """A force that drives the motion on average: its sign, or the motion's, is the other convention.
 
     Parameters
     ----------
-    views : sequence of View
-        The data set: where its records disagree, the mend is that of the record.
+    view : View
+        One record.
 
     Yields
     ------
     Finding
-        By record ``reversed-polarity``, a warning, or ``polarity-unclear``, a note; the value is the mean of F·v [W].
+        ``reversed-polarity``, a warning, or ``polarity-unclear``, a note; the value is the mean of F·v [W].
     """
-    judged = [(view, found) for view in views if view.force is not None and (found := dissipation(view)) is not None]
-    mixed = any(sure > 4 and likeness > 0.05 for _, (likeness, _, sure) in judged)
-    for view, (likeness, power, sure) in judged:
-        source = f"'{view.velocity}'" if view.velocity else f"the derivative of '{view.displacement}'"
-        if sure > 4 and likeness < -0.05:
-            yield Finding("reversed-polarity", view.name, str(view.force), "warning",
-                          f"mean F·v = {power:.4g} W with {source} (correlation {likeness:.2f}, {sure:.0f} standard "
-                          "errors below zero): the signs of force and velocity differ, those of a passive damper agree",
-                          f"--flip {_turning(view)}" if mixed else f"--flip {view.force}", power)
-        elif sure <= 4:
-            yield Finding("polarity-unclear", view.name, str(view.force), "note",
-                          f"mean F·v = {power:.4g} W with {source} is {sure:.1f} standard errors from zero",
-                          "a record in which the damper is worked harder", power)
+    found = dissipation(view)
+    if found is None or view.force is None:
+        return
+    likeness, power, sure = found
+    source = f"'{view.velocity}'" if view.velocity else f"the derivative of '{view.displacement}'"
+    if sure > 4 and likeness < -0.05:
+        yield Finding("reversed-polarity", view.name, view.force, "warning",
+                      f"mean F·v = {power:.4g} W with {source} (correlation {likeness:.2f}, {sure:.0f} standard errors "
+                      "below zero): the signs of force and velocity differ, those of a passive damper agree",
+                      f"--flip {view.force}", power)
+    elif sure <= 4:
+        yield Finding("polarity-unclear", view.name, view.force, "note",
+                      f"mean F·v = {power:.4g} W with {source} is {sure:.1f} standard errors from zero",
+                      "a record in which the damper is worked harder", power)
 
 
-def _turning(view: View) -> str:
-    """What --flip takes to turn the force of one record, in quotes where a shell would read it otherwise."""
-    return shlex.quote(f"{view.force}@{view.name}")
+def turned_apart(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings, with a mend of its own for each reversed record where the records of a data set disagree.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Of whole records.
+
+    Returns
+    -------
+    list of Finding
+        As they are where no ``mixed-polarity`` is among them: one --flip turns all records then.
+    """
+    if not any(f.name == "mixed-polarity" for f in findings):
+        return list(findings)
+    return [replace(f, mend=f"--flip {shlex.quote(f'{f.channel}@{f.record}')}") if f.name == "reversed-polarity" else f
+            for f in findings]
 
 
 def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
@@ -98,10 +114,10 @@ def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
     if minus and plus:
         fewer, sign = (minus, "negative") if len(minus) <= len(plus) else (plus, "positive")
         shown = ", ".join(f"'{v.name}'" for v in fewer[:3]) + (f" and {len(fewer) - 3} more" if len(fewer) > 3 else "")
-        turned = "".join(f" --flip {_turning(v)}" for v in fewer[:3]) + (" …" if len(fewer) > 3 else "")
         yield Finding("mixed-polarity", "", str(signs[0][0].force), "warning",
                       f"mean F·v is negative in {len(minus)} and positive in {len(plus)} records ({sign}: {shown})",
-                      f"turn one group before using them together, e.g.{turned}", float(len(minus)))
+                      f"turn one group before using them together: --flip {fewer[0].force}@RECORD for each",
+                      float(len(minus)))
 
 
 def _turns(velocity: np.ndarray) -> np.ndarray:
@@ -218,7 +234,7 @@ def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     ------
     Finding
         ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning, or a note where the loops are
-        as wide as the difference; its value is the largest difference [N].
+        as wide as the difference, or four standard errors narrower; its value is the largest difference [N].
     """
     found = [(view.name, *level, float(view.stroke[2].std())) for view in views
              if view.stroke is not None and (level := _offset(view)) is not None]
@@ -228,8 +244,9 @@ def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     rms = float(np.median([f[4] for f in found]))
     width = max(low[3], high[3])
     spread = high[1] - low[1]
-    if spread > max(0.1 * rms, 4 * float(np.hypot(low[2], high[2]))):
-        elastic = spread < width
+    unsure = 4 * float(np.hypot(low[2], high[2]))
+    if spread > max(0.1 * rms, unsure):
+        elastic = spread < width + unsure
         yield Finding("force-offset-varies", "", "", "note" if elastic else "warning",
                       f"the force at zero velocity runs from {low[1]:.4g} N ('{low[0]}') to {high[1]:.4g} N "
                       f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms"

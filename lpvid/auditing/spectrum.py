@@ -28,7 +28,8 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
     ------
     Finding
         ``noise-level`` by channel, a warning from a tenth of the signal's rms on, else a note; its value is the noise's
-        rms in the unit of the channel. "At most" where the floor slopes, or could be the force's overtones (`folded`).
+        rms in the unit of the channel. "At most" where the floor slopes, or would be a warning and could be the force's
+        overtones (`folded`).
     """
     found: dict[str, list[tuple[float, float, bool]]] = {}
     for view in views:
@@ -36,7 +37,8 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
             measured = _noise(view, name)
             if measured:
                 level, rms, flat = measured
-                found.setdefault(name, []).append((level, rms, flat and level > rms * folded(view, name)))
+                sure = level < POOR * rms or level > rms * folded(view, name)  # what calls for a warning must be noise
+                found.setdefault(name, []).append((level, rms, flat and sure))
     for name, rows in found.items():
         level = float(np.median([row[0] for row in rows]))
         ratio = float(np.median([20 * np.log10(row[1] / row[0]) for row in rows]))

@@ -84,7 +84,8 @@ def units(view: View) -> Iterator[Finding]:
         elif expected := contradicts(name, channel.unit):
             yield Finding("unit-contradicts-name", view.name, name, "fault",
                           f"the unit is '{channel.source_unit or channel.unit}', a {name.casefold()} has "
-                          f"{expected[0]}", "correct the unit in the header, or name the channel by what it is")
+                          f"{expected[0]}", "correct the unit in the header, convert a sensor's volts "
+                          "by its calibration, or name the channel by what it is")
         elif channel.source_unit is None and not channel.unit:
             yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",
                           f"write the header as 'name [unit]', or --role '{name}={name} [UNIT]'")

@@ -86,7 +86,8 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
         if expected:
             raise InputError(f"record '{record.name}', channel '{name}' has a unit of another quantity",
                              got=f"'{channel.source_unit or channel.unit}'", why=f"its name calls for {expected[0]}",
-                             mend="correct the unit in the header, or name the channel by what it is")
+                             mend="correct the unit in the header, convert a sensor's volts "
+                                  "by its calibration, or name the channel by what it is")
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:
             raise InputError(f"record '{record.name}', channel '{name}' must be finite",

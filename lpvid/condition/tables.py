@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 from lpvid.timebase import calendar_seconds
 
-_MEND_TIME = ("add a column 'time [s]', name the one that is: --role time={0}, or state the rate: --sample-rate HZ, in "
+_MEND_TIME = ("add a column 'time [s]', name the time column: --role time={0}, or state the rate: --sample-rate HZ, in "
               "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
 TIME_ROLE = "time"
 NO_TIME_UNIT = "gives no unit: taken as s"

@@ -22,6 +22,8 @@ READERS: tuple[tuple[tuple[str, ...], Callable[[Path], ColumnTable]], ...] = (
     (tdms.EXTENSIONS, tdms.read_table),
 )
 """Extensions and the function that reads them, in the order in which they are tried."""
+SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
+"""Extensions of what a spreadsheet program saves and nothing here reads."""
 _EXTENSIONS = tuple(e for extensions, _ in READERS for e in extensions)
 
 
@@ -172,7 +174,9 @@ def _reader(path: Path) -> Callable[[Path], ColumnTable]:
     for extensions, reader in READERS:
         if path.suffix.lower() in extensions:
             return reader
-    raise InputError(f"{path}: the format '{path.suffix}' is not known", mend=f"readable are {', '.join(_EXTENSIONS)}")
+    sheet = "save the sheet as CSV; " if path.suffix.lower() in SPREADSHEETS else ""
+    raise InputError(f"{path}: the format '{path.suffix}' is not known",
+                     mend=f"{sheet}readable are {', '.join(_EXTENSIONS)}")
 
 
 def _read_one(path: Path, name: str, sample_rate: float | None, roles: Mapping[str, str] | None) -> Record:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor, log10
 
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -105,11 +106,17 @@ def verdict(found: Validation) -> str:
                 "them.")
     if run.esr is None:
         return f"No figure on {found.label} data: the output does not move there."
-    explained = (f"{100 * (1 - run.esr):.1f}\u00a0% of the output's variance" if run.esr < 1 else
+    explained = (f"{_share(run.esr)}\u00a0% of the output's variance" if run.esr < 1 else
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
     return (f"In free run on {found.label} data the model explains {explained} "
             f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
             f"{number(run.mean_error, 3, run.rmse_unit)}).{_worst_record(found)}")
+
+
+def _share(esr: float) -> str:
+    """100 (1 − ESR) with so many digits that what is left shows: 99.97, where 100.0 would claim that nothing is."""
+    left = 100 * esr
+    return f"{100 - left:.{min(max(1, -floor(log10(left))), 9) if left > 0 else 1}f}"
 
 
 def _worst_record(found: Validation) -> str:

@@ -59,6 +59,13 @@ def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rat
     return acting(model, own or given or records[0].time_base.period)
 
 
+def _cuts(pieces: Sequence[Record]) -> tuple[str, ...]:
+    """What records lost at gaps and missing samples, or that they were left out; each record once, by its own name."""
+    found = [(piece.name.rpartition("#")[0] or piece.name, note) for piece in pieces for note in piece.notes]
+    return tuple(dict.fromkeys(note if note.startswith("record '") else f"record '{name}': {note}"
+                               for name, note in found if note.startswith(("cut into", "dropped", "record '"))))
+
+
 def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_rate: float | None = None, *,
           measured: bool = True) -> tuple[Model, list[Record], tuple[str, ...]]:
     """What acts for a model, and the records as it can run along them: its roles, its rate, without gaps.
@@ -102,7 +109,7 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     kept = tuple(dict.fromkeys((*channels, "displacement"))) if in_band else channels
     pieces = segments(listed, kept, sample_rate=rate if foreign else None, minimum=model.start + 2)
     pieces = [with_quiet_velocity(r) for r in pieces] if in_band else pieces
-    notes = tuple(dict.fromkeys(n for r in (pieces or listed) for n in r.notes if "velocity" in n))
+    notes = tuple(dict.fromkeys(n for r in (pieces or listed) for n in r.notes if "velocity" in n)) + _cuts(pieces)
     if foreign:
         count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
         notes += (f"{count} resampled to the model's {rate:.6g} Hz",)

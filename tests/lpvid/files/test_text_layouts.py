@@ -110,3 +110,10 @@ def test_a_role_states_the_unit_that_a_file_does_not(tmp_path, parts):
     assert records[0].sample_time == pytest.approx(1 / 500, rel=1e-9)
     with pytest.raises(InputError, match="states its own unit"):
         lpv.read(path, roles={"force": "F [N]"})
+
+
+def test_a_spreadsheet_is_to_be_saved_as_csv(tmp_path):
+    path = tmp_path / "run.xlsx"
+    path.write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"save the sheet as CSV; readable are \.csv"):
+        lpv.read(path)

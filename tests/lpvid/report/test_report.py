@@ -393,3 +393,10 @@ def test_a_form_is_printed_with_the_errors_that_its_verdict_rests_on():
                         f"to {judged.form[0]:.3g}")
     lost = replace(judged, form=(float("inf"),))
     assert str(replace(one, gap=replace(one.gap, judgement=lost))).endswith("not safe, free-run ESR diverges")
+
+
+def test_a_share_that_is_nearly_whole_is_not_rounded_to_all():
+    from lpvid.report.validation import _share
+
+    assert [_share(e) for e in (2.87e-4, 0.004, 0.16, 0.99, 0.0, 1e-6)] == ["99.97", "99.6", "84.0", "1.0", "100.0",
+                                                                          "99.9999"]

@@ -381,3 +381,23 @@ def test_inputs_beyond_the_training_range_are_stated_with_both_ranges() -> None:
     assert len(stated) == 1 and f"{v.min():.4g} to {v.max():.4g}, training {u.min():.4g} to {u.max():.4g}" in stated[0]
     outside = 100 * np.mean((v < u.min()) | (v > u.max()))
     assert stated[0].startswith(f"{outside:.3g} % of 'u' lies outside")
+
+
+def test_what_gaps_and_missing_samples_cut_away_is_stated(rng):
+    """Two records, one with a hole of ten samples and a stretch of two that is too short to run along."""
+    from lpvid.validation.free_runs import free_runs
+
+    model = LPVTransferFunction.siso([[-0.5, 0.0]], [[0, 0], [1.0, 0.5]], Polynomial("p", degree=1), 0.1)
+
+    def record(name, holes=()):
+        u = rng.normal(size=100)
+        for a, b in holes:
+            u[a:b] = np.nan
+        return Record({"u1": u, "p": rng.uniform(size=100), "y1": rng.normal(size=100)}, sample_time=0.1, name=name)
+
+    found = free_runs(model, [record("whole"), record("holed", [(40, 50), (52, 60)])])
+    assert len(found.runs) == 3
+    cut, = [n for n in found.notes if "cut into" in n]
+    assert cut == "record 'holed': cut into 3 pieces at missing samples"
+    dropped, = [n for n in found.notes if "dropped" in n]
+    assert dropped.startswith("record 'holed': dropped 1 piece(s) shorter than")
