@@ -135,7 +135,7 @@ class ARX(Structure):
 
     @property
     def start(self) -> int:
-        back = [self.na, self.affine - 1, *(b + k - 1 for b, k in zip(self._nb(), self._nk(), strict=True))]
+        back = [self.na, self.affine - 1, *(b + k - 1 for b, k in zip(self.width, self.delay, strict=True))]
         return max(0, *back) + max(self.basis.lags[1], 0)
 
     @property
@@ -146,18 +146,12 @@ class ARX(Structure):
     @property
     def delay(self) -> tuple[int, ...]:
         """First input lag of every input."""
-        return self._nk()
+        return self.nk  # type: ignore[return-value]
 
     @property
     def width(self) -> tuple[int, ...]:
         """Number of input lags of every input."""
-        return self._nb()
-
-    def _nb(self) -> tuple[int, ...]:
         return self.nb  # type: ignore[return-value]
-
-    def _nk(self) -> tuple[int, ...]:
-        return self.nk  # type: ignore[return-value]
 
     def _shape(self) -> InputStage | None:
         return STAGES[self.stage]() if isinstance(self.stage, str) else self.stage
@@ -173,8 +167,8 @@ class ARX(Structure):
         one = [label == "1" for label in self.basis.labels]
         stage = self._shape()
         shaped = 0 if stage is None else stage.channel  # inputs that a stage adds have the lags of the one it shapes
-        nb = self._nb() + (self._nb()[shaped],) * (width - len(self.input))
-        nk = self._nk() + (self._nk()[shaped],) * (width - len(self.input))
+        nb = self.width + (self.width[shaped],) * (width - len(self.input))
+        nk = self.delay + (self.delay[shaped],) * (width - len(self.input))
         rows: list[tuple[int, int, int, int]] = []
         columns: list[tuple[int, float, int, int, int]] = []
 
@@ -358,7 +352,7 @@ class ARX(Structure):
 
     def _empty_model(self, record: Record, box: Scheduling, width: int) -> LPVTransferFunction:
         ny, m = len(self.output), self.basis.size
-        lags = max(b + k for b, k in zip(self._nb(), self._nk(), strict=True))
+        lags = max(b + k for b, k in zip(self.width, self.delay, strict=True))
         assert record.sample_time is not None
         return LPVTransferFunction(
             np.zeros((self.na, ny, ny, m)), np.zeros((lags, ny, width, m)), self.basis, record.sample_time, box,
@@ -388,7 +382,36 @@ class ARX(Structure):
         dict
             Plain values by name.
         """
-        return {**super().to_dict(), "nb": list(self._nb()), "nk": list(self._nk())}
+        return {**super().to_dict(), "nb": list(self.width), "nk": list(self.delay)}
+
+
+class ThroughARX(Structure):
+    """A structure with the equations of an ARX: it reads the same channels and starts at the same sample.
+
+    Attributes
+    ----------
+    arx : ARX
+        A field or a property.
+    """
+
+    arx: ARX
+
+    @property
+    def summary(self) -> str:
+        return type(self).__name__ + self.arx.summary.removeprefix("ARX")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.arx.channels
+
+    @property
+    def start(self) -> int:
+        return self.arx.start
+
+    @property
+    def n_columns(self) -> int:
+        """Columns of the regressor (parameters per output), with the stage's own inputs counted."""
+        return self.arx.n_columns
 
 
 def _stage_fits(stage: InputStage, inputs: int, variables: int) -> None:

@@ -13,7 +13,7 @@ from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.form_layout import bounded_start
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
-from lpvid.identification.state_space_result import checked_signals, package, static_basis
+from lpvid.identification.state_space_result import StateSpaceStructure, package
 from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, refine
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
@@ -23,14 +23,13 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization.varying import unity
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial
-from lpvid.scheduling.basis import checked_basis
 
 RIDGES = (0.0, 1e-6, 1e-3)
 """penalties of the warm start, each tried where the one before cannot be solved or leads nowhere."""
 
 
 @dataclass(frozen=True)
-class RightCoprime(Structure):
+class RightCoprime(StateSpaceStructure):
     """Right-coprime LPV structure: output error, one output, one latent signal w per input.
 
     ::
@@ -81,10 +80,7 @@ class RightCoprime(Structure):
     iterations: int = 60
 
     def __post_init__(self) -> None:
-        inputs, outputs = checked_signals(self.input, self.output)
-        object.__setattr__(self, "input", inputs)
-        object.__setattr__(self, "output", outputs)
-        checked_basis(self.basis)
+        _, outputs = self._check_signals()
         if len(outputs) > 1:
             raise InputError("the right-coprime form is for a single output", got=", ".join(outputs),
                              mend="use StateSpaceError for several outputs")
@@ -92,17 +88,14 @@ class RightCoprime(Structure):
         _checks.count(self.nb, "nb", at_least=1)
         _checks.count(self.affine, "affine")
         _checks.count(self.iterations, "iterations")
-        static_basis(self.basis)
         self._warm_structure(0.0, lagged=False)  # its checks of stage and filter
+
+    summary = Structure.summary
 
     @property
     def order(self) -> int:
         """States per input."""
         return max(self.na, self.nb)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
 
     @property
     def start(self) -> int:

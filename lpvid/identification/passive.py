@@ -12,7 +12,7 @@ from lpvid._threads import single_thread
 from lpvid.analysis.passivity import certificate_of, certify_passivity, proven
 from lpvid.analysis.passivity_certificate import PassivityCertificate
 from lpvid.errors import InputError
-from lpvid.identification.arx import ARX
+from lpvid.identification.arx import ARX, ThroughARX
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.passive_search import PassiveSearch, Reached
@@ -35,7 +35,7 @@ TIGHTER = (10.0, 10.0, 10.0)
 
 
 @dataclass(frozen=True)
-class Passive(Structure):
+class Passive(ThroughARX):
     """A structure of a damper (velocity in, force out) whose model must be passive.
 
     The unconstrained estimate comes first; its orders, basis and box are kept. Then
@@ -102,23 +102,12 @@ class Passive(Structure):
         if arx.weight is not None:
             raise InputError("a passive model takes no weights", got=f"weight '{arx.weight}'", mend="leave weight out")
 
+    summary = Structure.summary
+
     @property
     def arx(self) -> ARX:
         """The equation-error structure of the same orders."""
         return self.structure if isinstance(self.structure, ARX) else self.structure.arx
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return self.structure.channels
-
-    @property
-    def start(self) -> int:
-        return self.structure.start
-
-    @property
-    def n_columns(self) -> int:
-        """Parameters per output."""
-        return self.structure.n_columns
 
     def estimate(self, records: Sequence[Record]) -> Identification:
         _takes_energy(records, self.arx.input[0], self.arx.output[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -182,17 +183,15 @@ class PredictionErrorProblem:
         return np.concatenate([shared[: k + q], *values])
 
     def _stages(self, free: np.ndarray) -> tuple[InputStage | None, SchedulingStage | None]:
-        cut = int(np.sum(self._scales[0] > 0))
-        stage, lag = self.model.input_stage, self.model.scheduling_stage
-        if stage is not None and cut:
-            vector = stage.vector.copy()
-            vector[self._scales[0] > 0] = free[:cut]
-            stage = stage.with_vector(vector)
-        if lag is not None and free.size > cut:
-            vector = lag.vector.copy()
-            vector[self._scales[1] > 0] = free[cut:]
-            lag = lag.with_vector(vector)
-        return stage, lag
+        found: list[Any] = []
+        for own, scales in zip((self.model.input_stage, self.model.scheduling_stage), self._scales, strict=True):
+            moving = scales > 0
+            if own is not None and moving.any():
+                vector = own.vector.copy()
+                vector[moving], free = free[: moving.sum()], free[moving.sum():]
+                own = own.with_vector(vector)
+            found.append(own)
+        return found[0], found[1]
 
     # -- signals -------------------------------------------------------------------------------------------------
     def drive(self, model: LPVTransferFunction) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -12,7 +12,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
-from lpvid.identification.arx import ARX
+from lpvid.identification.arx import ARX, ThroughARX
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, frozen_moduli, reduce
 from lpvid.identification.pem_covariance import covariance
@@ -21,7 +21,6 @@ from lpvid.identification.pem_search import EDGE, SHORT, Campaign, PredictionErr
 from lpvid.identification.pem_starts import Start, equation_start, perturbed, stabilised
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.stage_fit import SAMPLES, fitted_stages, shorten, unresolved
-from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage
@@ -33,7 +32,7 @@ CHECKED_POINTS = 5000
 
 
 @dataclass(frozen=True)
-class PredictionError(Structure):
+class PredictionError(ThroughARX):
     """Settings shared by the prediction-error structures; the first ten are those of `ARX`, which gives the start.
 
     The estimate minimises Σ_k e(k)² (each output weighed by its own error) by Levenberg-Marquardt with exact gradients.
@@ -102,10 +101,6 @@ class PredictionError(Structure):
 
     # -- what a structure adds -----------------------------------------------------------------------------------
     @property
-    def summary(self) -> str:
-        return type(self).__name__ + self.arx.summary.removeprefix("ARX")
-
-    @property
     @abstractmethod
     def kind(self) -> str:
         """Its name in files."""
@@ -162,19 +157,6 @@ class PredictionError(Structure):
         """The equation-error structure of the same orders."""
         return ARX(self.na, self.nb, self.nk, self.input, self.output, self.basis, self.affine, self.lagged, self.stage,
                    self.schedule_filter)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return self.arx.channels
-
-    @property
-    def start(self) -> int:
-        return self.arx.start
-
-    @property
-    def n_columns(self) -> int:
-        """Parameters per output, those of the noise model left out."""
-        return self.arx.n_columns
 
     def estimate(self, records: Sequence[Record]) -> Identification:
         return self.estimate_from(records, self.arx)

@@ -10,12 +10,11 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
-from lpvid.identification.arx import ARX
+from lpvid.identification.arx import ARX, ThroughARX
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.refined_iv_problem import IVProblem
 from lpvid.identification.refined_iv_search import RefinedIvEnd, conditions, covariance, search
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage
@@ -29,7 +28,7 @@ COUPLED = (1e-6, 0.02)
 
 
 @dataclass(frozen=True)
-class RefinedIV(Structure):
+class RefinedIV(ThroughARX):
     """LPV output-error or Box-Jenkins structure, estimated by refined instrumental variables.
 
     ::
@@ -97,24 +96,10 @@ class RefinedIV(Structure):
             raise InputError("a Box-Jenkins model needs nc or nd above 0", mend='set noise="output" for white noise')
 
     @property
-    def summary(self) -> str:
-        shared = {n: getattr(self, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
-                                                "stage", "schedule_filter")}
-        return "RefinedIV" + ARX(**shared).summary.removeprefix("ARX")
-
-    @property
     def arx(self) -> ARX:
         """The equation-error structure of the same orders, whose least squares is the start."""
         return ARX(self.na, self.nb, self.nk, self.input, self.output, self.basis, self.affine, self.lagged, self.stage,
                    self.schedule_filter)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return self.arx.channels
-
-    @property
-    def start(self) -> int:
-        return self.arx.start
 
     # -- estimate ------------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record]) -> Identification:

@@ -11,12 +11,11 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification._support import Supports, units_of, variables_of
-from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.arx import ARX, ThroughARX, scheduling_box
 from lpvid.identification.covariance import sandwich_covariance
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import Columns, Factor, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
 METHODS = ("garrote", "adaptive-lasso")
@@ -26,7 +25,7 @@ FOLDS = 5
 
 
 @dataclass(frozen=True)
-class SparseARX(Structure):
+class SparseARX(ThroughARX):
     """An LPV-ARX of which only the parameters that the data ask for are kept.
 
     ::
@@ -77,18 +76,6 @@ class SparseARX(Structure):
                                  got=", ".join(self.arx.basis.labels[:4]),
                                  why="without it no coefficient can be constant",
                                  mend='use a Polynomial, or group="parameter"')
-
-    @property
-    def summary(self) -> str:
-        return type(self).__name__ + self.arx.summary.removeprefix("ARX")
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return self.arx.channels
-
-    @property
-    def start(self) -> int:
-        return self.arx.start
 
     def estimate(self, records: Sequence[Record]) -> Identification:
         full = self.arx

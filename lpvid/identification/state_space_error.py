@@ -14,12 +14,11 @@ from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
 from lpvid.identification.state_space_result import (
-    checked_signals,
+    StateSpaceStructure,
     empty_model,
     number_of_parameters,
     package,
     refuse_poor_data,
-    static_basis,
 )
 from lpvid.identification.state_space_search import (
     SearchData,
@@ -29,14 +28,12 @@ from lpvid.identification.state_space_search import (
     frozen_radius,
     refine,
 )
-from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
 from lpvid.least_squares import CONVERGED
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.realization import realize
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
-from lpvid.scheduling.basis import checked_basis
 
 if TYPE_CHECKING:
     from lpvid.model.transfer_function import LPVTransferFunction
@@ -53,7 +50,7 @@ TOUCHING = 1 - 1e-5
 
 
 @dataclass(frozen=True)
-class StateSpaceError(Structure):
+class StateSpaceError(StateSpaceStructure):
     """LPV state space, fully parametrised, by prediction error.
 
     ::
@@ -107,31 +104,17 @@ class StateSpaceError(Structure):
     iterations: int = 60
 
     def __post_init__(self) -> None:
-        inputs, outputs = checked_signals(self.input, self.output)
-        object.__setattr__(self, "input", inputs)
-        object.__setattr__(self, "output", outputs)
+        inputs, outputs = self._check_signals()
         if self.order is not None:
             _checks.count(self.order, "order", at_least=1)
         _checks.count(self.iterations, "iterations")
         _checks.one_of(self.noise, NOISE, "noise")
-        checked_basis(self.basis)
-        static_basis(self.basis)
         given = self.start_from
         if isinstance(given, LPVStateSpace):
             if tuple(s.name for s in given.inputs) != inputs or tuple(s.name for s in given.outputs) != outputs:
                 raise InputError("the start has other inputs or outputs than the structure", got=repr(given))
             if self.order not in (None, given.order):
                 raise InputError("the start has another order than the structure", got=f"{given.order} states")
-
-    @property
-    def summary(self) -> str:
-        order = "of its own order" if self.order is None else f"order {self.order}"
-        parts = (" direct" if self.direct else "") + (" affine" if self.affine else "")
-        return f"{type(self).__name__} {order} {self.basis.summary}{parts}"
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
 
     @property
     def start(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,53 +25,39 @@ from lpvid.scheduling import Basis, Scheduling
 from lpvid.validation import residual_tests
 
 
-def checked_signals(inputs: str | Sequence[str],
-                    outputs: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Input and output names as tuples; no channel may be both.
+class StateSpaceStructure(Structure):
+    """What structures with states share: signals by name, a basis that reads p(k) alone."""
 
-    Parameters
-    ----------
-    inputs, outputs : str or sequence of str
-        Names, or a comma-separated list of them.
+    order: Any
+    input: str | tuple[str, ...]
+    output: str | tuple[str, ...]
+    basis: Basis
+    direct: bool
+    affine: Any
 
-    Returns
-    -------
-    tuple of str, tuple of str
+    def _check_signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Inputs and outputs as tuples of names, which the fields hold from then on."""
+        named, measured = _checks.names(self.input, "input"), _checks.names(self.output, "output")
+        shared = set(named) & set(measured)
+        if shared:
+            raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)))
+        checked_basis(self.basis)
+        if self.basis.lags != (0, 0):
+            raise InputError("a state-space estimate needs a basis that reads p(k) alone",
+                             got=f"lags {self.basis.lags}", mend="give the basis without Shifted")
+        object.__setattr__(self, "input", named)
+        object.__setattr__(self, "output", measured)
+        return named, measured
 
-    Raises
-    ------
-    InputError
-        A channel is both.
-    """
-    named, measured = _checks.names(inputs, "input"), _checks.names(outputs, "output")
-    shared = set(named) & set(measured)
-    if shared:
-        raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)))
-    return named, measured
+    @property
+    def summary(self) -> str:
+        order = "of its own order" if self.order is None else f"order {self.order}"
+        parts = (" direct" if self.direct else "") + (" affine" if self.affine else "")
+        return f"{type(self).__name__} {order} {self.basis.summary}{parts}"
 
-
-def static_basis(basis: Basis) -> Basis:
-    """The basis, if it reads p(k) alone, as the state equation does.
-
-    Parameters
-    ----------
-    basis : Basis
-        As given by the caller.
-
-    Returns
-    -------
-    Basis
-        The same.
-
-    Raises
-    ------
-    InputError
-        A basis that reads the scheduling at other times.
-    """
-    if basis.lags != (0, 0):
-        raise InputError("a state-space estimate needs a basis that reads p(k) alone", got=f"lags {basis.lags}",
-                         mend="give the basis without Shifted")
-    return basis
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
 
 
 def number_of_parameters(letters: int, order: int, inputs: int, outputs: int, *, direct: bool, affine: bool) -> int:

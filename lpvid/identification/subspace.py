@@ -14,21 +14,18 @@ from lpvid.identification.arx import scheduling_box
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import StateSpaceLayout
 from lpvid.identification.state_space_result import (
-    checked_signals,
+    StateSpaceStructure,
     empty_model,
     number_of_parameters,
     package,
     refuse_poor_data,
-    static_basis,
 )
 from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, bounded, evaluate, triangle
-from lpvid.identification.structure import Structure
 from lpvid.identification.subspace_order import FOLDS, free_run_errors
 from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
-from lpvid.scheduling.basis import checked_basis
 
 SHORTEST, LONGEST, KERNEL_PAST = 3, 12, 4
 """past chosen automatically: the longest between these two that can be written out, or else the third."""
@@ -45,7 +42,7 @@ NO_WORSE = 0.02
 
 
 @dataclass(frozen=True)
-class Subspace(Structure):
+class Subspace(StateSpaceStructure):
     """Predictor-based LPV subspace estimate (van Wingerden & Verhaegen 2009), in innovation form.
 
     ::
@@ -98,12 +95,8 @@ class Subspace(Structure):
     kernel: bool | None = None
 
     def __post_init__(self) -> None:
-        inputs, outputs = checked_signals(self.input, self.output)
-        object.__setattr__(self, "input", inputs)
-        object.__setattr__(self, "output", outputs)
+        self._check_signals()
         _checks.count(self.future, "future", at_least=1)
-        checked_basis(self.basis)
-        static_basis(self.basis)
         if self.past is None:
             object.__setattr__(self, "past", self._affordable())
         _checks.count(self.past, "past", at_least=1)
@@ -111,12 +104,6 @@ class Subspace(Structure):
             raise InputError(f"the order must lie between 1 and {self._most} here", got=self.order,
                              why="the state is read from future · outputs · basis functions predicted values",
                              mend="raise future and past")
-
-    @property
-    def summary(self) -> str:
-        order = "of its own order" if self.order is None else f"order {self.order}"
-        parts = (" direct" if self.direct else "") + (" affine" if self.affine else "")
-        return f"{type(self).__name__} {order} {self.basis.summary}{parts}"
 
     @property
     def _most(self) -> int:
@@ -148,10 +135,6 @@ class Subspace(Structure):
         fits = [v for v in range(SHORTEST, LONGEST + 1)
                 if number_of_words(self.basis.size, signals, direct, v) <= WRITTEN]
         return max(fits, default=KERNEL_PAST)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
 
     @property
     def start(self) -> int:

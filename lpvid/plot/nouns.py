@@ -18,7 +18,8 @@ from lpvid.identification.result import Identification
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot.audit import MOST_CHANNELS
-from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION
+from lpvid.plot.colours import BLUE, CYCLE, SCALE, VERMILION
+from lpvid.plot.stability import pole_plane
 from lpvid.plot.style import label, look, panels, robust_limits, shades, thinned
 from lpvid.record import Record
 from lpvid.synthesis.result import Synthesis
@@ -178,18 +179,10 @@ def _(noun: Synthesis) -> Drawing | None:
 # -- families of frozen systems ----------------------------------------------------------------------------------------
 def _locus(model: LPVTransferFunction | LPVStateSpace) -> Drawing:
     """Frozen poles along the first scheduling variable, the others in the middle of their range."""
-    discrete = model.sample_time is not None
-    varying = bool(model.box.names)
-
     def draw(axes: Sequence[Axes]) -> None:
         ax = axes[0]
-        if discrete:
-            angle = np.linspace(0.0, 2 * np.pi, 361)
-            ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9)
-            ax.set_aspect("equal", adjustable="datalim")
-        ax.axhline(0.0, color=MUTED, linewidth=0.5)
-        ax.axvline(0.0, color=MUTED, linewidth=0.5)
-        if varying:
+        pole_plane(ax, model.sample_time is not None)
+        if model.box.names:
             found = pole_locus(model, model.box.names[0])
             colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
             drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9,
@@ -198,8 +191,6 @@ def _locus(model: LPVTransferFunction | LPVStateSpace) -> Drawing:
         else:
             poles = np.asarray(model.to_control([]).poles())
             ax.plot(np.real(poles), np.imag(poles), "x", color=BLUE, zorder=3)
-        ax.set_xlabel(label("Re z", "1") if discrete else label("Re s", "1/s"))
-        ax.set_ylabel(label("Im z", "1") if discrete else label("Im s", "1/s"))
         ax.set_title("Frozen poles")
 
     return 1, draw

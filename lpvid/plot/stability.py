@@ -63,13 +63,20 @@ def poles(values: np.ndarray, discrete: bool = True, ax: Ax = None) -> Drawn:
     """
     with look():
         ax = panels(1, height=4.0, width=4.6, ax=ax)[1][0, 0]
-        _background(ax, discrete)
+        pole_plane(ax, discrete)
         ax.plot(np.real(values), np.imag(values), "x", color=BLUE, markersize=7)
         ax.set_title("Poles")
     return ax
 
 
-def _background(ax: Axes, discrete: bool) -> None:
+def pole_plane(ax: Axes, discrete: bool) -> None:
+    """The plane of poles: axes of both, and the unit circle where time is discrete.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+    discrete : bool
+    """
     if discrete:
         angle = np.linspace(0, 2 * np.pi, 361)
         ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9, label="stability limit: the unit circle")
@@ -81,7 +88,7 @@ def _background(ax: Axes, discrete: bool) -> None:
 
 
 def _plane(figure: Figure, ax: Axes, found: PoleLocus, band: PoleBand | None) -> None:
-    _background(ax, found.is_discrete)
+    pole_plane(ax, found.is_discrete)
     if band is not None and band.cloud.size:
         cloud = band.cloud[:, :: max(1, band.cloud.shape[1] // 25)].ravel()
         ax.plot(np.real(cloud), np.imag(cloud), ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True,

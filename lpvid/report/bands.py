@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from lpvid import plot
 from lpvid._threads import single_thread
 from lpvid.analysis.bands import free_run_band
 from lpvid.errors import InputError
+from lpvid.identification.layout import ParameterCloud
 from lpvid.identification.result import Identification
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
 from lpvid.report.page import Item, PageFigure, Paragraph, Section
-from lpvid.report.responses import DRAWS, LEVEL, frozen_figures, overlaid_figures, scheduling_places
+from lpvid.report.responses import DRAWS, LEVEL, drawn_from, frozen_figures, overlaid_figures, scheduling_places
 
 LINEAR = (LPVTransferFunction, LPVStateSpace)
 
@@ -44,12 +43,7 @@ def response_section(found: Identification, shown: Sequence[Comparison], seed: i
     model = found.model
     if not shown or not isinstance(model, LINEAR):
         return ()
-    spread, drawn = found.covariance, []
-    if spread.size and np.all(np.isfinite(spread)) and np.any(spread):
-        try:
-            drawn = found.draw(np.random.default_rng(seed), DRAWS)
-        except InputError:
-            drawn = []  # some draws are no models of this kind
+    drawn = drawn_from(_cloud(found), seed)
     places, stated = scheduling_places(model.box, shown)
     longest = max(c.record.n_samples for c in shown)
     items = frozen_figures(model, drawn, places, stated, longest)
@@ -78,19 +72,21 @@ def sureness(found: Identification, shown: Sequence[Comparison], seed: int = 0) 
     -------
     tuple of Section
     """
-    spread = found.covariance
-    if not shown or not spread.size or not np.all(np.isfinite(spread)) or not np.any(spread):
+    if not shown:
         return ()
     with single_thread():
-        try:
-            drawn = found.draw(np.random.default_rng(seed), DRAWS)
-        except InputError:
-            return ()  # some draws are no models of this kind, so that a normal law does not describe it
+        drawn = drawn_from(_cloud(found), seed)
+        if not drawn:
+            return ()
         items: list[Item] = [Paragraph(f"Bands of {DRAWS} models drawn from the covariance of the parameters "
                                        f"({_kind(found)}); pointwise. They show how sure the estimate is within its "
                                        "structure, not what the structure lacks.")]
         items.append(_free_run(drawn, shown[0]))
     return (Section("How sure the model is", tuple(items)),)
+
+
+def _cloud(found: Identification) -> ParameterCloud:
+    return ParameterCloud(found.model, found.layout, found.covariance)
 
 
 def _kind(found: Identification) -> str:

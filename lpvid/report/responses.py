@@ -133,9 +133,28 @@ def drawn_models(model: Linear, seed: int = 0, count: int = DRAWS) -> list[Linea
     list of LPVTransferFunction or LPVStateSpace
         Empty where the covariance is missing, zero, not finite, or cannot be drawn from.
     """
+    return drawn_from(ParameterCloud.of(model), seed, count)
+
+
+def drawn_from(cloud: ParameterCloud | None, seed: int = 0, count: int = DRAWS) -> list:
+    """Models drawn from a normal law of their parameters.
+
+    Parameters
+    ----------
+    cloud : ParameterCloud, optional
+    seed : int
+        Of the draws.
+    count : int
+        Models to draw.
+
+    Returns
+    -------
+    list
+        Empty where the covariance is missing, zero or not finite, or where some draws are no models of this kind, so
+        that a normal law does not describe the parameters.
+    """
     from lpvid.errors import InputError
 
-    cloud = ParameterCloud.of(model)
     if cloud is None or not np.all(np.isfinite(cloud.covariance)) or not np.any(cloud.covariance):
         return []
     try:
