@@ -22,6 +22,7 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling.basis import checked_basis
 from lpvid.validation import residual_tests
 
 

@@ -295,8 +295,9 @@ def _tolerance(found: Characterisation) -> list[Item]:
 def _specimens(found: Characterisation) -> list[Item]:
     sign = found.settings.sign
     rows = tuple((amps(s.current, found.data.current_unit), DIRECTIONS[s.direction], f"{s.speed:g}",
-                  number(sign * s.mean), number(s.std, 3), f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–",
-                  number(s.within, 2), f"{shortened(s.lowest[0])} ({sign * s.lowest[1]:.4g})",
+                  number(sign * s.mean), number(s.std, 3),
+                  f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–", number(s.within, 2),
+                  f"{shortened(s.lowest[0])} ({sign * s.lowest[1]:.4g})",
                   f"{shortened(s.highest[0])} ({sign * s.highest[1]:.4g})",
                   str(s.count)) for s in found.specimens)
     return [PageTable(("current", "direction", "speed [m/s]", "mean [N]", "std between specimens [N]", "[%]",
