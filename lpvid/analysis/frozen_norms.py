@@ -160,3 +160,22 @@ def _rough(system: Driven, points: np.ndarray) -> np.ndarray:
         plain = _continuous(parts) if discrete else parts
         found[k] = _gains(plain, _guesses(plain[0])).max()
     return found
+
+
+def response_at(system: Matrices, s: complex) -> np.ndarray:
+    """(ny, nu) response of a time-invariant system at one point of the plane.
+
+    Parameters
+    ----------
+    system : (A, B, C, D)
+        The system.
+    s : complex
+        jω, or z = exp(jωT) in discrete time.
+
+    Returns
+    -------
+    (ny, nu) complex array
+        C (sI − A)⁻¹ B + D.
+    """
+    a, b, c, d = system
+    return c @ np.linalg.solve(s * np.eye(len(a)) - a, b.astype(complex)) + d if len(a) else d.astype(complex)
