@@ -40,7 +40,7 @@ def h_infinity_norm(system: Matrices, discrete: bool = False) -> tuple[float, fl
     >>> round(norm, 4), round(frequency, 4)
     (5.0252, 0.9899)
     """
-    a, b, c, d = _continuous(system) if discrete else system
+    a, b, c, d = to_continuous(system) if discrete else system
 
     def tidy(omega: float) -> float:
         return 2 * math.atan(omega) if discrete else omega
@@ -64,12 +64,25 @@ def h_infinity_norm(system: Matrices, discrete: bool = False) -> tuple[float, fl
     return level, tidy(where)
 
 
-def _continuous(system: Matrices) -> Matrices:
-    """The continuous system with the same gains, z = (1 + s)/(1 − s)."""
+def to_continuous(system: Matrices, sign: float = 1.0) -> Matrices:
+    """The continuous system with the same gains, z = (1 + s)/(1 − s), or z = (s + 1)/(s − 1) for the sign −1.
+
+    Parameters
+    ----------
+    system : (A, B, C, D), or each (N, …)
+        Discrete.
+    sign : float
+        1 or −1, as `lpvid.synthesis.bilinear.sign_for` chooses it.
+
+    Returns
+    -------
+    (A, B, C, D), or each (N, …)
+        Continuous.
+    """
     a, b, c, d = system
-    inverse = np.linalg.inv(np.eye(len(a)) + a)
-    return (inverse @ (a - np.eye(len(a))), math.sqrt(2) * inverse @ b, math.sqrt(2) * c @ inverse,
-            d - c @ inverse @ b)
+    eye = sign * np.eye(a.shape[-1])
+    inverse = np.linalg.inv(a + eye)
+    return inverse @ (a - eye), sign * np.sqrt(2) * inverse @ b, np.sqrt(2) * c @ inverse, d - c @ inverse @ b
 
 
 def _guesses(a: np.ndarray) -> np.ndarray:
@@ -157,6 +170,25 @@ def _rough(system: Driven, points: np.ndarray) -> np.ndarray:
     found = np.zeros(len(points))
     for k in range(len(points)):
         parts = (a[k], b[k], c[k], d[k])
-        plain = _continuous(parts) if discrete else parts
+        plain = to_continuous(parts) if discrete else parts
         found[k] = _gains(plain, _guesses(plain[0])).max()
     return found
+
+
+def response_at(system: Matrices, s: complex) -> np.ndarray:
+    """(ny, nu) response of a time-invariant system at one point of the plane.
+
+    Parameters
+    ----------
+    system : (A, B, C, D)
+        The system.
+    s : complex
+        jω, or z = exp(jωT) in discrete time.
+
+    Returns
+    -------
+    (ny, nu) complex array
+        C (sI − A)⁻¹ B + D.
+    """
+    a, b, c, d = system
+    return c @ np.linalg.solve(s * np.eye(len(a)) - a, b.astype(complex)) + d if len(a) else d.astype(complex)

@@ -123,8 +123,7 @@ class PassivityCertificate(StorageCertificate):
         (N, n, n) array
             In units of output times input.
         """
-        columns = [self.box.names.index(n) for n in self.basis.names]
-        return np.tensordot(self.basis.evaluate(np.asarray(p, dtype=float)[:, columns]), self.matrices, axes=1)
+        return self.storage.values(np.asarray(p, dtype=float))
 
     def stored(self, past: np.ndarray, p: np.ndarray) -> np.ndarray:
         """(N,) energy T·V [J for m/s and N] in pasts (N, n), in order y(k−1) − F₀ …, v(k−1), w(k−1) …, at p(k).

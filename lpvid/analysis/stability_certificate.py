@@ -11,7 +11,7 @@ from lpvid.analysis.divergence import Divergence
 from lpvid.codec import null
 from lpvid.lmi.bounds import recheck_decrease
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import StorageCertificate
+from lpvid.lmi.certificate_common import StorageCertificate, describe_box
 from lpvid.lmi.driven import Driven, Model, autonomous
 from lpvid.scheduling import Polynomial, Scheduling
 
@@ -98,16 +98,8 @@ class StabilityCertificate(StorageCertificate):
         """What the certificate states, in words."""
         if not self.verified:
             return "no statement about a moving scheduling variable"
-        where = ", ".join(_interval(*row) for row in zip(self.box.names, self.box.lower, self.box.upper,
-                                                         self.box.units, strict=True))
-        text = f"with zero input the state decays for every trajectory of {where}" if where else "the state decays"
-        if where and self.kind != "parameter-dependent":
-            text += ", however fast it moves"
-        elif where:
-            speeds = [f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
-                      for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True)]
-            text += " with " + ", ".join(speeds)
-        return text + self.where
+        covered = describe_box(self.box, self.kind)
+        return (f"with zero input the state decays{covered}" if covered else "the state decays") + self.where
 
     def subject(self, model: Model) -> Driven:
         return autonomous(model)
@@ -165,7 +157,3 @@ class Verification:
     def __str__(self) -> str:
         margin = f" (margin {self.margin:.3g})" if np.isfinite(self.margin) else ""
         return f"{'holds' if self.holds else 'does not hold'}: {self.why}{margin}"
-
-
-def _interval(name: str, low: float, high: float, unit: str) -> str:
-    return f"{name} in [{low:.6g}, {high:.6g}]" + (f" {unit}" if unit else "")

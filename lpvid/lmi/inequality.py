@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,10 +42,28 @@ class Pieces:
     later: np.ndarray
     sign: float = -1.0
 
-    @property
-    def moves(self) -> int:
-        """T."""
-        return self.later.shape[1]
+    @classmethod
+    def of(cls, system: Sequence[np.ndarray], p: np.ndarray, later: np.ndarray, sign: float = -1.0) -> Pieces:
+        """Of matrices at points.
+
+        Parameters
+        ----------
+        system : (A, B, C, D), each (N, …)
+            At the points.
+        p : (N, n, n) array
+            P there.
+        later : (N, T, n, n) array
+            P one sample later; in continuous time Ṗ.
+        sign : float
+            −1 for values; +1 for magnitudes.
+
+        Returns
+        -------
+        Pieces
+            With an axis for the moves.
+        """
+        a, b, c, d = (x[:, None] for x in system)
+        return cls(a, b, c, d, p[:, None], later, sign)
 
     def eye(self, n: int, value: float) -> np.ndarray:
         """(N, T, n, n) value·I.
@@ -126,8 +145,8 @@ class LyapunovInequality(ABC):
         """
         system, storage = self.system, self.storage
         later, later_size = (storage.later if system.sample_time is not None else storage.drift)(points, moves)
-        value = self.matrix(_pieces(system.matrices(points), storage.values(points), later, -1.0))
-        size = self.matrix(_pieces(system.magnitudes(points), storage.magnitudes(points), later_size, 1.0))
+        value = self.matrix(Pieces.of(system.matrices(points), storage.values(points), later, -1.0))
+        size = self.matrix(Pieces.of(system.magnitudes(points), storage.magnitudes(points), later_size, 1.0))
         value, size = scale @ value @ scale.T, np.abs(scale) @ size @ np.abs(scale.T)
         rounding = (6 * value.shape[-1] + 30) * EPS * float(size.sum(axis=-1).max(initial=0.0))
         return 0.5 * (value + value.swapaxes(2, 3)), rounding
@@ -147,13 +166,8 @@ class LyapunovInequality(ABC):
         """
         size, speed = self.storage.ceilings()
         later = size if self.system.sample_time is not None else speed
-        pieces = _pieces(self.system.ceilings(self.storage.box), size[None], later[None, None], 1.0)
+        pieces = Pieces.of(self.system.ceilings(self.storage.box), size[None], later[None, None], 1.0)
         return float((np.abs(scale) @ self.matrix(pieces) @ np.abs(scale.T)).sum(axis=-1).max(initial=0.0))
-
-
-def _pieces(system: tuple[np.ndarray, ...], p: np.ndarray, later: np.ndarray, sign: float) -> Pieces:
-    a, b, c, d = (x[:, None] for x in system)
-    return Pieces(a, b, c, d, p[:, None], later, sign)
 
 
 def root_of(storage: Storage) -> np.ndarray | None:

@@ -298,8 +298,7 @@ def _rate(i: int) -> str:
 
 def _at(problem: LyapunovInequality, point: np.ndarray, p: np.ndarray, later: np.ndarray) -> np.ndarray:
     """(q, m, m) the inequality at one point for q storage functions."""
-    a, b, c, d = (x[:, None] for x in problem.system.matrices(point))
-    return problem.matrix(Pieces(a, b, c, d, p[:, None], later[:, None]))[:, 0]
+    return problem.matrix(Pieces.of(problem.system.matrices(point), p, later[:, None]))[:, 0]
 
 
 def _combined(weights: np.ndarray, parts: np.ndarray) -> Affine:

@@ -251,12 +251,13 @@ class ComplianceModel(Coded, SelfScheduled):
         """
         return element.stiffness * self.sample_time / self.substeps
 
-    def _second(self, v: np.ndarray, phi: np.ndarray) -> np.ndarray:
-        """Force of the second element over the whole record, from its static law; zero where there is none."""
+    def _arrays_of_first(self, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`arrays`, the force of a second element, from its static law on, among the parallel force."""
+        v, phi, beside = self.arrays(u, p)
         out = np.zeros(len(v))
         if len(self.elements) > 1:
             self._settled(self.elements[1], v, phi, out)
-        return out
+        return v, phi, beside + out
 
     def _settled(self, element: Element, v: np.ndarray, phi: np.ndarray, out: np.ndarray) -> None:
         from lpvid._quasi_kernels import run_compliance
@@ -286,10 +287,8 @@ class ComplianceModel(Coded, SelfScheduled):
     def free_run(self, u: np.ndarray, p: np.ndarray, past: np.ndarray, limit: float) -> tuple[np.ndarray, int | None]:
         from lpvid._quasi_kernels import run_compliance
 
-        v, phi, beside = self.arrays(u, p)
-        beside = beside + self._second(v, phi)
-        first, begin = self.elements[0], self.start - 1
-        force = np.zeros(len(u))
+        v, phi, beside = self._arrays_of_first(u, p)
+        first, begin, force = self.elements[0], self.start - 1, np.zeros(len(u))
         force[begin] = past[-1] - beside[begin]
         run_compliance(first.law, self.knots, self.gain(first), phi, v, begin, self.substeps, force)
         y = force + beside
@@ -299,10 +298,8 @@ class ComplianceModel(Coded, SelfScheduled):
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
         from lpvid._quasi_kernels import ahead_compliance
 
-        v, phi, beside = self.arrays(u, p)
-        beside = beside + self._second(v, phi)
-        first, begin = self.elements[0], self.start - 1
-        force = np.zeros(len(u))
+        v, phi, beside = self._arrays_of_first(u, p)
+        first, begin, force = self.elements[0], self.start - 1, np.zeros(len(u))
         ahead_compliance(first.law, self.knots, self.gain(first), phi, v, begin, self.substeps, horizon, y - beside,
                          force)
         out = force + beside

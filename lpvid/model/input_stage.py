@@ -95,6 +95,16 @@ class InputStage(Coded, ABC):
             m of them.
         """
 
+    def _zoned(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
+        """The measured inputs with zones in place of the shaped one."""
+        shaped = list(inputs)
+        shaped[self.channel] = Signal(f"zones({inputs[self.channel].name})", inputs[self.channel].unit)
+        return tuple(shaped)
+
+    def _moving(self, p: np.ndarray) -> np.ndarray:
+        """(n,) the scheduling variable of the stage along `p`; zeros where nothing is scheduled."""
+        return p[:, self.variable] if p.shape[1] else np.zeros(len(p))
+
     @abstractmethod
     def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         """(n, m) filter inputs from measured inputs `u` (n, n_inputs) and scheduling `p` (n, n_scheduling).
@@ -243,7 +253,7 @@ class TanhStage(InputStage):
         return np.maximum(self.v0 + moving, 0.05 * self.v0)
 
     def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(u))
+        moving = self._moving(p)
         free = self.v0 + self.slope * moving
         scale = np.maximum(free, 0.05 * self.v0)
         bent = free >= 0.05 * self.v0
@@ -323,13 +333,11 @@ class ThreeZoneStage(InputStage):
                        lower=lower, lower_slope=lower_slope)
 
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
-        shaped = list(inputs)
-        shaped[self.channel] = Signal(f"zones({inputs[self.channel].name})", inputs[self.channel].unit)
-        return tuple(shaped)
+        return self._zoned(inputs)
 
     def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         v = u[:, self.channel]
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        moving = self._moving(p)
         high = self.knee(p)
         above = np.maximum(v - high, 0.0)
         below = np.minimum(v + high, 0.0)
@@ -340,12 +348,12 @@ class ThreeZoneStage(InputStage):
         return out
 
     def knee(self, p: np.ndarray) -> np.ndarray:
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(p))
+        moving = self._moving(p)
         return np.maximum(self.limit + self.limit_slope * moving, 0.02 * self.limit)
 
     def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         v = u[:, self.channel]
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        moving = self._moving(p)
         free = self.limit + self.limit_slope * moving
         high = np.maximum(free, 0.02 * self.limit)
         bent = free >= 0.02 * self.limit

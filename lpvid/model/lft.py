@@ -292,11 +292,7 @@ class LFTModel(Coded):
             a, b = held(a, b, _checks.positive(sample_time if sample_time else math.nan, "sample_time", "s"))
         x = np.zeros(self.order) if initial is None else _checks.shaped(np.asarray(initial, dtype=float),
                                                                         (self.order,), "initial")
-        out = np.empty((len(u), len(self.outputs)))
-        for k in range(len(u)):
-            out[k] = c[k] @ x + d[k] @ u[k]
-            x = a[k] @ x + b[k] @ u[k]
-        return out
+        return run_along((a, b, c, d), u, x)
 
     def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
         """The frozen model as a python-control `StateSpace`.
@@ -368,3 +364,28 @@ def held(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.nd
     whole[:, :n, :n], whole[:, :n, n:] = a * period, b * period
     moved = np.asarray(expm(whole)) if whole.size else whole
     return moved[:, :n, :n], moved[:, :n, n:]
+
+
+def run_along(system: Matrices, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(N, ny) output of a discrete system whose matrices are known at every sample.
+
+    Parameters
+    ----------
+    system : (A, B, C, D), each (N, …)
+        One for each sample.
+    u : (N, nu) array
+        Inputs.
+    x : (n,) array
+        State at the first sample.
+
+    Returns
+    -------
+    (N, ny) array
+        Sample by sample.
+    """
+    a, b, c, d = system
+    out = np.empty((len(u), c.shape[1]))
+    for k in range(len(u)):
+        out[k] = c[k] @ x + d[k] @ u[k]
+        x = a[k] @ x + b[k] @ u[k]
+    return out

@@ -76,14 +76,12 @@ class ZoneLines(InputStage):
         return replace(self, **parts)
 
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
-        shaped = list(inputs)
-        shaped[self.channel] = Signal(f"zones({inputs[self.channel].name})", inputs[self.channel].unit)
-        return tuple(shaped)
+        return self._zoned(inputs)
 
     def _zones(self, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """v, the zone of every sample (−1, 0, 1), and the lines' values over p, m_2 kept from changing its sign."""
         v = u[:, self.channel]
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        moving = self._moving(p)
         lines = {n: np.polynomial.polynomial.polyval(moving, getattr(self, n)) for n in ("limit", *self.LINES)}
         high = np.maximum(lines["limit"], 0.0)
         sign = np.sign(self.middle[0]) or 1.0
@@ -100,12 +98,12 @@ class ZoneLines(InputStage):
         return out
 
     def knee(self, p: np.ndarray) -> np.ndarray:
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(p))
+        moving = self._moving(p)
         return np.maximum(np.polynomial.polynomial.polyval(moving, self.limit), 0.0)
 
     def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         v, zone, lines = self._zones(u, p)
-        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        moving = self._moving(p)
         by = {n: np.zeros(v.size) for n in self.LINES}
         for side, name in ((-1, "lower"), (1, "upper")):
             here = zone == side

@@ -109,8 +109,10 @@ class Polynomial(Basis):
         return self._powers(self._normalised(p), lowered) * factor
 
     def bound(self, box: Scheduling) -> Polynomial:
-        centre, half = _normalisation(self.names, box)
-        return replace(self, centre=centre, half_width=half)
+        index = [box.names.index(_checks.known_name(n, box.names, "scheduling variable")) for n in self.names]
+        half = box.half_width[index]
+        return replace(self, centre=tuple(box.centre[index].tolist()),
+                       half_width=tuple(np.where(half > 0, half, 1.0).tolist()))
 
     def change_to(self, other: Polynomial) -> np.ndarray:
         """(M, M) matrix G of another normalisation of these monomials: ``other.evaluate(p) = self.evaluate(p) @ G``.
@@ -174,12 +176,6 @@ class Polynomial(Basis):
 
     def piece_degree(self, moving: Collection[str]) -> int | None:
         return self.degree if any(n in moving for n in self.names) else 0
-
-
-def _normalisation(names: tuple[str, ...], box: Scheduling) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    index = [box.names.index(_checks.known_name(n, box.names, "scheduling variable")) for n in names]
-    half = box.half_width[index]
-    return tuple(box.centre[index].tolist()), tuple(np.where(half > 0, half, 1.0).tolist())
 
 
 def _exponents(variables: int, total: int) -> list[tuple[int, ...]]:

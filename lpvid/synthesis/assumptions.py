@@ -107,18 +107,15 @@ def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, 
     for k in range(len(at.A)):
         where = _where(plant.box, points[k])
         p = at.point(k)
-        for a, b, verdict in ((p.A, p.B2, "unstabilisable"), (p.A.T, p.C2.T, "undetectable")):
+        controls, sensors = ", ".join(plant.controls), ", ".join(plant.measurements)
+        for a, b, verdict, text, remedy in (
+                (p.A, p.B2, "unstabilisable", f"no control ({controls}) reaches", "an actuator that moves"),
+                (p.A.T, p.C2.T, "undetectable", f"no measurement ({sensors}) shows", "a sensor that sees")):
             pole = _out_of_reach(a, b, discrete)
-            if pole is None:
-                continue
-            controls, sensors = ", ".join(plant.controls), ", ".join(plant.measurements)
-            if verdict == "unstabilisable":
-                return Fault(verdict, f"{where}no control ({controls}) reaches the mode with pole {_say(pole)}, which "
-                             "does not decay", "add an actuator that moves it; if it belongs to a weight, make the "
-                             "weight stable (a slow pole in place of an integrator)")
-            return Fault(verdict, f"{where}no measurement ({sensors}) shows the mode with pole {_say(pole)}, which "
-                         "does not decay", "add a sensor that sees it; if it belongs to a weight, make the weight "
-                         "stable (a slow pole in place of an integrator)")
+            if pole is not None:
+                return Fault(verdict, f"{where}{text} the mode with pole {_say(pole)}, which does not decay",
+                             f"add {remedy} it; if it belongs to a weight, make the weight stable (a slow pole in "
+                             "place of an integrator)")
     return None
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid.analysis.frozen_norms import to_continuous
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.scaling import Matrices
 
@@ -31,33 +32,6 @@ def sign_for(a: np.ndarray) -> float:
     return 1.0 if worst[0] >= 1e-3 * worst[1] else -1.0
 
 
-def to_continuous(system: Matrices, sign: float) -> Matrices:
-    """A, B, C, D (N, …) of the continuous system.
-
-    Parameters
-    ----------
-    system : (A, B, C, D), each (N, …)
-        Discrete.
-    sign : float
-        1 or −1, as `sign_for` chooses it.
-
-    Returns
-    -------
-    (A, B, C, D), each (N, …)
-        Continuous, with the same gains at each point.
-
-    Examples
-    --------
-    >>> lag = tuple(np.array([[[x]]]) for x in (0.5, 1.0, 1.0, 0.0))
-    >>> [float(m[0, 0, 0].round(4)) for m in to_discrete(to_continuous(lag, 1.0), 1.0)]
-    [0.5, 1.0, 1.0, 0.0]
-    """
-    a, b, c, d = system
-    eye = sign * np.eye(a.shape[1])
-    inverse = np.linalg.inv(a + eye)
-    return inverse @ (a - eye), sign * np.sqrt(2) * inverse @ b, np.sqrt(2) * c @ inverse, d - c @ inverse @ b
-
-
 def to_discrete(system: Matrices, sign: float) -> Matrices:
     """Inverse of `to_continuous`.
 
@@ -72,6 +46,12 @@ def to_discrete(system: Matrices, sign: float) -> Matrices:
     -------
     (A, B, C, D), each (N, …)
         Discrete.
+
+    Examples
+    --------
+    >>> lag = tuple(np.array([[[x]]]) for x in (0.5, 1.0, 1.0, 0.0))
+    >>> [float(m[0, 0, 0].round(4)) for m in to_discrete(to_continuous(lag, 1.0), 1.0)]
+    [0.5, 1.0, 1.0, 0.0]
     """
     a, b, c, d = system
     inverse = np.linalg.inv(np.eye(a.shape[1]) - a)

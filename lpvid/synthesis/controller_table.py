@@ -6,6 +6,7 @@ from functools import reduce
 
 import numpy as np
 
+from lpvid.lmi.certificate import grid
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.controller_formula import FeedbackLaw
@@ -90,8 +91,7 @@ def dense(box: Scheduling, cells: int) -> np.ndarray:
     (N, n_scheduling) array
         In the units of the box; ends included.
     """
-    return tensor(tuple(np.linspace(low, high, cells + 1) if high > low else np.array([low])
-                        for low, high in zip(box.lower, box.upper, strict=True)))
+    return grid(box, cells + 1)
 
 
 def rated_box(box: Scheduling, moving: tuple[str, ...]) -> Scheduling:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from lpvid import _checks
+from lpvid.analysis.frozen import pole_margins
 from lpvid.errors import InputError
 from lpvid.lmi.affine import block, he
 from lpvid.lmi.program import Program
@@ -119,26 +120,22 @@ def _injection(c_of: MatrixFunction, a: np.ndarray, b: np.ndarray, c: np.ndarray
             y = solve_discrete_are(mean_a.T, mean_c.T, q, np.eye(len(mean_c)))
             gain = -np.linalg.solve(np.eye(len(mean_c)) + mean_c @ y @ mean_c.T, mean_c @ y @ mean_a.T).T
             law = MatrixFunction.constant(gain)
-            found = [np.broadcast_to(gain, (len(a), *gain.shape))]
+            found = np.broadcast_to(gain, (len(a), *gain.shape))
         else:
             y = solve_continuous_are(mean_a.T, mean_c.T, q, np.eye(len(mean_c)))
-            law, found = _transposed(c_of, -y), [-y @ c.swapaxes(1, 2)]
-        if _stable(a + found[0] @ c, discrete):
+            law, found = _transposed(c_of, -y), -y @ c.swapaxes(1, 2)
+        if pole_margins(a + found @ c, discrete).max() < 0:
             return law
     except (np.linalg.LinAlgError, ValueError):
         pass
     y = None if discrete else _common(a, b, c)
-    return None if y is None or not _stable(a - y @ c.swapaxes(1, 2) @ c, discrete) else _transposed(c_of, -y)
+    stable = y is not None and pole_margins(a - y @ c.swapaxes(1, 2) @ c, discrete).max() < 0
+    return _transposed(c_of, -y) if y is not None and stable else None
 
 
 def _transposed(c: MatrixFunction, left: np.ndarray) -> MatrixFunction:
     """left · C(p)ᵀ."""
     return MatrixFunction(c.basis, left @ c.coefficients.swapaxes(1, 2))
-
-
-def _stable(a: np.ndarray, discrete: bool) -> bool:
-    poles = np.linalg.eigvals(a) if a.shape[1] else np.zeros((1, 1)) - (not discrete)
-    return bool((np.abs(poles) < 1).all() if discrete else (poles.real < 0).all())
 
 
 def _common(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray | None:

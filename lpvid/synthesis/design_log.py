@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.analysis.frozen_norms import h_infinity_norm
+from lpvid.analysis.frozen_norms import h_infinity_norm, response_at
 from lpvid.model.state_space import LPVStateSpace
 
 MOST = 9
@@ -123,13 +123,12 @@ def limiting(found: tuple[Limit, ...], level: float | None) -> str:
 
 
 def _at(loop: LPVStateSpace, point: np.ndarray) -> Limit:
-    a, b, c, d = loop.frozen(point)
-    _, omega = h_infinity_norm((a, b, c, d), loop.is_discrete)
+    system = loop.frozen(point)
+    _, omega = h_infinity_norm(system, loop.is_discrete)
     if math.isinf(omega):
-        response = d.astype(complex)
+        response = system[3].astype(complex)
     else:
-        z = np.exp(1j * omega) if loop.is_discrete else 1j * omega
-        response = c @ np.linalg.solve(z * np.eye(len(a)) - a, b) + d if len(a) else d.astype(complex)
+        response = response_at(system, np.exp(1j * omega) if loop.is_discrete else 1j * omega)
     u, s, vt = np.linalg.svd(response)
     hertz = omega / (2 * math.pi) / (loop.sample_time or 1.0)
     box = loop.box

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import tensor
+from lpvid.model.lft import run_along
 from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.scheduling.algebra import common
@@ -283,20 +284,11 @@ def _run_error(continuous: LPVStateSpace, discrete: LPVStateSpace, period: float
     """Relative rms distance of the outputs, the continuous system integrated exactly with u and p held."""
     p, u = comparison_signals(continuous.box, len(continuous.inputs))
     u = np.hstack([u, np.ones((SAMPLES, 1))])
-    exact = _run(ZeroOrderHold().sample(_frozen(continuous, p), period), u)
-    got = _run(_frozen(discrete, p), u)
+    rest = np.zeros(continuous.order)
     with np.errstate(over="ignore", invalid="ignore"):
+        exact = run_along(ZeroOrderHold().sample(_frozen(continuous, p), period), u, rest)
+        got = run_along(_frozen(discrete, p), u, rest)
         size, gap = float(np.sqrt(np.mean(exact**2))), float(np.sqrt(np.mean((got - exact) ** 2)))
     if not math.isfinite(gap) or not math.isfinite(size):
         return math.inf
     return gap / size if size else gap
-
-
-def _run(system: Matrices, u: np.ndarray) -> np.ndarray:
-    a, b, c, d = system
-    x, out = np.zeros(a.shape[1]), np.empty((len(u), c.shape[1]))
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(len(u)):
-            out[k] = c[k] @ x + d[k] @ u[k]
-            x = a[k] @ x + b[k] @ u[k]
-    return out

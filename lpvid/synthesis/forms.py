@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import reduce
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from lpvid.errors import InputError
 from lpvid.lmi.certificate import tensor
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
-from lpvid.scheduling.algebra import ONE
+from lpvid.scheduling import Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis._form_parts import (
     Conversion,
     Model,
@@ -24,6 +22,7 @@ from lpvid.synthesis._form_parts import (
     values,
 )
 from lpvid.synthesis._horner import fractional
+from lpvid.synthesis.design_grid import interpolating
 from lpvid.synthesis.generalized_plant import refuse_offsets
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 
@@ -241,9 +240,8 @@ def _axes(box: Scheduling, points: int | Mapping[str, Sequence[float]]) -> dict[
 
 
 def _interpolated(model: Model, axes: Mapping[str, np.ndarray]) -> LPVStateSpace:
-    factors: list[Basis] = [Spline(n, len(x) - 1, 1, tuple(x.tolist())) for n, x in axes.items()]
-    basis = reduce(Product, factors) if factors else ONE
-    return rebuilt(MatrixFunction(basis, values(model, tensor(list(axes.values())))), model)
+    table = values(model, tensor(list(axes.values())))
+    return rebuilt(MatrixFunction(interpolating(model.box, tuple(axes.values())), table), model)
 
 
 def multi_affine(model: Model) -> bool:

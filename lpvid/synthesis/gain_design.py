@@ -31,7 +31,21 @@ P = TypeVar("P", bound="GainProblem")
 
 @dataclass(frozen=True, eq=False)
 class GainProblem(ShapedProblem):
-    """One plant with an unknown gain over the scheduling beside a Lyapunov matrix."""
+    """One plant with an unknown gain over the scheduling beside a Lyapunov matrix.
+
+    Parameters
+    ----------
+    plant, criteria, regions, back_off
+        As in `ShapedProblem`.
+    lyapunov, gain : Basis
+        Functions of the Lyapunov matrix and of the gain, bound to the plant's box.
+    axes : tuple of arrays
+        Grid values of each scheduling variable.
+    coordinates : SignalCoordinates
+        In which the program is stated.
+    matrices : PlantMatrices
+        The scaled plant at the points of the grid.
+    """
 
     lyapunov: Basis
     gain: Basis
@@ -61,7 +75,23 @@ class GainProblem(ShapedProblem):
 
 @dataclass(frozen=True, eq=False)
 class GainDesign(ABC):
-    """Settings of a design with one unknown gain."""
+    """Settings of a design with one unknown gain.
+
+    Parameters
+    ----------
+    criteria : HInfinity, H2, GeneralizedH2 or a sequence of them
+        What to bound; those without a bound of their own are minimised.
+    regions : Region or sequence of Region
+        Where frozen poles must lie.
+    lyapunov : Basis, optional
+        Functions of the Lyapunov matrix; left out, one matrix, for arbitrarily fast scheduling.
+    gain : Basis, optional
+        Functions of the unknown gain; left out, the plant's own, or of degree higher by one beside a matrix that moves.
+    points : int
+        Grid points per scheduling variable, where corners are not enough.
+    back_off : float
+        Factor above the lowest level.
+    """
 
     criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
     regions: Region | Sequence[Region] = ()

@@ -295,9 +295,9 @@ def _best(d21: np.ndarray, d: np.ndarray, gamma: float, noise: np.ndarray, right
     """First rows of the solution of [E/γ D21 0; D21ᵀ −γ Dᵀ; 0 D −γ] x = right, E = `noise`."""
     count, ny = d21.shape[:2]
     zero = np.zeros((count, ny, d.shape[1]))
-    right_side = np.concatenate([d21, zero], axis=2)
-    left = np.block([[np.broadcast_to(noise / gamma, (count, ny, ny)), right_side],
-                     [right_side.swapaxes(1, 2), -_supply(d, gamma)]])
+    beside = np.concatenate([d21, zero], axis=2)
+    left = np.block([[np.broadcast_to(noise / gamma, (count, ny, ny)), beside],
+                     [beside.swapaxes(1, 2), -_supply(d, gamma)]])
     return np.linalg.solve(left, right)[:, : d21.shape[1]]
 
 

@@ -20,6 +20,7 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Scheduling
 from lpvid.synthesis.design_grid import interpolating, tensor
+from lpvid.synthesis.weights import as_it_stands
 
 if TYPE_CHECKING:
     import control
@@ -219,12 +220,7 @@ def _plain(system: Any) -> tuple[tuple[np.ndarray, ...], float | None, tuple[tup
 
     if not isinstance(system, control.StateSpace | control.TransferFunction):
         raise InputError("the function must give a python-control system or (A, B, C, D)", got=type(system).__name__)
-    s: Any = control.ss(system)
-    if s.dt is True:
-        raise InputError("a discrete system without a sampling period", got="dt=True", mend="give it its dt in seconds")
-    matrices = tuple(np.asarray(m, dtype=float) for m in (s.A, s.B, s.C, s.D))
-    named = tuple(tuple(Signal(n) for n in labels) for labels in (s.input_labels, s.output_labels))
-    return matrices, float(s.dt) if s.dt else None, named  # type: ignore[return-value]
+    return _plain(as_it_stands(system))
 
 
 def _refined(asked: _Asked, axes: list[np.ndarray], tolerance: float) -> tuple[list[np.ndarray], float]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import schur, solve_continuous_are, solve_discrete_are
 
+from lpvid.analysis.frozen_norms import response_at
 from lpvid.errors import InputError, NumericalError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.controller_structures import Attached, LowOrder, ObserverBased, Structure
@@ -65,8 +66,8 @@ def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, 
         left, right = [], []
         for s in z:
             y = _measured(at.point(i), own, s)
-            wanted = _response(own, s) @ y
-            reading = _response((ja, jb[:, :ny], jc[nu:], jd[nu:, :ny]), s) @ y
+            wanted = response_at(own, s) @ y
+            reading = response_at((ja, jb[:, :ny], jc[nu:], jd[nu:, :ny]), s) @ y
             left.append(np.hstack([np.real(wanted), np.imag(wanted)]))
             right.append(np.hstack([np.real(reading), np.imag(reading)]))
         wanted, reading = np.hstack(left), np.hstack(right)
@@ -221,14 +222,9 @@ def _slowest(controller: Matrices, order: int) -> Matrices | None:
 
 def _measured(m: PlantMatrices, k: Matrices, s: complex) -> np.ndarray:
     """(n_y, n_w) response from disturbances to measurements of a loop."""
-    y = _response((m.A, m.B1, m.C2, m.D21), s)
-    loop = _response((m.A, m.B2, m.C2, m.D22), s)
-    return np.linalg.solve(np.eye(len(y)) - loop @ _response(k, s), y)
-
-
-def _response(system: Matrices | tuple[np.ndarray, ...], s: complex) -> np.ndarray:
-    a, b, c, d = system
-    return c @ np.linalg.solve(s * np.eye(len(a)) - a, b.astype(complex)) + d if len(a) else d.astype(complex)
+    y = response_at((m.A, m.B1, m.C2, m.D21), s)
+    loop = response_at((m.A, m.B2, m.C2, m.D22), s)
+    return np.linalg.solve(np.eye(len(y)) - loop @ response_at(k, s), y)
 
 
 def _definite(matrix: np.ndarray) -> np.ndarray:

@@ -362,17 +362,40 @@ def from_lti(system: control.StateSpace | control.TransferFunction, inputs: Sequ
     >>> from_lti(control.tf([9.6785, 0.029035, 0, 0], [1, 12064, 1.136e7, 1.0661e10])).order
     3
     """
-    import control
-
     from lpvid.synthesis.reduction import balanced_realization
 
+    return balanced_realization(as_it_stands(system, inputs, outputs))
+
+
+def as_it_stands(system: control.StateSpace | control.TransferFunction, inputs: Sequence[str] = (),
+                 outputs: Sequence[str] = ()) -> LPVStateSpace:
+    """A python-control system as a block, in the realisation that python-control has of it.
+
+    Parameters
+    ----------
+    system : control.StateSpace or control.TransferFunction
+        Time-invariant.
+    inputs, outputs : sequence of str
+        Names of its signals; left out, its own.
+
+    Returns
+    -------
+    LPVStateSpace
+        Without scheduling.
+
+    Raises
+    ------
+    InputError
+        A discrete system without a sampling period (dt=True).
+    """
+    import control
+
     s: control.StateSpace = control.ss(system)  # type: ignore[assignment]
-    names = tuple(inputs) or tuple(s.input_labels), tuple(outputs) or tuple(s.output_labels)
     if s.dt is True:
         raise InputError("a discrete system without a sampling period", got="dt=True", mend="give it its dt in seconds")
-    plain = LPVStateSpace.still(s.A, s.B, s.C, s.D, float(s.dt) if s.dt else None,
-                                inputs=tuple(Signal(n) for n in names[0]), outputs=tuple(Signal(n) for n in names[1]))
-    return balanced_realization(plain)
+    return LPVStateSpace.still(s.A, s.B, s.C, s.D, float(s.dt) if s.dt else None,
+                               inputs=tuple(Signal(n) for n in tuple(inputs) or s.input_labels),
+                               outputs=tuple(Signal(n) for n in tuple(outputs) or s.output_labels))
 
 
 def _first(dc: float, corner: float, high: float) -> LPVStateSpace:
