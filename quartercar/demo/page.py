@@ -29,11 +29,11 @@ def demo_page(demo: Demo) -> Page:
     from lpvid.report.stability import stability_page
     from lpvid.toolkit import in_forks
 
-    parts: tuple[Callable[[], Any], ...] = (
+    parts = (
         demo.ride.section, lambda: stability_page(demo.study, "the damper model"),
         lambda: identification_page(demo.found, (), demo.gaps, demo.audit),
         lambda: (passivity_section(demo.found), _experiments_figure(demo)))
-    ride, stability, model, (passivity, experiments) = in_forks(lambda draw: draw(), parts)  # the longest first
+    ride, stability, model, (passivity, experiments) = in_forks(_drawn, parts)  # the longest first
     parameters = [s for s in model.sections if s.title in ("Where the error lies", "What is left in the residuals",
                                                            "Parameters", "Remarks")]
     sections = (
@@ -56,6 +56,10 @@ def demo_page(demo: Demo) -> Page:
     return Page("From rig records to an LPV damper model", demo.verdict,
                 "good" if demo.mean_esr is not None and demo.mean_esr < TARGET else "warn", _facts(demo),
                 (*model.caveats[:1], *stability.caveats), sections, _STEPS)
+
+
+def _drawn(draw: Callable[[], Any]) -> Any:
+    return draw()
 
 
 _STEPS = (
