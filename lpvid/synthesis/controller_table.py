@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
@@ -50,15 +52,19 @@ def table(formula: FeedbackLaw, axes: tuple[np.ndarray, ...], polynomial: bool) 
     return _written(formula, interpolating(box, axes), np.eye(len(points)), k, slopes)
 
 
-def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
+def smooth(formula: FeedbackLaw, segments: int, linear: Mapping[str, np.ndarray]) -> LPVStateSpace:
     """The controller with cubic splines of so many segments of each variable, fitted by least squares.
+
+    Along some variables it is linear between given values, at which it is fitted.
 
     Parameters
     ----------
     formula : FeedbackLaw
         The controller for every p; its box has width in some variable.
     segments : int
-        Of every variable with width; the fit takes three cells to each.
+        Of every other variable with width; the fit takes three cells to each.
+    linear : mapping of name to array
+        Rising values of variables.
 
     Returns
     -------
@@ -69,15 +75,16 @@ def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
     basis: Basis | None = None
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
         if high > low:
-            factor = Spline(name, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
+            knots = linear.get(name, np.linspace(low, high, segments + 1))
+            factor = Spline(name, len(knots) - 1, 1 if name in linear else 3, tuple(knots.tolist()))
             basis = factor if basis is None else Product(basis, factor)
     assert basis is not None
-    points = dense(box, 3 * segments)
+    points = dense(box, 3 * segments, linear)
     k, slopes = formula.at(points)
     return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)
 
 
-def dense(box: Scheduling, cells: int) -> np.ndarray:
+def dense(box: Scheduling, cells: int, given: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
     """(N, n_scheduling) tensor grid with so many cells along every variable that has width.
 
     Parameters
@@ -86,14 +93,17 @@ def dense(box: Scheduling, cells: int) -> np.ndarray:
         Ranges of the variables.
     cells : int
         At least 1.
+    given : mapping of name to array, optional
+        Values of some variables, in place of those.
 
     Returns
     -------
     (N, n_scheduling) array
         In the units of the box; ends included.
     """
-    return tensor(tuple(np.linspace(low, high, cells + 1) if high > low else np.array([low])
-                        for low, high in zip(box.lower, box.upper, strict=True)))
+    return tensor(tuple(given[name] if given and name in given
+                        else np.linspace(low, high, cells + 1) if high > low else np.array([low])
+                        for name, low, high in zip(box.names, box.lower, box.upper, strict=True)))
 
 
 def rated_box(box: Scheduling, moving: tuple[str, ...]) -> Scheduling:
