@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.lmi.readings import readings_of
 from lpvid.scheduling import Basis, Polynomial, Product, Spline
+from lpvid.scheduling.reading import Reading
 from lpvid.synthesis.bilinear import around_feedthrough, plant_to_continuous, sign_for, to_discrete
 from lpvid.synthesis.design_grid import design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.scaling import Matrices, Units
+
+WAVE = 9
+"""values between two knots at which a trigonometric dependence is looked at"""
+MOST = 20_000
+"""Points at which a plant is looked at for variables along which it is linear: a second's worth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +117,54 @@ def corners_suffice(plant: GeneralizedPlant) -> bool:
         return False
     at = plant.at(tensor(convex_axes(plant)))
     return not at.D22.any() and not any(varies(m) for m in (at.B2, at.D12, at.C2, at.D21))
+
+
+def linear_axes(plant: GeneralizedPlant, moving: Basis | None) -> dict[str, np.ndarray]:
+    """Variables along which values at a few points stand for all between them, with these values.
+
+    X and Y do not depend on them, the plant is linear in each between its knots, and what multiplies the controller
+    does not vary with them: for fixed values of the other variables the loop with a controller that is linear between
+    the same points is a convex combination of the loops there, and its inequality one of theirs.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        Its matrices and its box.
+    moving : Basis or None
+        Functions of X and Y.
+
+    Returns
+    -------
+    dict of name to array
+        Rising values, those of `convex_axes`.
+    """
+    box, axes = plant.box, dict(zip(plant.box.names, convex_axes(plant), strict=True))
+    free = [n for n in box.names if len(axes[n]) > 1 and n not in (moving.names if moving is not None else ())]
+    looked = dict(axes)
+    for reading in readings_of(plant.system.basis):
+        if reading.name in free and (reading.degree > 1 or reading.frequency or reading.lag):
+            free.remove(reading.name)
+        if len(axes[reading.name]) > 1:
+            looked[reading.name] = _sampled(reading, axes[reading.name])
+    if not free or np.prod([len(a) for a in looked.values()]) > MOST:
+        return {}
+    inside = tensor(tuple(looked.values()))
+    at, found = plant.at(inside), {}
+    if at.D22.any():
+        return {}
+    for name in free:
+        others = np.delete(inside, box.names.index(name), axis=1)
+        groups = np.unique(others, axis=0, return_inverse=True)[1].ravel()
+        if not any(varies(m[groups == g]) for m in (at.B2, at.D12, at.C2, at.D21) for g in range(groups.max() + 1)):
+            found[name] = axes[name]
+    return found
+
+
+def _sampled(reading: Reading, axis: np.ndarray) -> np.ndarray:
+    """Values at which a function that is zero there is zero: one more than its degree between every two knots."""
+    edges = np.unique([axis[0], *(b for b in reading.breaks if axis[0] < b < axis[-1]), axis[-1]])
+    many = WAVE if reading.frequency else reading.degree + 1
+    return np.union1d(axis, np.concatenate([np.linspace(a, b, max(many, 2)) for a, b in itertools.pairwise(edges)]))
 
 
 def varying_signals(plant: GeneralizedPlant) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import reduce
 
 import numpy as np
 
-from lpvid.lmi.certificate import grid
+from lpvid.lmi.certificate import grid, tensor
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.controller_formula import FeedbackLaw
-from lpvid.synthesis.design_grid import columns, interpolating, tensor
+from lpvid.synthesis.design_grid import columns, interpolating
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop_at
 from lpvid.synthesis.loop_check import gain_bounds
@@ -53,15 +54,19 @@ def table(formula: FeedbackLaw, axes: tuple[np.ndarray, ...], polynomial: bool) 
     return _written(formula, interpolating(box, axes), np.eye(len(points)), k, slopes)
 
 
-def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
+def smooth(formula: FeedbackLaw, segments: int, linear: Mapping[str, np.ndarray]) -> LPVStateSpace:
     """The controller with cubic splines of so many segments of each variable, fitted by least squares.
+
+    Along some variables it is linear between given values, at which it is fitted.
 
     Parameters
     ----------
     formula : FeedbackLaw
         The controller for every p; its box has width in some variable.
     segments : int
-        Of every variable with width; the fit takes three cells to each.
+        Of every other variable with width; the fit takes three cells to each.
+    linear : mapping of name to array
+        Rising values of variables.
 
     Returns
     -------
@@ -69,14 +74,16 @@ def smooth(formula: FeedbackLaw, segments: int) -> LPVStateSpace:
         Near the formula, not equal to it: its bound must be checked.
     """
     box = formula.plant.plant.box
-    basis: Basis = reduce(Product, (Spline(n, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
-                                    for n, (low, high) in box.limits.items() if high > low))
-    points = dense(box, 3 * segments)
+    knots = {n: linear.get(n, np.linspace(low, high, segments + 1))
+             for n, (low, high) in box.limits.items() if high > low}
+    basis: Basis = reduce(Product, (Spline(n, at.size - 1, 1 if n in linear else 3, tuple(at.tolist()))
+                                    for n, at in knots.items()))
+    points = dense(box, 3 * segments, linear)
     k, slopes = formula.at(points)
     return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)
 
 
-def dense(box: Scheduling, cells: int) -> np.ndarray:
+def dense(box: Scheduling, cells: int, given: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
     """(N, n_scheduling) tensor grid with so many cells along every variable that has width.
 
     Parameters
@@ -85,13 +92,17 @@ def dense(box: Scheduling, cells: int) -> np.ndarray:
         Ranges of the variables.
     cells : int
         At least 1.
+    given : mapping of name to array, optional
+        Values of some variables, in place of those.
 
     Returns
     -------
     (N, n_scheduling) array
         In the units of the box; ends included.
     """
-    return grid(box, cells + 1)
+    return tensor(tuple(given[name] if given and name in given
+                        else np.linspace(low, high, cells + 1) if high > low else np.array([low])
+                        for name, low, high in zip(box.names, box.lower, box.upper, strict=True)))
 
 
 def rated_box(box: Scheduling, moving: tuple[str, ...]) -> Scheduling:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import reduce
 
@@ -26,7 +26,8 @@ ROUNDING = 4096 * np.finfo(float).eps
 """share of a block's largest entry: what a regression of a few thousand operations leaves of a gain that is constant"""
 
 
-def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray, ...]:
+def design_axes(box: Scheduling, points: int, affine: bool, given: Mapping[str, np.ndarray] | None = None
+                ) -> tuple[np.ndarray, ...]:
     """Values of each scheduling variable: the ends where inequalities are affine in it, `points` of them elsewhere.
 
     Parameters
@@ -37,6 +38,8 @@ def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray,
         Values of each variable, at least 2, where inequalities are not affine.
     affine : bool
         The ends are enough.
+    given : mapping of name to array, optional
+        Values of some variables, in place of those.
 
     Returns
     -------
@@ -49,8 +52,9 @@ def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray,
         More than `MOST_POINTS` combinations.
     """
     count = 2 if affine else _checks.count(points, "points of a design grid", at_least=2)
-    axes = tuple(np.unique([low, high]) if low == high or affine else np.linspace(low, high, count)
-                 for low, high in zip(box.lower, box.upper, strict=True))
+    axes = tuple(given[name] if given and name in given else np.unique([low, high]) if low == high or affine
+                 else np.linspace(low, high, count)
+                 for name, low, high in zip(box.names, box.lower, box.upper, strict=True))
     total = int(np.prod([len(a) for a in axes], initial=1))
     if total > MOST_POINTS:
         raise InputError(f"the grid of {', '.join(box.names)} has {total} points", why=f"the limit is {MOST_POINTS}",

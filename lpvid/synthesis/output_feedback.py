@@ -142,7 +142,9 @@ class OutputFeedback:
         if self.lyapunov is None:
             return FeedbackGrid.constant(plant, self.points)
         check_rates(self.lyapunov, plant.box, plant.sample_time)
-        return FeedbackGrid(design_axes(plant.box, self.points, False))
+        if plant.sample_time is not None:
+            return FeedbackGrid(design_axes(plant.box, self.points, False))
+        return FeedbackGrid.moving(plant, self.lyapunov, self.points)
 
     def _shaped(self, plant: GeneralizedPlant, notes: tuple[str, ...], started: float) -> Synthesis:
         """Pole regions, and no feedthrough in discrete time, need the change of variables."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,6 +68,8 @@ class FeedbackProblem:
     extra : (·, n_scheduling) array
         Further points at which the inequalities are imposed.
     solvers : tuple of str
+    linear : mapping of name to array
+        Variables along which the values given, those of `axes`, stand for all between them (`linear_axes`).
     """
 
     plant: BalancedPlant
@@ -77,11 +79,36 @@ class FeedbackProblem:
     strictly_proper: bool
     extra: np.ndarray
     solvers: tuple[str, ...] = SOLVERS
+    linear: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) design points."""
         return np.vstack([tensor(self.axes), self.extra])
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Variables with width along which all values must be looked at."""
+        box = self.plant.plant.box
+        return tuple(n for n, a in zip(box.names, self.axes, strict=True) if len(a) > 1 and n not in self.linear)
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Numbers of splines in each free variable that are tried."""
+        return SEGMENTS[min(max(len(self.free), 1), 3)]
+
+    def dense(self, cells: int) -> np.ndarray:
+        """(N, n_scheduling) points, so many cells along every free variable.
+
+        Parameters
+        ----------
+        cells : int
+
+        Returns
+        -------
+        (N, n_scheduling) array
+        """
+        return dense(self.plant.plant.box, cells, self.linear)
 
     @property
     def projected(self) -> ProjectedInequalities:
@@ -378,7 +405,7 @@ def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
     if problem.corners or len(problem.extra) >= MORE or not bounds_at(formula, problem.points).max() <= target:
         return problem.extra[:0]
     box = problem.plant.plant.box
-    points = dense(box, 4 * SEGMENTS[min(_width(problem), 3)][0])
+    points = problem.dense(4 * problem.segments[0])
     bounds = bounds_at(formula, points)
     scale, chosen = np.where(box.half_width > 0, box.half_width, 1.0), np.empty((0, len(box.names)))
     for k in np.argsort(-bounds, kind="stable"):
@@ -392,29 +419,31 @@ def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
 def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None = None
           ) -> tuple[LPVStateSpace, float] | None:
     """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
-    target, box = target or formula.gamma * (1 + SLACK), problem.plant.plant.box
+    target = target or formula.gamma * (1 + SLACK)
     if problem.corners:
         controller = table(formula, problem.axes, True)
         bound = float(bounds_at(formula, problem.points, controller).max())
         return (controller, bound) if bound <= target else None
-    for segments in SEGMENTS[min(_width(problem), 3)]:
-        points = np.vstack([problem.points, dense(box, 4 * segments)])
+    for segments in problem.segments:
+        points = np.vstack([problem.points, problem.dense(4 * segments)])
         if not bounds_at(formula, points).max() <= target:
             return None
-        controller = smooth(formula, segments)
+        controller = smooth(formula, segments, problem.linear)
+        if not bounds_at(formula, problem.points, controller).max() <= target:  # before a hundred times as many
+            continue
         bound = float(bounds_at(formula, points, controller).max())
         if bound <= target:
             return controller, bound
-    return _adapted(problem, formula, target) if _width(problem) == 1 else None
+    return _adapted(problem, formula, target) if len(problem.free) == 1 else None
 
 
 def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> tuple[LPVStateSpace, float] | None:
-    """A table of the controller over the one variable that moves, halved wherever the loop loses the bound.
+    """A table of the controller over the one free variable, halved wherever the loop loses the bound.
 
     For plants that are tables themselves, whose slope jumps, and for controllers that change fast at an end of the box.
     """
     plant = problem.plant.plant
-    axes, moving = list(convex_axes(plant)), int(np.argmax(plant.box.half_width))
+    axes, moving = list(convex_axes(plant)), plant.box.names.index(problem.free[0])
     low, high = plant.box.lower[moving], plant.box.upper[moving]
     axes[moving] = np.union1d(axes[moving], np.linspace(low, high, SEGMENTS[1][0] + 1))
     for _ in range(HALVED):
@@ -432,10 +461,6 @@ def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> t
         cells = np.unique(np.clip(np.concatenate([lost, lost - 1]), 0, len(axis) - 2))
         axes[moving] = np.union1d(axis, 0.5 * (axis[cells] + axis[cells + 1]))
     return None
-
-
-def _width(problem: FeedbackProblem) -> int:
-    return sum(len(a) > 1 for a in problem.axes)
 
 
 def _conditioning(formula: ControllerFormula, problem: FeedbackProblem) -> tuple[str, ...]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals, remarks
-from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, varying_signals
+from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, linear_axes, varying_signals
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.design_grid import design_axes, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -29,11 +31,32 @@ class FeedbackGrid:
         The inequalities then hold on the whole box.
     notes : tuple of str
         What keeps them from that.
+    linear : mapping of name to array
+        Variables along which the values of `axes` stand for all between them.
     """
 
     axes: tuple[np.ndarray, ...]
     corners: bool = False
     notes: tuple[str, ...] = ()
+    linear: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def moving(cls, plant: GeneralizedPlant, lyapunov: Basis, points: int) -> FeedbackGrid:
+        """For X or Y over functions of the scheduling, in continuous time.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+        lyapunov : Basis
+        points : int
+            Of each scheduling variable along which all values matter.
+
+        Returns
+        -------
+        FeedbackGrid
+        """
+        linear = linear_axes(plant, lyapunov)
+        return cls(design_axes(plant.box, points, False, linear), linear=linear)
 
     @classmethod
     def constant(cls, plant: GeneralizedPlant, points: int) -> FeedbackGrid:
@@ -54,7 +77,8 @@ class FeedbackGrid:
         moving = varying_signals(plant)
         note = (f"the gains of {moving} vary with the scheduling, so that the design holds at grid points: put a fast "
                 "constant filter in front of them for one that holds in between",) if moving else ()
-        return cls(design_axes(plant.box, points, False), False, note)
+        linear = linear_axes(plant, None)
+        return cls(design_axes(plant.box, points, False, linear), False, note, linear)
 
     @property
     def points(self) -> np.ndarray:
@@ -110,7 +134,7 @@ def projected_feedback(plant: GeneralizedPlant, grid: FeedbackGrid, variations: 
     """
     points = grid.points
     problem = FeedbackProblem(BalancedPlant.of(plant, points), variations, grid.axes, grid.corners, strictly_proper,
-                              points[:0])
+                              points[:0], linear=grid.linear)
     return search(problem, bound, back_off)
 
 
