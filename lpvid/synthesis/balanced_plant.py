@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.lmi.readings import readings_of
 from lpvid.scheduling import Basis, Polynomial, Product, Spline
 from lpvid.scheduling.reading import Reading
 from lpvid.synthesis.bilinear import around_feedthrough, plant_to_continuous, sign_for, to_discrete
@@ -141,7 +140,7 @@ def linear_axes(plant: GeneralizedPlant, moving: Basis | None) -> dict[str, np.n
     box, axes = plant.box, dict(zip(plant.box.names, convex_axes(plant), strict=True))
     free = [n for n in box.names if len(axes[n]) > 1 and n not in (moving.names if moving is not None else ())]
     looked = dict(axes)
-    for reading in readings_of(plant.system.basis):
+    for reading in plant.system.basis.readings():
         if reading.name in free and (reading.degree > 1 or reading.frequency or reading.lag):
             free.remove(reading.name)
         if len(axes[reading.name]) > 1:

@@ -7,7 +7,7 @@ from functools import reduce
 
 import numpy as np
 
-from lpvid.lmi.certificate import grid, tensor
+from lpvid.lmi.certificate import tensor
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.controller_formula import FeedbackLaw
