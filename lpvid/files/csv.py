@@ -119,13 +119,18 @@ def _layout(path: Path, where: str) -> _Layout:
     candidates = [_Layout(encoding, d, (), 0, 0) for d in ("\t", ";", ",", None)]
     found = _headed_at_once(lines, candidates, where)
     cells = found.data_cells(lines[1][1]) if len(lines) > 1 else []
-    if not any(is_number(cell) for cell in cells) or len(cells) != len(found.names):
+    if len(cells) != len(found.names) or not any(map(_is_sample, cells)):
         found = _above_numbers(lines, candidates) or found
     if not found.data_line:
         raise InputError(f"{where}: there is a header but no data", got=", ".join(found.names),
                          mend="export the data again; in a folder, name the files: FOLDER/*.csv")
     first = next(line for number, line in lines if number == found.data_line)
     return replace(found, origins=tuple(map(origin, found.data_cells(first))))
+
+
+def _is_sample(cell: str) -> bool:
+    """Whether a cell holds a number, or a word for a missing one; an empty cell may stand in a row of units too."""
+    return is_number(cell) or (bool(cell.strip()) and cell.strip().casefold() in MISSING)
 
 
 def _headed_at_once(lines: Sequence[tuple[int, str]], candidates: list[_Layout], where: str) -> _Layout:
@@ -171,7 +176,7 @@ def _with_units(above: list[list[str]], n: int) -> list[str] | None:
     names = above[0] if len(above) == 2 else []
     if unit_row and len(names) == n and all(names) and not any(headed(name)[1] for name in names):
         return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, stated, strict=True)]
-    return last if len(last) == n and all(last) and not any(map(is_number, last)) else None
+    return last if len(last) == n and all(last) and not any(map(_is_sample, last)) else None
 
 
 def _delimiter(candidates: list[_Layout], header: str, row: str) -> tuple[str | None, list[str]]:

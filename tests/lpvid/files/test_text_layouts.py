@@ -90,6 +90,17 @@ def test_text_in_the_first_row_is_no_header(tmp_path):
     assert "off" in str(record.channels["displacement"].fault)
 
 
+@pytest.mark.parametrize("first", ["NaN,NaN", ",", "NA,nan"])
+def test_a_first_row_without_a_sample_is_no_header(tmp_path, first):
+    path = tmp_path / "run.csv"
+    path.write_text(f"displacement [mm],force [N]\n{first}\n" + "\n".join(f"{k},{2 * k}" for k in range(30)) + "\n")
+    record, = lpv.read(path, sample_rate=100.0)
+    assert list(record.channels) == ["displacement", "force"]
+    assert np.isnan(record["force"][0])
+    assert record["force"][-1] == 58.0
+    assert record["displacement"][-1] == pytest.approx(0.029)
+
+
 def test_a_line_below_the_data_is_named_as_such(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text(PLAIN + rows() + "End of test\n")
