@@ -337,7 +337,7 @@ def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
     >>> contradicts("velocity", "m"), contradicts("velocity", "m/s"), contradicts("speed of oil", "m")
     (('m/s', 'rad/s', '1/s'), (), ())
     >>> contradicts("body_acceleration", "kg")                                          # a header [g]
-    ('m/s^2',)
+    ('m/s^2', 'rad/s^2', '1/s^2')
     """
     expected = QUANTITIES.get(name.casefold(), ())
     if si_unit == "kg" and re.split(r"[\s_]+", name.casefold().strip())[-1] in ("acc", "accel", "acceleration"):
