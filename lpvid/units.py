@@ -336,9 +336,32 @@ def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
     --------
     >>> contradicts("velocity", "m"), contradicts("velocity", "m/s"), contradicts("speed of oil", "m")
     (('m/s', 'rad/s', '1/s'), (), ())
+    >>> contradicts("body_acceleration", "kg")                                          # a header [g]
+    ('m/s^2', 'rad/s^2', '1/s^2')
     """
     expected = QUANTITIES.get(name.casefold(), ())
+    if si_unit == "kg" and re.split(r"[\s_]+", name.casefold().strip())[-1] in ("acc", "accel", "acceleration"):
+        expected = QUANTITIES["acceleration"]  # [g] is the gram of every system of units
     return expected if si_unit and expected and si_unit not in expected else ()
+
+
+def contradiction_mend(si_unit: str, expected: tuple[str, ...]) -> str:
+    """What to write instead of a unit that contradicts its channel's name.
+
+    Parameters
+    ----------
+    si_unit : str
+        The channel's.
+    expected : tuple of str
+        Of `contradicts`.
+
+    Returns
+    -------
+    str
+    """
+    if si_unit == "kg" and "m/s^2" in expected:
+        return "write [g_0] for multiples of 9.80665 m/s^2: [g] is the gram"
+    return "correct the unit in the header, convert a sensor's volts by its calibration, or name the channel by what it is"
 
 
 def same_kind(si_unit: str, other: str) -> bool:

@@ -14,7 +14,7 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.timebase import JITTER_LIMIT
-from lpvid.units import contradicts
+from lpvid.units import contradiction_mend, contradicts
 
 RATE_TOLERANCE = 1e-3
 """relative difference of the sampling periods of two records that still counts as one rate."""
@@ -86,8 +86,7 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
         if expected:
             raise InputError(f"record '{record.name}', channel '{name}' has a unit of another quantity",
                              got=f"'{channel.source_unit or channel.unit}'", why=f"its name calls for {expected[0]}",
-                             mend="correct the unit in the header, convert a sensor's volts "
-                                  "by its calibration, or name the channel by what it is")
+                             mend=contradiction_mend(channel.unit, expected))
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:
             raise InputError(f"record '{record.name}', channel '{name}' must be finite",

@@ -133,3 +133,18 @@ def test_any_text_is_a_unit_or_is_not(text):
 def test_common_units_do_not_load_pint():
     code = "import sys; from lpvid.units import to_si; to_si([1.0], 'mm/s'); assert 'pint' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("name", ["acceleration", "body_acceleration", "wheel acc", "Accel"])
+def test_an_acceleration_in_g_is_not_one_in_grams(name):
+    """[g] is the gram; as a mass the channel was a thousandth of its number, and the model's unit kg."""
+    import lpvid as lpv
+
+    t = np.arange(400) / 200
+    def columns(unit):
+        return {"time [s]": t, f"{name} [{unit}]": np.sin(20 * t), "force [N]": np.cos(20 * t)}
+    structure = lpv.ARX(na=1, nb=1, nk=0, input=name, output="force")
+    with pytest.raises(InputError, match=r"\[g_0\]"):
+        lpv.identify(columns("g"), structure)
+    assert "g_0" in next(f.mend for f in lpv.audit(columns("g")).findings if f.name == "unit-contradicts-name")
+    assert lpv.identify(columns("g_0"), structure).model.inputs[0].unit == "m/s^2"
