@@ -119,4 +119,4 @@ def _coloured(pole: float, size: int, rng: np.random.Generator) -> np.ndarray:
 
     drive = rng.standard_normal(size) * np.sqrt(1 - pole**2)
     drive[0] = rng.standard_normal()
-    return lfilter([1.0], [1.0, -pole], drive)
+    return np.asarray(lfilter([1.0], [1.0, -pole], drive))

@@ -115,6 +115,8 @@ class _ModelStepper(DamperStepper):
 class _SampledStepper(_ModelStepper):
     """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
 
+    _model: LPVTransferFunction | SelfScheduled
+
     def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
         super().__init__(model, model.start + 1)
 
