@@ -34,9 +34,7 @@ class CPrinter(Printer):
         self._moving = program.assigned()
 
     def number(self, value: float) -> str:
-        if self._single:
-            return c_number(float(np.float32(value)), single=True)
-        return c_number(value)
+        return c_number(value, self._single)
 
     def constant(self, value: ByPrecision) -> str:
         return self.number(value.single if self._single else value.double)
@@ -121,8 +119,7 @@ def initializer(value: np.ndarray, single: bool, depth: int = 1) -> str:
         With an inner brace for every row; a long row is broken over lines.
     """
     if value.ndim == 0:
-        v = float(np.float32(value)) if single else float(value)
-        return c_number(v, single)
+        return c_number(float(value), single)
     if value.ndim == 1:
         parts = [initializer(v, single) for v in value]
         return "{" + textwrap.fill(", ".join(parts), 104, subsequent_indent="    " * (depth + 1),

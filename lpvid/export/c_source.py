@@ -67,7 +67,7 @@ def header(program: StepProgram, precision: str) -> str:
            f"typedef {precision} {name}_real;", ""]
     if sampled:
         out += ["/** Period of the step [s]. */",
-                f"#define {name.upper()}_SAMPLE_TIME ({_number(program.sample_time, precision == 'float')})", ""]
+                f"#define {name.upper()}_SAMPLE_TIME ({c_number(program.sample_time, precision == 'float')})", ""]
     for kind, quantities, description in _groups(program):
         out += [
             f"/** {description} */",
@@ -177,12 +177,12 @@ def source(program: StepProgram, precision: str) -> str:
         out += [f"    /* {q.name} */ {initializer(q.start, single)}," for q in program.parameters[:-1]]
         out += [f"    /* {q.name} */ {initializer(q.start, single)}" for q in program.parameters[-1:]]
     else:
-        out.append(f"    {_number(0.0, single)}")
+        out.append(f"    {c_number(0.0, single)}")
     out += ["};", "", f"void {name}_init({name}_states *s)", "{"]
     for q in program.states:
         out += _start(q, single)
     if not program.states:
-        out.append(f"    s->unused = {_number(0.0, single)};")
+        out.append(f"    s->unused = {c_number(0.0, single)};")
     if program.sample_time:
         marks = ("p", "s", "u", "y")
         out += ["}", "", f"void {name}_step(const {name}_parameters *p, {name}_states *s, const {name}_inputs *u,",
@@ -206,16 +206,16 @@ def _directional(program: StepProgram, precision: str) -> list[str]:
 
 def _start(q: Quantity, single: bool) -> list[str]:
     if not q.shape:
-        return [f"    s->{q.name} = {_number(float(q.start), single)};"]
+        return [f"    s->{q.name} = {c_number(float(q.start), single)};"]
     marks = [f"i{k}" for k in range(len(q.shape))]
     constant = np.all(q.start == q.start.flat[0])
     if constant:
         out = [f"{'    ' * (k + 1)}for (int {m} = 0; {m} < {n}; {m}++) {{"
                for k, (m, n) in enumerate(zip(marks, q.shape, strict=True))]
         place = "".join(f"[{m}]" for m in marks)
-        out.append(f"{'    ' * (len(marks) + 1)}s->{q.name}{place} = {_number(float(q.start.flat[0]), single)};")
+        out.append(f"{'    ' * (len(marks) + 1)}s->{q.name}{place} = {c_number(float(q.start.flat[0]), single)};")
         return [*out, *(f"{'    ' * (k + 1)}}}" for k in reversed(range(len(marks))))]
-    return [f"    s->{q.name}{''.join(f'[{i}]' for i in place)} = {_number(float(q.start[place]), single)};"
+    return [f"    s->{q.name}{''.join(f'[{i}]' for i in place)} = {c_number(float(q.start[place]), single)};"
             for place in np.ndindex(q.shape)]
 
 
@@ -279,10 +279,6 @@ def _tolerated(found: Exportable, precision: str) -> float:
     """Relative error that a self-test lets pass: `TOLERANCE`, more where single precision cannot reach it."""
     least = TOLERANCE[precision]
     return least if precision == "double" else max(least, float(f"{CONDITION * found.rounding():.2g}"))
-
-
-def _number(value: float, single: bool) -> str:
-    return c_number(float(np.float32(value)) if single else value, single)
 
 
 def _prose(text: str) -> list[str]:

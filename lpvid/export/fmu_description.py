@@ -212,14 +212,14 @@ def _convention(listed: tuple[Variable, ...]) -> str:
 
 
 def _attributes(v: Variable) -> str:
-    out = f" unit={quoteattr(v.unit)}" if _base(v.unit) is not None else ""
+    out = f" unit={quoteattr(v.unit)}" if si_base(v.unit) is not None else ""
     if v.kind == "input" and np.isfinite(v.lower) and np.isfinite(v.upper):
         out += f' min="{_real(min(v.lower, v.start))}" max="{_real(max(v.upper, v.start))}"'
     return out if v.kind in ("output", "rate") else f'{out} start="{_real(v.start)}"'
 
 
 def _units(listed: tuple[Variable, ...]) -> list[str]:
-    named = {v.unit: _base(v.unit) for v in listed}
+    named = {v.unit: si_base(v.unit) for v in listed}
     known = {unit: base for unit, base in named.items() if base is not None}
     if not known:
         return []
@@ -228,8 +228,17 @@ def _units(listed: tuple[Variable, ...]) -> list[str]:
     return ["  <UnitDefinitions>", *rows, "  </UnitDefinitions>"]
 
 
-def _base(unit: str) -> dict[str, float] | None:
-    """Exponents where FMI can express the unit; None for a pure number and for names that are no SI unit."""
+def si_base(unit: str) -> dict[str, float] | None:
+    """Exponents where FMI can express the unit; None for a pure number and for names that are no SI unit.
+
+    Parameters
+    ----------
+    unit : str
+
+    Returns
+    -------
+    dict of str to float, or None
+    """
     base = base_exponents(unit) if unit else {}
     return base if base and all(n in BASE and float(e).is_integer() for n, e in base.items()) else None
 

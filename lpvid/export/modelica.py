@@ -14,10 +14,9 @@ import numpy as np
 from lpvid.export.contract import Exportable
 from lpvid.export.exporting import Content, Export, exported
 from lpvid.export.flow import Flow
-from lpvid.export.fmu_description import BASE
-from lpvid.export.modelica_printer import description, literal, spelled, step_function
+from lpvid.export.fmu_description import si_base
+from lpvid.export.modelica_printer import description, literal, size_of, spelled, step_function
 from lpvid.export.step_program import Quantity, StepProgram
-from lpvid.units import base_exponents
 
 TOLERANCE = 1e-12
 """Largest error of the check model, relative to the largest output, with which a package passes."""
@@ -137,7 +136,7 @@ def _block(program: StepProgram, name: str) -> list[str]:
     call = f"{name}.step({', '.join(given)})"
     out = [f"model Block {description(program.description)}"]
     out += [
-        f"    parameter Real {spelled(q.name)}{_size(q)}{_unit(q)} = {literal(q.start)} {description(q.description)};"
+        f"    parameter Real {spelled(q.name)}{size_of(q)}{_unit(q)} = {literal(q.start)} {description(q.description)};"
         for q in program.parameters
     ]
     out += [f"    input Real {spelled(q.name)}{_unit(q)} {description(q.description)};" for q in program.inputs]
@@ -179,7 +178,7 @@ def _check(program: StepProgram, name: str, u: np.ndarray, x: np.ndarray, y: np.
     ]
     if x.shape[1]:
         names = [*(f"{spelled(q.name)}" for q in program.parameters)]
-        out += [f"    parameter Real {n}{_size(q)} = {literal(q.start)};"
+        out += [f"    parameter Real {n}{size_of(q)} = {literal(q.start)};"
                 for n, q in zip(names, program.parameters, strict=True)]
         given = ["{" + ", ".join(f"X[k, {i}]" for i in range(1, x.shape[1] + 1)) + "}",
                  *(f"U[k, {i}]" for i in range(1, u.shape[1] + 1))]
@@ -204,10 +203,6 @@ def _check(program: StepProgram, name: str, u: np.ndarray, x: np.ndarray, y: np.
 
 def _names(quantities: tuple[Quantity, ...]) -> list[str]:
     return [spelled(q.name) for q in quantities]
-
-
-def _size(q: Quantity) -> str:
-    return f"[{', '.join(map(str, q.shape))}]" if q.shape else ""
 
 
 def _unit(q: Quantity) -> str:
@@ -236,10 +231,7 @@ def modelica_unit(unit: str) -> str:
     """
     if re.fullmatch(r"[AKNVWJmsg]|kg|Pa|rad|Hz", unit):
         return unit
-    base = base_exponents(unit) if unit else {}
-    if not base or not all(n in BASE and float(e).is_integer() for n, e in base.items()):
-        return ""
-    return ".".join(f"{n}{'' if int(e) == 1 else int(e)}" for n, e in base.items())
+    return ".".join(f"{n}{'' if int(e) == 1 else int(e)}" for n, e in (si_base(unit) or {}).items())
 
 
 # -- checking --------------------------------------------------------------------------------------------------------

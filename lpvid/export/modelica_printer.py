@@ -191,14 +191,14 @@ def step_function(program: StepProgram) -> list[str]:
     ahead = [("rate" if not program.sample_time and program.states else "state", q) for q in program.states]
     count, outputs = sum(q.start.size for q in program.states), len(program.outputs)
     out = ["function step " + description(program.description)]
-    out += [f"    input Real {spelled(q.name)}{_shape(q)} {description(q.description)};" for q in program.parameters]
+    out += [f"    input Real {spelled(q.name)}{size_of(q)} {description(q.description)};" for q in program.parameters]
     width = count + outputs if program.sample_time else count
     out += [f"    input Real before[{width}] {description('what it returned before')};"] if count else []
     out += [f"    input Real {spelled(q.name)} {description(q.description)};" for q in program.inputs]
     what = "derivatives of the states, then outputs" if ahead and ahead[0][0] == "rate" else "states, then outputs"
     out += [f"    output Real after[{count + outputs}] {description(what)};", "protected"]
-    out += [f"    Real {spelled(q.name)}{_shape(q)};" for q in (*program.states, *program.outputs)]
-    out += [f"    Real {spelled('der_' + q.name)}{_shape(q)};" for home, q in ahead if home == "rate"]
+    out += [f"    Real {spelled(q.name)}{size_of(q)};" for q in (*program.states, *program.outputs)]
+    out += [f"    Real {spelled('der_' + q.name)}{size_of(q)};" for home, q in ahead if home == "rate"]
     out += [f"    {kind.split('[')[0]} {name}{kind[len(kind.split('[')[0]):]};"
             for name, kind in printer.declared.items()]
     out += ["algorithm"]
@@ -229,5 +229,16 @@ def _entry(name: str, at: tuple[int, ...]) -> str:
     return name + (f"[{', '.join(str(i + 1) for i in at)}]" if at else "")
 
 
-def _shape(q: Quantity) -> str:
+def size_of(q: Quantity) -> str:
+    """The dimensions of a quantity behind its name.
+
+    Parameters
+    ----------
+    q : Quantity
+
+    Returns
+    -------
+    str
+        Empty for a number.
+    """
     return f"[{', '.join(map(str, q.shape))}]" if q.shape else ""

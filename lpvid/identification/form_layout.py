@@ -56,7 +56,7 @@ def form_layout(realization: Realization) -> StateSpaceLayout:
         raise InputError("a form is re-estimated for a single output", got=f"{realization.model.n_outputs} outputs",
                          mend="use StateSpaceError (--structure pem-ss) for several")
     table = _LayoutRows(realization)
-    FREE[realization.form](table, realization.source, realization.model)
+    FREE[realization.form](table, realization.source)
     return StateSpaceLayout(np.array(table.rows, dtype=int).reshape(-1, 6), tuple(table.labels))
 
 
@@ -77,51 +77,47 @@ class _LayoutRows:
             self.labels.append(label)
 
 
-def _controllable(table: _LayoutRows, source: LPVTransferFunction, model: LPVStateSpace) -> None:
+def _controllable(table: _LayoutRows, source: LPVTransferFunction) -> None:
     assert source.c is not None
-    nu, narrow = source.n_filter_inputs, table.narrow
-    chains = [source.order] * nu + ([max(source.na, source.n_affine - 1)] if np.any(source.c) else [])
-    ends = np.cumsum(chains) - 1
+    affine = [max(source.na, source.n_affine - 1)] if np.any(source.c) else []
+    ends = (np.cumsum([source.order] * source.n_filter_inputs + affine) - 1).tolist()
     for i in range(1, source.na + 1):
-        table.add(f"a{i}", [("A", int(end), int(end) + 1 - i, -1) for end in ends if chains], narrow)
-    direct = [bool(np.any(source.b[:1, :, q])) for q in range(nu)]
-    for q in range(nu):
-        where = f"{{{source.filter_inputs[q].name}}}" if nu > 1 else ""
-        if direct[q]:
-            table.add(f"d{where}", [("D", 0, q, 1)], narrow)
-        lags = max(source.n_lags - 1, source.na if direct[q] else 0)
-        for i in range(1, lags + 1):
-            table.add(f"c{i}{where}", [("C", 0, int(ends[q]) + 1 - i, 1)], table.wide if direct[q] else narrow)
-    if len(chains) > nu:
-        level = bool(np.any(source.c[0]))
-        if level:
-            table.add("g", [("output_offset", 0, 0, 1)], narrow)
-        lags = max(source.n_affine - 1, source.na if level else 0)
-        for i in range(1, lags + 1):
-            table.add(f"g{i}", [("C", 0, int(ends[-1]) + 1 - i, 1)], table.wide if level else narrow)
+        table.add(f"a{i}", [("A", end, end + 1 - i, -1) for end in ends], table.narrow)
+    _inputs(table, source, "c", lambda i, q: ("C", 0, ends[q] + 1 - i, 1))
+    _affine(table, source, "g", lambda i: ("C", 0, ends[-1] + 1 - i, 1))
 
 
-def _observable(table: _LayoutRows, source: LPVTransferFunction, model: LPVStateSpace) -> None:
-    assert source.c is not None
-    narrow = table.narrow
+def _observable(table: _LayoutRows, source: LPVTransferFunction) -> None:
     for i in range(1, source.na + 1):
-        table.add(f"a{i}", [("A", i - 1, 0, -1)], narrow)
+        table.add(f"a{i}", [("A", i - 1, 0, -1)], table.narrow)
+    _inputs(table, source, "b", lambda i, q: ("B", i - 1, q, 1))
+    _affine(table, source, "f", lambda i: ("state_offset", i - 1, 0, 1))
+
+
+def _inputs(table: _LayoutRows, source: LPVTransferFunction, stem: str, entry: Callable[[int, int], Entry]) -> None:
+    """The direct term of every input, and what its lags i become."""
     for q in range(source.n_filter_inputs):
         where = f"{{{source.filter_inputs[q].name}}}" if source.n_filter_inputs > 1 else ""
         direct = bool(np.any(source.b[:1, :, q]))
         if direct:
-            table.add(f"d{where}", [("D", 0, q, 1)], narrow)
+            table.add(f"d{where}", [("D", 0, q, 1)], table.narrow)
         for i in range(1, max(source.n_lags - 1, source.na if direct else 0) + 1):
-            table.add(f"b{i}{where}", [("B", i - 1, q, 1)], table.wide if direct else narrow)
-    if np.any(source.c):
-        level = bool(np.any(source.c[0]))
-        if level:
-            table.add("g", [("output_offset", 0, 0, 1)], narrow)
-        for i in range(1, max(source.n_affine - 1, source.na if level else 0) + 1):
-            table.add(f"f{i}", [("state_offset", i - 1, 0, 1)], table.wide if level else narrow)
+            table.add(f"{stem}{i}{where}", [entry(i, q)], table.wide if direct else table.narrow)
 
 
-FREE: dict[str, Callable[[_LayoutRows, LPVTransferFunction, LPVStateSpace], None]] = {
+def _affine(table: _LayoutRows, source: LPVTransferFunction, stem: str, entry: Callable[[int], Entry]) -> None:
+    """The affine terms, where there are any: the level now, and what the lags i become."""
+    assert source.c is not None
+    if not np.any(source.c):
+        return
+    level = bool(np.any(source.c[0]))
+    if level:
+        table.add("g", [("output_offset", 0, 0, 1)], table.narrow)
+    for i in range(1, max(source.n_affine - 1, source.na if level else 0) + 1):
+        table.add(f"{stem}{i}", [entry(i)], table.wide if level else table.narrow)
+
+
+FREE: dict[str, Callable[[_LayoutRows, LPVTransferFunction], None]] = {
     "controllable": _controllable, "observable": _observable}
 """Forms that can be re-estimated, with what lists their free entries."""
 
