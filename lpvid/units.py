@@ -361,7 +361,8 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...]) -> str:
     """
     if si_unit == "kg" and "m/s^2" in expected:
         return "write [g_0] for multiples of 9.80665 m/s^2: [g] is the gram"
-    return "correct the unit in the header, convert a sensor's volts by its calibration, or name the channel by what it is"
+    return "correct the unit in the header, convert a sensor's volts by its calibration, or name the channel by " \
+           "what it is"
 
 
 def same_kind(si_unit: str, other: str) -> bool:

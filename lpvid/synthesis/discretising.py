@@ -15,6 +15,7 @@ from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.scheduling.algebra import common
 from lpvid.synthesis._form_parts import checking_points, matrix, rebuilt
+from lpvid.synthesis.design_grid import ROUNDING
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 from lpvid.synthesis.sampling_rules import Moving, SamplingRule, ZeroOrderHold, remainder
 
@@ -102,7 +103,7 @@ def discretise(
     Raises
     ------
     InputError
-        A discrete system, or one that reads p at several times.
+        A discrete system, one that reads p at several times, or no state space.
 
     Examples
     --------
@@ -114,6 +115,10 @@ def discretise(
     >>> float(sampled.model.frozen([1.0])[0][0, 0].round(6)), round(math.exp(-0.15), 6)
     (0.860708, 0.860708)
     """
+    if not isinstance(system, LPVStateSpace):
+        raise InputError("a state space is sampled", got=type(system).__name__,
+                         mend="of a generalised plant sample the system: GeneralizedPlant(discretise(plant.system, "
+                              "T).model, plant.controls, plant.measurements)")
     if system.sample_time is not None:
         raise InputError("only a continuous system is sampled", got=f"a period of {system.sample_time:g} s")
     period = _checks.positive(sample_time, "sample_time", "s")
@@ -205,11 +210,14 @@ def _fitted(system: LPVStateSpace, rule, period: float | None, basis: Basis | No
     check = checking_points(box)
     truth = _whole(rule(_frozen(system, check)))
     size = max(float(np.linalg.norm(truth, 2, axis=(1, 2)).max(initial=0.0)), 1e-300)
+    still = (np.ptp(wanted, axis=0) <= ROUNDING * np.abs(wanted).max(axis=0)).ravel()  # a fit leaves rounding errors
     best: tuple[MatrixFunction, float] | None = None
     for candidate in [basis.bound(box)] if basis is not None else _powers(system.basis, box, highest):
         columns = [box.names.index(n) for n in candidate.names]
         phi = candidate.evaluate(points[:, columns])
         fit = np.linalg.lstsq(phi, wanted.reshape(len(points), -1), rcond=None)[0]
+        if candidate.unity is not None:
+            fit[:, still] = candidate.unity[:, None] * wanted.reshape(len(points), -1)[0, still]
         function = MatrixFunction(candidate, fit.reshape(candidate.size, *wanted.shape[1:]))
         misfit = float(np.linalg.norm(function.at(check[:, columns]) - truth, 2, axis=(1, 2)).max(initial=0.0)) / size
         if best is None or misfit < best[1]:

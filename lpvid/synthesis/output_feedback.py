@@ -17,7 +17,7 @@ from lpvid.synthesis.design_grid import check_rates, design_axes, moving_basis, 
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.moving_feedback import lowest, moving_feedback
 from lpvid.synthesis.multiobjective import MultiObjective
-from lpvid.synthesis.projected_feedback import FeedbackGrid, inspected, projected_feedback
+from lpvid.synthesis.projected_feedback import FeedbackGrid, inspected, projected_feedback, remarked
 from lpvid.synthesis.result import Synthesis
 
 Rate = float | Sequence[float | None] | Mapping[str, float | None] | None
@@ -125,7 +125,7 @@ class OutputFeedback:
             basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
             found = projected_feedback(plant, grid, Variations(basis, self.varying, plant.box),
                                        strictly_proper=self.strictly_proper, bound=self.bound, back_off=self.back_off)
-        return replace(found, notes=tuple(dict.fromkeys((*notes, *found.notes))), seconds=time.perf_counter() - started)
+        return remarked(found, grid, notes, started)
 
     def _moving(self, plant: GeneralizedPlant, axes: tuple[np.ndarray, ...]) -> Synthesis:
         """Discrete time: the lowest verified gain of what may move, and of a constant X and Y."""

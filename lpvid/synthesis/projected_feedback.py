@@ -86,6 +86,26 @@ class FeedbackGrid:
         return tensor(self.axes)
 
 
+def remarked(found: Synthesis, grid: FeedbackGrid, notes: tuple[str, ...], started: float) -> Synthesis:
+    """A synthesis with the remarks on its plant, and its time; a proof on the whole box answers those on the grid.
+
+    Parameters
+    ----------
+    found : Synthesis
+    grid : FeedbackGrid
+    notes : tuple of str
+        Of `inspected`.
+    started : float
+        Of `time.perf_counter` [s].
+
+    Returns
+    -------
+    Synthesis
+    """
+    own = [n for n in notes if not (found.between_grid and n in grid.notes)]
+    return replace(found, notes=tuple(dict.fromkeys((*own, *found.notes))), seconds=time.perf_counter() - started)
+
+
 def inspected(plant: GeneralizedPlant, grid: FeedbackGrid) -> Synthesis | tuple[str, ...]:
     """Why a plant has no output feedback at all, or the remarks on one that may have it.
 
@@ -167,4 +187,4 @@ def constant_feedback(plant: GeneralizedPlant, bound: float | None, back_off: fl
         return replace(notes, seconds=time.perf_counter() - started)
     found = projected_feedback(plant, grid, Variations(None, "both", plant.box), strictly_proper=False, bound=bound,
                                back_off=back_off)
-    return replace(found, notes=tuple(dict.fromkeys((*notes, *found.notes))), seconds=time.perf_counter() - started)
+    return remarked(found, grid, notes, started)

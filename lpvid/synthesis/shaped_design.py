@@ -358,7 +358,7 @@ def _bounded(problem: ShapedProblem) -> int | None:
 
 def _beside(problem: ShapedProblem, shaped: Shaped, figures: Sequence[Figure]) -> str:
     """The verified figures of free criteria beside the least ones."""
-    pairs = [f"{f.verified:.6g} beside the least {low:.6g}" for f, c, low in
+    pairs = [f"{f.verified:.6g} beside the least {min(low, f.verified):.6g}" for f, c, low in
              zip(figures, problem.criteria, shaped.lowest, strict=True) if c.bound is None and low > 0]
     return f" ({', '.join(pairs)})" if pairs else ""
 

@@ -2,8 +2,9 @@
 
     python tests/benchmarks/synthesis_study.py --out FOLDER [--plants 200] [--shard 0/1]
 
-Resumable: a plant whose line is in FOLDER is not done again; shards share a folder. Rivals for the bound: the same
-inequalities solved by SDPA without the coordinates of the search, and the change of variables (`MultiObjective`).
+Times are of the processor. Resumable: a plant whose line is in FOLDER is not done again; shards share a folder. Rivals
+for the bound: the same inequalities solved by SDPA without the coordinates of the search, and the change of variables
+(`MultiObjective`).
 """
 
 from __future__ import annotations
@@ -82,10 +83,10 @@ def attempted(route: Callable[[RandomPlant], float], case: RandomPlant) -> float
 def examined(case: RandomPlant, rivals: bool = True) -> dict:
     """One line of the study."""
     rng = np.random.default_rng([case.seed + 1000, 7])
-    started = time.perf_counter()
+    started = time.process_time()
     found = lpv.synthesize(case.plant, case.design)
     line = {"seed": case.seed, "traits": case.traits, "reachable": case.reachable, "verdict": found.verdict,
-            "seconds": time.perf_counter() - started, "infimum": found.infimum, "gamma": found.gamma,
+            "seconds": time.process_time() - started, "infimum": found.infimum, "gamma": found.gamma,
             "verified": found.gamma_verified, "between_grid": found.between_grid, "why": found.why, "mend": found.mend,
             "certificate": found.certificate is not None}
     if found.controller is not None:

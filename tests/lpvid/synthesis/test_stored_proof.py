@@ -80,3 +80,12 @@ def test_the_inverse_of_a_storage_function_shows_the_gain_of_the_primal() -> Non
     moving = Storage(np.array([[[1.0]], [[0.1]]]), p, lpv.Scheduling(("p",), (0.0,), (1.0,), (1.0,)), 1.0)
     sampled = driven(replace(model, A=0.5 * model.A, sample_time=1.0))
     assert "continuous time" in recheck_gain(sampled, moving, 10.0, inverse=True).why
+
+
+def test_a_proof_on_the_whole_box_takes_back_the_remark_on_the_grid() -> None:
+    """The measured gain moves with k: the design holds on a grid; its loop is proven in between."""
+    system = spring().system
+    c = system.C.copy()
+    c[1, -1, 0] = 0.1
+    found = lpv.synthesize(lpv.GeneralizedPlant(system.replace(C=c), ["u1"], ["y1"]), lpv.OutputFeedback())
+    assert found.solved and found.between_grid and not any("grid points" in note for note in found.notes)
