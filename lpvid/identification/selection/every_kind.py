@@ -10,7 +10,7 @@ from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.refined_iv import RefinedIV
-from lpvid.identification.selection.rounds import INPUT_LAGS, SEGMENTS, hasty, output_error
+from lpvid.identification.selection.rounds import INPUT_LAGS, SEGMENTS, TRIALS, hasty, output_error
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
 from lpvid.record import Record
@@ -61,15 +61,19 @@ def every_kind(records: Sequence[Record], input: tuple[str, ...], output: tuple[
         RefinedIV(**shared, basis=basis, noise="output"),
     ]
     with suppress(InputError):
-        found.append(_scheduled_on_itself(input, output, basis, damper))
+        found += _scheduled_on_itself(input, output, basis, damper)
     return tuple(found)
 
 
 def _scheduled_on_itself(input: tuple[str, ...], output: tuple[str, ...], external: Polynomial,
-                         damper: bool) -> QuasiLPV:
-    """The smallest quasi-LPV structure of those that a search tries later."""
+                         damper: bool) -> list[QuasiLPV]:
+    """The smallest quasi-LPV structure of those that a search tries later, of a damper the largest too.
+
+    One least squares each. On measured dampers at a constant voltage the one is below the other by up to four points
+    (on the two orders of `labcontrol-0.87V` and `-0V`), and the screening of many ARX may take the whole budget.
+    """
     if damper:
-        return QuasiLPV(nb=INPUT_LAGS[0], input=input, output=output, basis=Spline(output[0], SEGMENTS, 1), on="trial",
-                        external=external)
-    return QuasiLPV(na=ORDER, nb=ORDER, nk=0, input=input, output=output, basis=Polynomial(output[:1], degree=2),
-                    on="output", external=external)
+        return [QuasiLPV(nb=nb, input=input, output=output, basis=Spline(output[0], SEGMENTS, 1), on="trial",
+                         trial=trial, external=external) for nb, trial in zip(INPUT_LAGS, TRIALS, strict=True)]
+    return [QuasiLPV(na=ORDER, nb=ORDER, nk=0, input=input, output=output, basis=Polynomial(output[:1], degree=2),
+                     on="output", external=external)]

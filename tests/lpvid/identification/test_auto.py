@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 import lpvid as lpv
 from lpvid.condition import folds
 from lpvid.identification.selection import auto
+from lpvid.identification.selection.every_kind import every_kind
 from lpvid.identification.selection.free_run import Trial, cross_validate, make_folds
 from lpvid.identification.selection.rounds import output_error
 from lpvid.identification.selection.search import StructureSearch
@@ -114,6 +115,15 @@ def test_one_of_every_kind_comes_before_the_budget_counts() -> None:
     assert "output error at several orders" in found.left_out[1]
     assert found.to_dict()["left_out"] == list(found.left_out)
     assert any("ended at its budget of 0.001 s" in n and "counted after one of every kind" in n for n in found.notes)
+
+
+def test_a_damper_scheduled_on_its_own_force_is_tried_at_both_lengths_of_memory_first() -> None:
+    rng = np.random.default_rng(0)
+    record = Record({"velocity": rng.normal(size=300), "force": rng.normal(size=300)}, sample_time=0.01)
+    found = every_kind([record], ("velocity",), ("force",), (), True)
+    quasi = [s for s in found if isinstance(s, lpv.QuasiLPV)]
+    assert [(s.nb, s.trial) for s in quasi] == [((4,), 1), ((10,), 3)]
+    assert sum(isinstance(s, lpv.QuasiLPV) for s in every_kind([record], ("velocity",), ("force",), (), False)) == 1
 
 
 @pytest.mark.seconds
