@@ -107,5 +107,9 @@ class EntrainedAir(SeriesElement):
     def elements(self, values: np.ndarray) -> dict[str, float]:
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}
 
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        """Without pressure, F_p at its lower bound, D = s sign F: play of 2 s from end to end."""
+        return ("backlash",) if values[1] <= self.parameters[1].bounds[0] else ()
+
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more state: the force itself", order=1)

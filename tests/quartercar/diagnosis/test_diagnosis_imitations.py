@@ -12,11 +12,13 @@ from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.judging import SURE
+from lpvid.diagnosis.evidence.weighing import component_of
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
 from quartercar.baselines.damper import DamperBaseline
+from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
 from quartercar.effects.hydraulics import ValveDynamics
@@ -125,6 +127,17 @@ def test_a_valve_that_passes_all_is_the_fixture_that_it_comes_to(rng: np.random.
     found = diagnosed(s, force, ValveDynamics(), FixtureResonance(), law=law)
     assert "fixture-resonance" in {*names(found), *found.stand_ins}
     assert "valve-dynamics" not in {*names(found), *found.stand_ins}
+
+
+def test_air_without_pressure_is_play() -> None:
+    """By the force, and by the name under which sets of either add up."""
+    law, s = guo(), inputs(np.ones(SAMPLES))
+    air, play = (force_with(s, effect, values, law) for effect, values in (
+        (EntrainedAir(), (2e-4, 1e-3)), (Backlash(), (4e-4,))))
+    plain = law.core(law.vector)(s)
+    assert np.std(air - play) < 0.2 * np.std(play - plain)  # play is taken up over some newtons
+    assert component_of(EntrainedAir(), np.array([2e-4, 1e-3]), (Backlash(), EntrainedAir())) == "backlash"
+    assert component_of(EntrainedAir(), np.array([2e-4, 50.0]), (Backlash(), SeriesCompliance())) == "series-compliance"
 
 
 @pytest.mark.thinned(2)
