@@ -1,4 +1,4 @@
-"""Pickle and copy of dampers, laws, cars and their runs."""
+"""Pickle and copy of dampers, laws, cars and their runs; what is refused as such."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import quartercar as qc
+from lpvid.errors import InputError
 from quartercar.rig.causes import Effect
+from quartercar.roads.ride_roads import IsoRoad
 
 
 @pytest.mark.parametrize("again", [lambda noun: pickle.loads(pickle.dumps(noun)), copy.deepcopy])
@@ -29,3 +31,15 @@ def test_laws_and_causes_come_back():
     assert law.values["high_damping"] == 3000.0
     effect = Effect("coulomb-friction", 0.5)
     assert pickle.loads(pickle.dumps(effect)) == effect
+
+
+@pytest.mark.parametrize(("wrong", "says"), [
+    (lambda car, road: qc.ride(car, road, "skyhook"), "control law"),
+    (lambda car, road: qc.ride(car, road, qc.controllers.Skyhook), "the class Skyhook"),
+    (lambda car, road: qc.ride(car, "iso-c@20", qc.controllers.Skyhook()), "IsoRoad"),
+    (lambda car, road: qc.ride("car", road, qc.controllers.Skyhook()), "QuarterCar"),
+    (lambda car, road: qc.QuarterCar({"sprung_mass": 300.0}), "CarParameters"),
+])
+def test_a_ride_of_something_else_is_refused_in_one_line(wrong, says):
+    with pytest.raises(InputError, match=says):
+        wrong(qc.QuarterCar(qc.parameters.MEGANE), IsoRoad("C", 20.0, 1.0))
