@@ -238,6 +238,11 @@ def driven(parameters: CarParameters, damper: Damper, currents: tuple[float, flo
     ------
     InputError
         A car that leaves all bounds.
+
+    Warns
+    -----
+    ExtrapolationWarning
+        Currents outside the range of the damper's fit.
     """
     clock = damper.clock
     if clock is None:
@@ -252,6 +257,8 @@ def driven(parameters: CarParameters, damper: Damper, currents: tuple[float, flo
     held = max(1, round(STEPS / clock))
     random = np.repeat(rng.uniform(*currents, n // held + 1), held)[:n]
     commands = {"lowest": np.full(n, currents[0]), "highest": np.full(n, currents[1]), "random": random}
+    for current in currents:
+        car.start(clock, 0.0, current)  # which warns of currents outside the damper's fit
     pairs = [(road, label) for road in elevations for label in commands]
     runs = _together(car, clock, np.column_stack([elevations[road] for road, _ in pairs]),
                      np.column_stack([commands[label] for _, label in pairs]), pairs)

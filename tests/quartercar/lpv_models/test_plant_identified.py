@@ -13,6 +13,7 @@ from lpvid.model.input_stage import ThreeZoneStage
 from quartercar.dampers import Guo6, LpvArx
 from quartercar.dampers.blackbox.held import Held
 from quartercar.dampers.blackbox.identified import Identified
+from quartercar.dampers.contract import ExtrapolationWarning
 from quartercar.lpv_models import IdentifiedDamper, Prefiltered, RampedDamper, replay
 from quartercar.lpv_models.identified_study import driven
 from quartercar.lpv_models.prefilter import prefiltered
@@ -177,3 +178,10 @@ def test_a_run_that_leaves_all_bounds_is_named() -> None:
     gives = Identified.of(model.replace(b=-20 * model.b), "gives energy")
     with pytest.raises(InputError, match=r"leaves all bounds on (ISO|bump).* current"):
         driven(MEGANE, gives, (0.0, 2.0))
+
+
+def test_currents_outside_the_fit_are_stated() -> None:
+    law = identified_damper()
+    assert law.current_range is not None
+    with pytest.warns(ExtrapolationWarning, match="outside the fitted"):
+        driven(MEGANE, law, (0.0, law.current_range[1] + 0.5))
