@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.badly_scaled_plants import random_case
+from helpers.published_plants import near_integrators, two_disks
 from helpers.synthesis_plants import spring
 
 import lpvid as lpv
@@ -44,6 +45,19 @@ def test_that_of_a_near_integrator(seed: int, tmp_path: Path) -> None:
     own[:] = back.T @ kept.matrices @ back
     own = 0.5 * (own + own.swapaxes(1, 2))
     assert not recheck_gain(driven(found.closed_loop), Storage(own, kept.basis, kept.box, None), kept.gamma).holds
+
+
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.seconds), 1e-2])
+def test_those_of_published_near_integrators(noise: float, tmp_path: Path) -> None:
+    """Poles at 2e-7 and 1e-5 rad/s."""
+    kept = _stored(lpv.synthesize(near_integrators(noise), lpv.OutputFeedback()), tmp_path)
+    assert kept.states is not None
+
+
+@pytest.mark.seconds
+def test_that_of_two_disks(tmp_path: Path) -> None:
+    """Weights from 0.04 to 40,000 rad/s."""
+    assert _stored(lpv.synthesize(two_disks(), lpv.OutputFeedback()), tmp_path).states is not None
 
 
 @pytest.mark.parametrize("varying", ["controls", "measurements"])
