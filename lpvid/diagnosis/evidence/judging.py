@@ -336,6 +336,8 @@ def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], s
     whole = Support.of(sets, component(kind), structured)
     if effect.component == kind:
         return effect.name, component(kind), whole
+    if kind != effect.form_of:  # its numbers leave no more than that
+        return kind, component(kind), whole
     form = Support.of(sets, _in_this_form(effect), structured)
     if form.probability < NAMED <= whole.probability:
         return kind, component(kind), whole

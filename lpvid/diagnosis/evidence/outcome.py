@@ -201,7 +201,7 @@ class EvidenceOutcome:
         described = m.effect.described(m.values)
         if m.name != m.effect.name:
             title = next(e.title for e in self.search.candidates if e.name == m.name)
-            described = f"{title}; simulated as {m.effect.name}, a form that is not sure ({described})"
+            described = f"{title}; simulated as {m.effect.name} ({described})"
         return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
                      -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
                      m.change * self.search.data.discrepancy.force, m.probability, m.effect.family, m.weight,
