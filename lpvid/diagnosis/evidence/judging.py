@@ -336,12 +336,17 @@ def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], s
     whole = Support.of(sets, component(kind), structured)
     if effect.component == kind:
         return effect.name, component(kind), whole
-    if kind != effect.form_of:  # its numbers leave no more than that
-        return kind, component(kind), whole
+    if kind != effect.form_of:  # its numbers leave no more than that, here; in other sets they may be a little off it
+        either = _holds_either(kind, effect.name)
+        return kind, either, Support.of(sets, either, structured)
     form = Support.of(sets, _in_this_form(effect), structured)
     if form.probability < NAMED <= whole.probability:
         return kind, component(kind), whole
     return effect.name, _in_this_form(effect), form
+
+
+def _holds_either(kind: str, name: str) -> Finding:
+    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if k == kind or e.name == name), None)
 
 
 def _in_this_form(effect: Effect) -> Finding:

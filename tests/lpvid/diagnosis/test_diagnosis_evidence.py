@@ -482,3 +482,11 @@ def test_what_comes_in_the_place_of_a_member_does_its_work(other, of_spring, of_
     for kind, wanted in (("spring", of_spring), ("friction", of_friction)):
         found = judging._instead(sets, best, kind, component(kind), 0.9)
         assert [n for n, _ in found] == wanted
+
+
+def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
+    """Air without pressure is play; in less likely sets its pressure is a little more than none."""
+    air = SimpleNamespace(name="air", component="air", form_of="spring")
+    sets = [(SimpleNamespace(effects=[air], kinds=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
+    name, _, support = judging.named_as(air, "play", sets, 0.9)
+    assert name == "play" and support.weight == pytest.approx(1.0)
