@@ -110,6 +110,7 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
     Examples
     --------
     >>> from lpvid.analysis.uncertain_blocks import Parametric
+    >>> from lpvid.scheduling import Polynomial
     >>> lag = LPVStateSpace([[[-1.0]]], [[[1.0, 1.0]]], [[[1.0], [1.0]]], np.zeros((1, 2, 2)), Polynomial((), 0), None,
     ...                     inputs=("p", "w"), outputs=("q", "z"))
     >>> found = robust_gain(lag, Parametric("p", "q", 0.5))      # 1/(s + 1 − δ): 2 for δ = ½

@@ -30,7 +30,7 @@ def origin(cell: str) -> np.datetime64 | None:
 
     Examples
     --------
-    >>> origin("26.11.2026 10:12:13.5") == origin("2026-11-26T10:12:13.5"), origin("11/26/2026 10:12:13")
+    >>> bool(origin("26.11.2026 10:12:13.5") == origin("2026-11-26T10:12:13.5")), origin("11/26/2026 10:12:13")
     (True, None)
     """
     text = cell.strip().strip("\"'")

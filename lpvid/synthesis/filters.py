@@ -90,7 +90,8 @@ def add_actuator_filters(plant: GeneralizedPlant, bandwidth: float) -> Filtered:
 
     Examples
     --------
-    >>> from lpvid.scheduling import Scheduling
+    >>> from lpvid.model.signals import Signal
+    >>> from lpvid.scheduling import Polynomial, Scheduling
     >>> system = LPVStateSpace([[[-1.0]], [[0.0]]], [[[1.0, 1.0]], [[0.0, 0.5]]], [[[1.0], [1.0]], [[0.0], [0.0]]],
     ...                        np.zeros((2, 2, 2)), Polynomial("p", 1), None, Scheduling(("p",), (0.0,), (1.0,)),
     ...                        inputs=(Signal("road"), Signal("force")), outputs=(Signal("comfort"), Signal("sensor")))

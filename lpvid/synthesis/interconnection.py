@@ -46,6 +46,7 @@ def close_loop(plant: GeneralizedPlant, controller: LPVStateSpace) -> LPVStateSp
 
     Examples
     --------
+    >>> from lpvid.model.signals import Signal
     >>> from lpvid.scheduling import Polynomial
     >>> system = LPVStateSpace([[[0.0]], [[1.0]]], [[[1.0, 1.0]], [[0.0, 0.0]]], [[[1.0], [1.0]], [[0.0], [0.0]]],
     ...                        np.zeros((2, 2, 2)), Polynomial("p", 1), None, inputs=(Signal("road"), Signal("force")),
@@ -100,6 +101,7 @@ def connect(systems: Sequence[LPVStateSpace], inputs: Sequence[str], outputs: Se
 
     Examples
     --------
+    >>> from lpvid.model.signals import Signal
     >>> from lpvid.scheduling import Polynomial
     >>> integrator = LPVStateSpace([[[0.0]]], [[[1.0]]], [[[1.0]]], [[[0.0]]], Polynomial(), None,
     ...                            inputs=(Signal("error"),), outputs=(Signal("speed"),))

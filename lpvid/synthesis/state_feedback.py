@@ -62,6 +62,8 @@ class StateFeedback(GainDesign):
     Examples
     --------
     >>> from lpvid.model.signals import Signal
+    >>> from lpvid.scheduling import Polynomial
+    >>> from lpvid.synthesis.criteria import HInfinity
     >>> system = LPVStateSpace([[[1.0]]], [[[1.0, 1.0]]], [[[1.0], [0.0], [1.0]]], [[[0.0, 0.0], [0.0, 1.0], [0, 0]]],
     ...                        Polynomial((), 0), None, inputs=(Signal("push"), Signal("force")),
     ...                        outputs=(Signal("offset"), Signal("effort"), Signal("x")))

@@ -173,7 +173,7 @@ def test_ridge_is_its_formula(ridge: float, rng: np.random.Generator) -> None:
 
 
 def test_ridge_serves_where_least_squares_cannot(rng: np.random.Generator) -> None:
-    (record,) = noise_records(rng, (300,))
+    (record,) = noise_records(rng, (200,))  # of longer ones the fit finds that the inputs are one, and regularises
     twin = record.with_channel("u1", record["u0"])
     structure = ARX(na=1, nb=1, input="u0,u1", output="y0", basis=P1)
     with pytest.raises(InputError, match="add ridge"):

@@ -398,4 +398,4 @@ def test_the_text_says_what_a_fast_test_leaves_in_gas_and_friction():
     slow, = found.static
     mean = 0.1 * (0.8 * 0.6 + np.arcsin(0.8)) / 1.6  # of 0.1 sqrt(1 - u^2) over |u| < 0.8
     assert slow.gas == pytest.approx(-240.0 * mean, abs=0.1)
-    assert "gas with what the dampings of the directions differ by" in str(found)
+    assert "half of what the directions' damping differs by" in str(found)
