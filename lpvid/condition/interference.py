@@ -44,8 +44,9 @@ def interference(values: np.ndarray, output: np.ndarray, period: float, finer: i
 
     A band that lies apart from the first one moves the output as the first one does: the slope of the force over the
     velocity by regression over the band, G = Σ V* F/Σ |V|² with V = jω X, is not biased by what else is in the force.
-    Where a share h of the power does not move, G is smaller by 1 − h; below `FOLLOWS` times that of the first band it
-    is interference.
+    Where a share h of the power does not move, G is smaller by 1 − h; where both |G| and the part in phase, |Re G|, are
+    below `FOLLOWS` times those of the first band it is interference. In phase, because a spring makes |G| of a slow
+    band as large as K/ω, beside which a damper's slope in a fast one is small.
 
     Parameters
     ----------
@@ -88,9 +89,10 @@ def interference(values: np.ndarray, output: np.ndarray, period: float, finer: i
     for a, b in bands:
         inside = slice(*np.searchsorted(fine, ((a - 0.5) * frequency[1], (b - 0.5) * frequency[1])))
         moved = float(np.sum(np.abs(velocity[inside]) ** 2))
-        slopes.append(abs(np.vdot(velocity[inside], force[inside])) / max(moved, 1e-300))
-    for (a, b), slope in zip(bands[1:], slopes[1:], strict=True):
-        if slope < FOLLOWS * slopes[0]:
+        slope = np.vdot(velocity[inside], force[inside]) / max(moved, 1e-300)
+        slopes.append((abs(slope), abs(slope.real)))
+    for (a, b), sizes in zip(bands[1:], slopes[1:], strict=True):
+        if all(size < FOLLOWS * first for size, first in zip(sizes, slopes[0], strict=True)):
             none[a - 1:b + 1] = True  # with the frequencies beside it, which have a part of it
     return frequency, none
 

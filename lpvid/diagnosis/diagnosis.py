@@ -395,7 +395,8 @@ class Diagnosis(Shown):
     @property
     def stand_ins(self) -> tuple[str, ...]:
         """Effects of the extended model that are not named: they resemble what is wrong and simulate it in part."""
-        stated = {*(n for c in self.causes for n in (c.name, c.form)), *(n for r in self.rivals for n in r.names)}
+        stated = {*(n for c in self.causes for n in (c.name, c.form)),
+                  *(n for r in self.rivals for n in (*r.names, *r.parameters))}
         return () if self.extended is None else tuple(n for n in self.extended.effects if n not in stated)
 
     def to_dict(self) -> dict:

@@ -173,8 +173,9 @@ def summary(found: Characterisation) -> str:
         whose = f"{s.specimen}: " if len(found.data.specimens) > 1 else ""
         lines.append(f"  {whose}gas {s.gas:.4g} ± {s.gas_std:.2g} N, {rate}, friction {s.friction:.4g} N (creep)"
                      if s.creep else
-                     f"  {whose}at {1e3 * s.speed:.3g} mm/s, no creep: gas force and half of what the directions' "
-                     f"damping differs by {s.gas:.4g} N, {rate}, friction at most {s.friction:.4g} N")
+                     f"  {whose}at {1e3 * s.speed:.3g} mm/s, no creep: mean of both directions {s.gas:.4g} N "
+                     f"(gas force, and half the difference of their damping), {rate}, "
+                     f"friction at most {s.friction:.4g} N")
     for s in found.switching[:2]:
         lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
                      f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")

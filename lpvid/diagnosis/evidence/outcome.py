@@ -155,7 +155,7 @@ class EvidenceOutcome:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
             if self.of_law <= MISSED and not contested and all(m.probability >= SURE for m in named):
                 return "explained", f"{described}; {structure}, as much as a good law leaves"
-            rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
+            rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
             described = "; ".join(f"{_either(m)}{self._of_family(m)}" for m in contested)
@@ -216,7 +216,7 @@ class EvidenceOutcome:
             if w := next(holding, None):
                 parameters[e.name] = estimates(e, w.fit.vector[w.fit.composition.places[w.effects.index(e)]], None)
         experiments = dict.fromkeys([m.effect.experiment, *(e.experiment for e in others)])
-        return Rivals((m.effect.name, *(e.name for e in others)), float(1 - m.probability), "; or ".join(experiments),
+        return Rivals((m.name, *(e.name for e in others)), float(1 - m.probability), "; or ".join(experiments),
                       parameters)
 
     def _invisible(self, in_set: set[str]) -> tuple[CannotTell, ...]:
@@ -258,7 +258,7 @@ def _either(m: Member) -> str:
     too = [n for n in m.effect.stands_for(m.values) if n in dict(m.rivals)]
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
-    return " or ".join([f"{m.effect.name} ({m.probability:.2f})", *others]) + form
+    return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form
 
 
 def _change_at(e: Evidence, strength: float) -> float:

@@ -500,6 +500,18 @@ def test_the_size_of_a_motion_is_put_as_a_question_where_no_velocity_confirms_it
     assert not [f for f in beside.findings if f.name.startswith("displacement-")]
 
 
+@pytest.mark.parametrize(("stiffness", "slow", "fast"), [(3e3, 0.05, 8.0), (5e3, 0.1, 10.0), (2e4, 0.5, 12.0)])
+def test_a_fast_motion_beside_a_slow_one_against_a_spring_is_no_interference(stiffness, slow, fast, rng) -> None:
+    """Of the slow one the force over the velocity is K/ω, beside which the damper's 1500 N·s/m are little."""
+    t, w = np.arange(15000) / 500, 2 * np.pi * np.array([slow, fast])
+    x = (0.05 / w) @ np.sin(np.outer(w, t))
+    v = 0.05 * np.cos(np.outer(w, t)).sum(axis=0)
+    force = -(1500 * v + stiffness * x) + 3 * rng.standard_normal(t.size)
+    record = Record({"displacement": x + 1e-5 * rng.standard_normal(t.size), "force": force}, sample_time=1 / 500,
+                    units={"displacement": "m", "force": "N"})
+    assert "interference" not in {f.name for f in audit(record).findings}
+
+
 @pytest.mark.parametrize("follows", [False, True])
 def test_hum_of_a_displacement_is_interference_where_the_force_does_not_follow(follows: bool, rng) -> None:
     """40 µm at 50 Hz beside 18 mm at .2 Hz: half of the motion's velocity, if it is motion."""

@@ -97,7 +97,7 @@ def test_half_the_unequal_damping_of_a_fast_run_is_not_printed_as_gas_force():
     speed = 0.05 * (np.arcsin(0.8) + 0.8 * 0.6) / 1.6  # mean of √(1 − u²) over the inner 80 % of the stroke
     assert slow.gas == pytest.approx(180.0 - 0.5 * (1800.0 - 600.0) * speed, abs=0.2)
     stated = next(line for line in str(found).splitlines() if "50 mm/s, no creep" in line)
-    assert f"gas force and half of what the directions' damping differs by {slow.gas:.4g} N" in stated
+    assert f"mean of both directions {slow.gas:.4g} N (gas force, and half the difference of their damping)" in stated
     assert f"friction at most {slow.friction:.4g} N" in stated
     assert not any(line.strip().startswith("gas ") for line in str(found).splitlines())
 
@@ -398,4 +398,4 @@ def test_the_text_says_what_a_fast_test_leaves_in_gas_and_friction():
     slow, = found.static
     mean = 0.1 * (0.8 * 0.6 + np.arcsin(0.8)) / 1.6  # of 0.1 sqrt(1 - u^2) over |u| < 0.8
     assert slow.gas == pytest.approx(-240.0 * mean, abs=0.1)
-    assert "half of what the directions' damping differs by" in str(found)
+    assert "half the difference of their damping" in str(found)
