@@ -161,6 +161,8 @@ class RatedGainCertificate(StorageCertificate):
         return driven(model)
 
     def fault(self, model: LPVStateSpace, subject: Driven) -> str:
+        if not 0 < self.gamma < math.inf:
+            return f"a gain of {self.gamma:g} is no bound"
         if self.model_hash != subject.digest or model.is_discrete:
             return "the certificate was made for another model"
         if self.inputs != subject.inputs or self.outputs != subject.outputs or self.box.names != model.box.names:
@@ -184,6 +186,8 @@ class RatedGainCertificate(StorageCertificate):
         if not fault and (any(limits[names[i]][0] != -limits[names[i]][1] for i in rates)
                           or not set(self.basis.names) <= set(names)):
             fault = "the rates that the model reads are not symmetric, or it reads none"
+        if not fault and not {n + RATE for n in self.basis.names} <= set(names):
+            fault = "P depends on a variable whose rate the model does not read"
         system = over_states(subject, self.states)
         if fault or system is None:
             return Recheck(False, False, math.nan, fault or "the states of the certificate are singular, or nearly")

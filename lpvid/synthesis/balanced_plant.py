@@ -15,7 +15,9 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.scaling import Matrices, Units
 
 WAVE = 9
-"""values between two knots at which a trigonometric dependence is looked at"""
+"""values between two knots at which a trigonometric dependence is looked at, beyond one for each half wave"""
+GOLDEN = (np.sqrt(5.0) - 1) / 2
+"""share of an interval by which such values go on, modulo one: no two lie a simple fraction of a period apart"""
 MOST = 20_000
 """Points at which a plant is looked at for variables along which it is linear: a second's worth."""
 
@@ -160,10 +162,18 @@ def linear_axes(plant: GeneralizedPlant, moving: Basis | None) -> dict[str, np.n
 
 
 def _sampled(reading: Reading, axis: np.ndarray) -> np.ndarray:
-    """Values at which a function that is zero there is zero: one more than its degree between every two knots."""
+    """Values at which a function that is zero there is zero: one more than its degree between every two knots.
+
+    A trigonometric polynomial has a zero for each half wave at most, evenly spaced where it is one sine: so many values
+    and `WAVE` more, by the golden section, which no such spacing meets.
+    """
     edges = np.unique([axis[0], *(b for b in reading.breaks if axis[0] < b < axis[-1]), axis[-1]])
-    many = WAVE if reading.frequency else reading.degree + 1
-    return np.union1d(axis, np.concatenate([np.linspace(a, b, max(many, 2)) for a, b in itertools.pairwise(edges)]))
+    pieces = []
+    for a, b in itertools.pairwise(edges):
+        waves = WAVE + int(np.ceil(reading.frequency * (b - a) / np.pi))
+        between = np.arange(1, waves + 1) * GOLDEN % 1 if reading.frequency else np.linspace(0, 1, reading.degree + 1)
+        pieces.append(a + (b - a) * between)
+    return np.union1d(axis, np.concatenate([edges, *pieces]))
 
 
 def varying_signals(plant: GeneralizedPlant) -> str:

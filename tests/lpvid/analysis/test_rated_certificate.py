@@ -12,6 +12,7 @@ import lpvid as lpv
 from lpvid.analysis.rated_certificate import RatedGainCertificate
 from lpvid.lmi.certificate import EPS
 from lpvid.lmi.coordinates import Coordinates
+from lpvid.lmi.driven import driven
 
 
 def turned(rate: float = 1.0, wrong: float = 1.0) -> lpv.LPVStateSpace:
@@ -144,3 +145,18 @@ def test_what_a_change_of_states_rounds_is_below_its_magnitudes(spread):
             off = np.array([[abs(float(x - Fraction(float(v)))) for x, v in zip(r, w, strict=True)]
                             for r, w in zip(truth, value, strict=True)])
             assert np.all(off <= 6 * n * EPS * size)
+
+
+@pytest.mark.parametrize("gamma", [100.0, -1.0, 0.0, np.nan, np.inf])
+def test_a_p_that_moves_needs_a_model_that_reads_the_rate(gamma):
+    """A switching p makes this system grow; without a reading of the rate Ṗ would be taken for zero."""
+    box = lpv.Scheduling(("p", "p_rate"), (-1.0, -50.0), (1.0, 50.0))
+    basis = lpv.Product(lpv.Polynomial("p", 1), lpv.Polynomial(("p_rate",), 0))
+    a = np.array([[[-0.1, -2.0], [2.0, -0.1]], [[0.0, -1.9], [-1.9, 0.0]]])
+    unit = np.array([np.eye(2), np.zeros((2, 2))])
+    model = lpv.LPVStateSpace(a, unit, unit, np.zeros((2, 2, 2)), basis, None, box)
+    subject = driven(model)
+    moving = np.array([np.diag([4.0, 4.0]), np.diag([-3.8, 3.8])])
+    found = RatedGainCertificate(gamma, moving, lpv.Polynomial("p", 1), model.box, subject.digest, subject.inputs,
+                                 subject.outputs, 1e-3, True).check(model)
+    assert not found.holds and found.why

@@ -55,6 +55,22 @@ def test_a_gain_that_is_zero_at_the_ends_and_the_middle_is_seen() -> None:
     assert list(linear_axes(lpv.GeneralizedPlant(case.system.replace(B=b), ["u1"], ["y1"]), P)) == []
 
 
+@pytest.mark.parametrize("harmonics", [2, 4])
+def test_a_gain_that_is_zero_at_evenly_spaced_values_is_seen(harmonics: int) -> None:
+    """B2 has q sin(4a), zero at nine evenly spaced values of a turn: the ends of q do not stand for what lies between."""
+    turns = 8 // (2 * harmonics)
+    box = lpv.Scheduling(("a", "q"), (0.0, -1.0), (2 * np.pi * turns, 1.0))
+    basis = lpv.Product(lpv.Fourier("a", harmonics, 2 * np.pi), Q).bound(box)
+    a, b2 = np.zeros((basis.size, 2, 2)), np.zeros((basis.size, 2, 1))
+    a[0], b2[0] = -np.eye(2), [[1], [0]]
+    b2[list(basis.labels).index(f"sin({harmonics}*a)*q"), 1, 0] = 0.8
+    one = np.zeros((basis.size, 1, 1))
+    one[0] = 1.0
+    case = plant(a, one * np.eye(2), b2, one * np.ones((1, 2)), one * np.zeros((1, 2)), one, one * np.ones((1, 2)),
+                 one * np.array([[0.1, 0.0]]), basis, box)
+    assert linear_axes(case, None) == {}
+
+
 @pytest.mark.parametrize("varying", ["controls", pytest.param("both", marks=pytest.mark.seconds)])
 def test_the_controller_is_linear_along_them_and_keeps_its_promise_in_between(varying: str) -> None:
     case = _platform(lpv.Polynomial(("p", "q"), 1), 1, 2)
