@@ -57,7 +57,7 @@ def test_a_gain_that_is_zero_at_the_ends_and_the_middle_is_seen() -> None:
 
 @pytest.mark.parametrize("harmonics", [2, 4])
 def test_a_gain_that_is_zero_at_evenly_spaced_values_is_seen(harmonics: int) -> None:
-    """B2 has q sin(4a), zero at nine evenly spaced values of a turn: the ends of q do not stand for what lies between."""
+    """B2 has q sin(4a), zero at nine evenly spaced values of a turn: the ends of q do not stand for the rest."""
     turns = 8 // (2 * harmonics)
     box = lpv.Scheduling(("a", "q"), (0.0, -1.0), (2 * np.pi * turns, 1.0))
     basis = lpv.Product(lpv.Fourier("a", harmonics, 2 * np.pi), Q).bound(box)
