@@ -52,14 +52,13 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
         return _threads.in_parallel(function, items)
     with _threads.hired(len(items)) as workers:
         found = _by_forks(function, items, shared, workers - 1) if workers > 1 else {}
+        results: list[R] = []
         for k, item in enumerate(items):
-            if k not in found:
-                found[k] = True, function(item)
-    for k in range(len(items)):
-        good, value = found[k]
-        if not good:
-            raise value
-    return [found[k][1] for k in range(len(items))]
+            good, value = found[k] if k in found else (True, function(item))
+            if not good:
+                raise value
+            results.append(value)
+        return results
 
 
 def _possible(count: int) -> bool:
@@ -85,7 +84,7 @@ def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[o
                 sent = stream.read()
             try:
                 found |= _Reader(BytesIO(sent), shared).load()
-            except (EOFError, pickle.UnpicklingError):  # it died: its items are missing
+            except Exception:  # it died, or what it sent cannot be read: its items are missing
                 continue
         return found
     finally:
@@ -114,7 +113,7 @@ def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[obje
         _threads.alone()
         held = BytesIO()
         done = {k: _attempt(function, items[k]) for k in _taken(source)}
-        _Sender(held, shared).dump(done)
+        _Sender(held, shared).dump({k: (good, v) for k, (good, v) in done.items() if good or _arrives(v, shared)})
         with os.fdopen(out, "wb") as stream:
             stream.write(held.getbuffer())
     finally:
@@ -132,6 +131,17 @@ def _attempt(function: Callable[[T], R], item: T) -> tuple[bool, Any]:
         return True, function(item)
     except Exception as error:
         return False, error
+
+
+def _arrives(error: Exception, shared: Sequence[object]) -> bool:
+    """Whether it can be sent and read: pickle calls its class with `args`, which not every `__init__` takes."""
+    held = BytesIO()
+    try:
+        _Sender(held, shared).dump(error)
+        _Reader(BytesIO(held.getvalue()), shared).load()
+    except Exception:
+        return False
+    return True
 
 
 class _Sender(Pickler):

@@ -79,6 +79,30 @@ def test_the_first_error_is_raised_and_no_process_is_left(forking: int) -> None:
     assert in_forks(abs, range(9)) == list(range(9))  # the processors were given back
 
 
+class OfTwo(Exception):
+    def __init__(self, item: int, why: str) -> None:
+        super().__init__(f"item {item}: {why}")
+
+
+def test_an_error_that_cannot_be_read_back_is_raised_as_it_is(forking: int) -> None:
+    def fails(item: int) -> int:
+        if item > 2:
+            raise OfTwo(item, "why")
+        return item
+
+    with pytest.raises(OfTwo, match="item 3: why"):
+        in_forks(fails, range(9))
+
+
+class Unreadable:
+    def __reduce__(self) -> tuple[Callable[[str], int], tuple[str]]:
+        return int, ("no number",)
+
+
+def test_a_result_that_cannot_be_read_back_is_computed_here(forking: int) -> None:
+    assert all(type(r) is Unreadable for r in in_forks(lambda k: Unreadable(), range(6)))
+
+
 def test_beside_another_thread_nothing_is_forked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_forks, "_by_forks", lambda *a: pytest.fail("a lock of the other thread may be held"))
     end = threading.Event()
