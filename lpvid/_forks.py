@@ -91,8 +91,10 @@ def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[o
         os.close(source)
         for pid, answers in begun:
             os.close(answers)
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
+            with suppress(ChildProcessError, ProcessLookupError):  # the caller ignores SIGCHLD: it is waited for
+                if os.waitpid(pid, os.WNOHANG) == (0, 0):
+                    os.kill(pid, signal.SIGKILL)
+                    os.waitpid(pid, 0)
 
 
 def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object], source: int) -> tuple[int, int]:

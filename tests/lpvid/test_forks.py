@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+import time
 from collections.abc import Callable
 
 import pytest
@@ -101,6 +102,14 @@ class Unreadable:
 
 def test_a_result_that_cannot_be_read_back_is_computed_here(forking: int) -> None:
     assert all(type(r) is Unreadable for r in in_forks(lambda k: Unreadable(), range(6)))
+
+
+def test_where_the_caller_ignores_its_children_results_are_the_same(forking: int) -> None:
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        assert in_forks(lambda k: (time.sleep(0.005), k)[1], range(9)) == list(range(9))
+    finally:
+        signal.signal(signal.SIGCHLD, before)
 
 
 def test_beside_another_thread_nothing_is_forked(monkeypatch: pytest.MonkeyPatch) -> None:
