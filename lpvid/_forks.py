@@ -13,13 +13,15 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from io import BytesIO
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from lpvid import _threads
 from lpvid._processes import Pickler, ends_with_parent
 
 T = TypeVar("T")
 R = TypeVar("R")
+Answer: TypeAlias = tuple[bool, Any, list[tuple[Warning | str, str, int]]]
+"""whether it succeeded, its value or exception, its warnings with file and line"""
 
 
 def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
@@ -42,6 +44,7 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
     -------
     list
         An exception of the function is raised, of several that of the first item; an interruption ends the work.
+        Warnings are issued here, in the order of the items, up to the one that is raised.
 
     Examples
     --------
@@ -52,14 +55,16 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
         return _threads.in_parallel(function, items)
     with _threads.hired(len(items)) as workers:
         found = _by_forks(function, items, shared, workers - 1) if workers > 1 else {}
+        results: list[R] = []
         for k, item in enumerate(items):
-            if k not in found:
-                found[k] = True, function(item)
-    for k in range(len(items)):
-        good, value = found[k]
-        if not good:
-            raise value
-    return [found[k][1] for k in range(len(items))]
+            answer: Answer = found[k] if k in found else (True, function(item), [])
+            good, value, warned = answer
+            for warning in warned:
+                _issue(*warning)
+            if not good:
+                raise value
+            results.append(value)
+        return results
 
 
 def _possible(count: int) -> bool:
@@ -67,13 +72,13 @@ def _possible(count: int) -> bool:
 
 
 def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object], forks: int
-              ) -> dict[int, tuple[bool, Any]]:
-    """Whether each item that was taken succeeded, and its value or exception."""
+              ) -> dict[int, Answer]:
+    """Of each item that was taken."""
     source, into = os.pipe()
     os.write(into, struct.pack(f"<{len(items)}H", *range(len(items))))  # two bytes apiece: a read of them is one
     os.close(into)
     begun: list[tuple[int, int]] = []
-    found: dict[int, tuple[bool, Any]] = {}
+    found: dict[int, Answer] = {}
     try:
         with suppress(OSError):  # no room for another process: fewer of them
             for _ in range(forks):
@@ -85,15 +90,17 @@ def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[o
                 sent = stream.read()
             try:
                 found |= _Reader(BytesIO(sent), shared).load()
-            except (EOFError, pickle.UnpicklingError):  # it died: its items are missing
+            except Exception:  # it died, or what it sent cannot be read: its items are missing
                 continue
         return found
     finally:
         os.close(source)
         for pid, answers in begun:
             os.close(answers)
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
+            with suppress(ChildProcessError, ProcessLookupError):  # the caller ignores SIGCHLD: it is waited for
+                if os.waitpid(pid, os.WNOHANG) == (0, 0):
+                    os.kill(pid, signal.SIGKILL)
+                    os.waitpid(pid, 0)
 
 
 def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object], source: int) -> tuple[int, int]:
@@ -114,7 +121,7 @@ def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[obje
         _threads.alone()
         held = BytesIO()
         done = {k: _attempt(function, items[k]) for k in _taken(source)}
-        _Sender(held, shared).dump(done)
+        _Sender(held, shared).dump({k: a for k, a in done.items() if _arrives(a, shared)})
         with os.fdopen(out, "wb") as stream:
             stream.write(held.getbuffer())
     finally:
@@ -127,11 +134,35 @@ def _taken(source: int) -> Iterator[int]:
         yield struct.unpack("<H", two)[0]
 
 
-def _attempt(function: Callable[[T], R], item: T) -> tuple[bool, Any]:
+def _attempt(function: Callable[[T], R], item: T) -> Answer:
+    with warnings.catch_warnings(record=True) as seen:  # under the caller's filters, of which "error" raises here
+        warnings.filters = [("default" if f[0] == "once" else f[0], *f[1:]) for f in warnings.filters]  # once: _issue
+        try:
+            good, value = True, function(item)
+        except Exception as error:
+            good, value = False, error
+    return good, value, [(w.message, w.filename, w.lineno) for w in seen]
+
+
+def _issue(message: Warning | str, filename: str, line: int) -> None:
+    """A warning that was recorded, as from its line: the filters know its module, which knows what it has shown."""
+    of = next((vars(m) for m in list(sys.modules.values()) if getattr(m, "__file__", None) == filename), {})
+    warnings.warn_explicit(message, type(message), filename, line, of.get("__name__"),  # pyright: ignore
+                           of.setdefault("__warningregistry__", {}))
+
+
+def _arrives(answer: Answer, shared: Sequence[object]) -> bool:
+    """Whether errors and warnings can be read: pickle calls a class with `args`, which not every `__init__` takes."""
+    good, value, warned = answer
+    if good and not warned:
+        return True
+    held = BytesIO()
     try:
-        return True, function(item)
-    except Exception as error:
-        return False, error
+        _Sender(held, shared).dump((None if good else value, warned))
+        _Reader(BytesIO(held.getvalue()), shared).load()
+    except Exception:
+        return False
+    return True
 
 
 class _Sender(Pickler):

@@ -8,7 +8,10 @@ import subprocess
 import sys
 import textwrap
 import threading
+import time
+import warnings
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from helpers.waiting import gone
@@ -77,6 +80,65 @@ def test_the_first_error_is_raised_and_no_process_is_left(forking: int) -> None:
     with pytest.raises(ChildProcessError):
         os.waitpid(-1, os.WNOHANG)
     assert in_forks(abs, range(9)) == list(range(9))  # the processors were given back
+
+
+class OfTwo(Exception):
+    def __init__(self, item: int, why: str) -> None:
+        super().__init__(f"item {item}: {why}")
+
+
+def test_an_error_that_cannot_be_read_back_is_raised_as_it_is(forking: int) -> None:
+    def fails(item: int) -> int:
+        if item > 2:
+            raise OfTwo(item, "why")
+        return item
+
+    with pytest.raises(OfTwo, match="item 3: why"):
+        in_forks(fails, range(9))
+
+
+class Unreadable:
+    def __reduce__(self) -> tuple[Callable[[str], int], tuple[str]]:
+        return int, ("no number",)
+
+
+def test_a_result_that_cannot_be_read_back_is_computed_here(forking: int) -> None:
+    assert all(type(r) is Unreadable for r in in_forks(lambda k: Unreadable(), range(6)))
+
+
+def test_where_the_caller_ignores_its_children_results_are_the_same(forking: int) -> None:
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        assert in_forks(lambda k: (time.sleep(0.005), k)[1], range(9)) == list(range(9))
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+
+
+def _warns(item: int) -> int:
+    time.sleep(0.005)
+    warnings.warn(f"item {item}", RuntimeWarning, stacklevel=1)
+    warnings.warn("of each", UserWarning, stacklevel=1)
+    return item
+
+
+@pytest.mark.parametrize("action", ["always", "default", "once", "ignore"])
+def test_warnings_are_those_of_a_loop(forking: int, action: Any) -> None:
+    def of(work: Callable[[], object]) -> list[tuple]:
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("ignore")
+            warnings.filterwarnings(action, module=__name__)
+            getattr(warnings, "onceregistry", {}).clear()
+            work()
+        return [(str(w.message), w.category, w.filename, w.lineno) for w in seen]
+
+    expected = of(lambda: [_warns(k) for k in range(6)])
+    assert len(expected) == {"always": 12, "default": 7, "once": 7, "ignore": 0}[action]
+    assert of(lambda: in_forks(_warns, range(6))) == expected
+
+
+def test_a_warning_that_is_an_error_is_raised(forking: int) -> None:
+    with pytest.raises(RuntimeWarning, match="item 0"):
+        in_forks(_warns, range(6))
 
 
 def test_beside_another_thread_nothing_is_forked(monkeypatch: pytest.MonkeyPatch) -> None:
