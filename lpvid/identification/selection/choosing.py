@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.covariance import residual_memory
-from lpvid.identification.selection.free_run import Trial, spread, unstable_share_of_range
+from lpvid.identification.selection.free_run import RANGE_POINTS, Trial, spread, unstable_share_of_range
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
 
@@ -56,13 +56,33 @@ def close_to_least(trials: Sequence[Trial]) -> list[int]:
             if t.mean - least.mean <= min(spread(t.esr - least.esr), TOLERATED * least.mean)]
 
 
+def least_unstable(shares: Sequence[float]) -> list[int]:
+    """Places of the shares that the points of the range cannot tell from the least.
+
+    A share s counted on n points has the binomial standard error √(s(1 − s)/n), and one point of n is the least
+    difference there is: a share up to the larger of the two above the least is as good as the least.
+
+    Parameters
+    ----------
+    shares : sequence of float
+        Parts of the range with unstable poles, from about n = `RANGE_POINTS` points each.
+
+    Returns
+    -------
+    list of int
+    """
+    least = min(shares)
+    error = max(np.sqrt(least * (1 - least) / RANGE_POINTS), 1 / RANGE_POINTS)
+    return [i for i, s in enumerate(shares) if s <= least + error]
+
+
 def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int:
     """Place of the choice: the simplest within one standard error of the least that all data do not speak against.
 
-    Of those within one standard error, the ones that compete are those whose frozen poles leave the unit circle in the
-    smallest part of the range (`unstable_share_of_range`). Along the training trajectory all of them stay inside, but
-    it is a line in that range: later data combine its values otherwise, and what a model does there no error on the
-    training data measures.
+    Of those within one standard error, the ones that compete are those whose frozen poles are unstable in the smallest
+    part of the range as far as its points resolve it (`unstable_share_of_range`, `least_unstable`). Along the training
+    trajectory all of them are stable, but it is a line in that range: later data combine its values otherwise, and what
+    a model does there no error on the training data measures.
 
     Five folds see a difference only from about their standard error on, and each fits to four fifths of the data. What
     they leave open is asked of all training data::
@@ -89,8 +109,9 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     if len(near) < 2:
         return 0
     models = {i: _model(tried[i]) for i in near}
-    shares = {i: 1.0 if (m := models[i]) is None else unstable_share_of_range(m) for i in near}
-    near = [i for i in near if shares[i] == min(shares.values())]
+    estimated = [(i, m) for i in near if (m := models[i]) is not None]
+    if estimated:
+        near = [estimated[k][0] for k in least_unstable([unstable_share_of_range(m) for _, m in estimated])]
     sizes = {i: np.inf if (k := tried[i].n_parameters) is None else k for i in near}
     least = near[0]
     simpler = sorted((i for i in near if sizes[i] < sizes[least]), key=lambda i: (sizes[i], tried[i].trial.mean))

@@ -10,7 +10,13 @@ from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid.identification.selection import select
-from lpvid.identification.selection.choosing import Tried, close_to_least, independent_samples, simplest_supported
+from lpvid.identification.selection.choosing import (
+    Tried,
+    close_to_least,
+    independent_samples,
+    least_unstable,
+    simplest_supported,
+)
 from lpvid.identification.selection.free_run import Trial, unstable_share_of_range
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
@@ -91,6 +97,30 @@ def test_of_a_tie_the_one_that_is_stable_over_the_whole_range_is_taken():
     assert simplest_supported([tie(1, inside), tie(2, along, 1.0)], [record]) == 0
     sure = Tried(Trial(0.1 + np.array([0.0020, 0.0021, 0.0019, 0.0020, 0.0020])), 2, lambda: inside)
     assert simplest_supported([tie(1, along), sure], [record]) == 0  # no tie
+
+
+def test_one_corner_of_the_range_does_not_cost_a_structure_its_place():
+    """1/2025 of the box against none, two parameters against forty: the grid resolves no less than one point."""
+    rng = np.random.default_rng(5)
+    p1 = np.where(np.arange(600) % 100 < 50, 1.0, 0.0)
+    channels: Any = {"u": rng.standard_normal(600), "p1": p1, "p2": 1.0 - p1}
+    record = Record({**channels, "y": channels["u"] + 0.3 * rng.standard_normal(600)}, sample_time=0.01)
+    corner = scheduled([[0.0, -0.505, -0.505]], (0.0, 0.0), (1.0, 1.0))
+    inside = scheduled([[0.0, -0.4, -0.4]], (0.0, 0.0), (1.0, 1.0))
+    assert unstable_share_of_range(corner) == pytest.approx(1 / 2025)
+    assert simplest_supported([tie(2, corner), tie(40, inside, 1.0)], [record]) == 0
+
+
+@pytest.mark.parametrize(("percent", "compete"), [
+    ((1.4, 4.8, 0.9), [2]),
+    ((0.5, 1.4, 4.8, 5.2, 0.0, 8.2, 0.9), [4]),  # 8.2 %: 91.96 % of fit on later data against 95.1
+    ((0.0, 0.0, 2.6, 0.0, 0.0), [0, 1, 3, 4]),  # 2.6 %: diverges on later data
+    ((0.0, 0.05, 0.1), [0, 1]),
+    ((0.9, 1.1, 1.15), [0, 1]),  # standard error 0.21
+])
+def test_shares_compete_that_the_points_cannot_tell_from_the_least(percent, compete):
+    """The first three are the gyroscope's of docs/benchmarks.md ("Poles over the range")."""
+    assert least_unstable([s / 100 for s in percent]) == compete
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
