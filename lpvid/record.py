@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -18,6 +19,8 @@ from lpvid.timebase import TimeBase, analyse_time, calendar_seconds
 MISSPELT = 0.85
 """Share of letters in common, of both names, from which one is a slip of the other: one letter left out of four has
 6/7, one mistaken of seven 6/7 as well; `force` and `force_2` have 5/6."""
+_PLACE = re.compile(r"\d+|(?<![^\W_])(?:left|right|front|rear|[fr][lr])(?![^\W_])|(?<=[\W_])[^\W\d_]$")
+"""What sets like channels apart: numbers, sides, a last word of one letter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +61,23 @@ def _channel(name: str, values: object, unit: str) -> Channel:
         raise InputError(error.what.replace("a channel", f"channel '{name}'"), got=error.got, why=error.why) from None
 
 
-def _refuse_misspelt(stated: Mapping[str, str], channels: Mapping[str, Channel], where: str) -> None:
-    """A unit whose channel is misspelt would leave that channel without one, off by a thousand where it is in mm/s.
+def _siblings(name: str, other: str) -> bool:
+    """Whether two names are those of like channels, such as `accel_x` and `accel_y`, rather than one and a slip."""
+    stems = [re.sub(r"[\W_]", "", _PLACE.sub("", text)) for text in (name, other)]
+    return stems[0] == stems[1] and _PLACE.findall(name) != _PLACE.findall(other)
+
+
+def _refuse_misspelt(stated: Mapping[str, str], arrays: Sequence[str], channels: Mapping[str, Channel], where: str
+                     ) -> None:
+    """A unit whose array is misspelt would leave that array without one, off by a thousand where it is in mm/s.
 
     Units of channels that are not there are allowed: one table may serve many records.
     """
-    bare = {name.casefold(): name for name in channels if name not in stated}
+    bare = {name.casefold(): name for name in arrays if name not in stated}
     for title in stated:
-        near = difflib.get_close_matches(str(title).casefold(), list(bare), n=1, cutoff=MISSPELT)
+        folded = str(title).casefold()
+        others = [name for name in bare if not _siblings(folded, name)]
+        near = difflib.get_close_matches(folded, others, n=1, cutoff=MISSPELT)
         if title not in channels and near:
             raise InputError(f"{where}: units= names '{title}', which is no channel",
                              got=f"'{bare[near[0]]}' without a unit", mend=f"did you mean '{bare[near[0]]}'?")
@@ -124,7 +136,8 @@ class Record(ReadOnlyState, Shown):
                     for k, v in self.channels.items()}
         if not channels:
             raise InputError(f"record '{self.name}' has no channels")
-        _refuse_misspelt(given, channels, f"record '{self.name}'")
+        arrays = [str(k) for k, v in self.channels.items() if not isinstance(v, Channel)]
+        _refuse_misspelt(given, arrays, channels, f"record '{self.name}'")
         lengths = {k: v.values.size for k, v in channels.items()}
         n = next(iter(lengths.values()))
         if len(set(lengths.values())) > 1:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvid import units
-from lpvid.condition.tables import Column, ColumnTable
+from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files._stamps import origin, seconds
 from lpvid.files._table import MISSING, fault_text, headed, is_number, parse_cells
@@ -169,11 +169,17 @@ def _above_numbers(lines: Sequence[tuple[int, str]], candidates: list[_Layout]) 
 
 
 def _with_units(above: list[list[str]], n: int) -> list[str] | None:
-    """Headers ``name [unit]`` from the one or two lines above the numbers; None where there are no `n` names."""
+    """Headers ``name [unit]`` from the one or two lines above the numbers; None where there are no `n` names.
+
+    The last line holds units only where every filled cell is one. `t` is the tonne and `T` the tesla, but also the name
+    of time: they are units only below a line that names the time.
+    """
     last = above[-1]
-    stated = [unit.strip("[]()\"' ") for unit in last]
-    unit_row = len(last) == n and any(map(units.is_known, filter(None, stated)))
     names = above[0] if len(above) == 2 else []
+    stated = [unit.strip("[]()\"' ") for unit in last]
+    filled = list(filter(None, stated))
+    timed = any(map(is_time_name, names)) or not any(map(is_time_name, filled))
+    unit_row = len(last) == n and bool(filled) and timed and all(map(units.is_known, filled))
     if unit_row and len(names) == n and all(names) and not any(headed(name)[1] for name in names):
         return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, stated, strict=True)]
     return last if len(last) == n and all(last) and not any(map(_is_sample, last)) else None

@@ -159,3 +159,24 @@ def test_deriving_keeps_the_clock(derive, clock) -> None:
 
 def test_it_prints_in_one_line() -> None:
     assert repr(a_record()) == "Record 'run': 4 samples, 10 Hz, v [m/s], F [N]"
+
+
+@pytest.mark.parametrize(("there", "stated"), [
+    ("force_2", "force_1"), ("force_12", "force_1"), ("accel_y", "accel_x"), ("velocity_1", "velocity_2"),
+    ("velocity_x", "velocity"), ("accel_front_left", "accel_front_right"), ("Velocity_Rear", "Velocity_Front"),
+    ("wheel_speed_fl", "wheel_speed_rr"),
+])
+def test_the_unit_of_another_channel_is_no_slip(there, stated) -> None:
+    assert Record({there: [1.0, 2.0]}, 0.1, units={stated: "kN"})[there].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(("there", "stated"), [
+    ("force_1", "forec_1"), ("force_2", "force 2"), ("accel_x", "acel_x"), ("Force", "force"), ("velocity", "velocty"),
+])
+def test_the_unit_of_a_misspelt_channel_is_refused(there, stated) -> None:
+    with pytest.raises(InputError, match=f"names '{stated}', which is no channel.*mean '{there}'"):
+        Record({there: [1.0, 2.0], "other": [1.0, 2.0]}, 0.1, units={stated: "kN"})
+
+
+def test_a_channel_with_its_own_unit_does_not_want_one() -> None:
+    assert Record({"force": Channel([1.0, 2.0], "N")}, 0.1, units={"forcee": "kN"}).unit("force") == "N"

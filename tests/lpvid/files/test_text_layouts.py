@@ -128,3 +128,17 @@ def test_a_spreadsheet_is_to_be_saved_as_csv(tmp_path):
     path.write_bytes(b"PK")
     with pytest.raises(InputError, match=r"save the sheet as CSV; readable are \.csv"):
         lpv.read(path)
+
+
+@pytest.mark.parametrize("header, above, names", [
+    ("t,x,F", "Customer,Rig,Operator", ["x", "F"]),
+    ("time,s,F", "Customer,Rig,Operator", ["s", "F"]),
+    ("t,s,F", "Customer,Rig,Operator", ["s", "F"]),
+    ("s,A,T", "time,current,field", ["current", "field"]),
+])
+def test_a_symbol_of_a_unit_in_a_header_is_a_name(tmp_path, header, above, names):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{above}\n{header}\n" + rows())
+    record, = lpv.read(path)
+    assert list(record.channels) == names
+    assert record.sample_time == pytest.approx(1 / 500, rel=1e-9)
