@@ -118,14 +118,32 @@ def _layout(path: Path, where: str) -> _Layout:
         raise InputError(f"{where}: the file is empty", mend=_MEND_HEADER)
     candidates = [_Layout(encoding, d, (), 0, 0) for d in ("\t", ";", ",", None)]
     found = _headed_at_once(lines, candidates, where)
-    cells = found.data_cells(lines[1][1]) if len(lines) > 1 else []
-    if len(cells) != len(found.names) or not any(map(_is_sample, cells)):
+    if not _heads(found, lines):
         found = _above_numbers(lines, candidates) or found
     if not found.data_line:
         raise InputError(f"{where}: there is a header but no data", got=", ".join(found.names),
                          mend="export the data again; in a folder, name the files: FOLDER/*.csv")
     first = next(line for number, line in lines if number == found.data_line)
     return replace(found, origins=tuple(map(origin, found.data_cells(first))))
+
+
+def _heads(layout: _Layout, lines: Sequence[tuple[int, str]]) -> bool:
+    """Whether the first line can be the header of all that follow: a name for every cell, and samples below it."""
+    try:
+        rows = [layout.data_cells(line) for _, line in lines[1:]]
+    except csv.Error:
+        return True  # the line is named where the file is read
+    if not rows or not all(layout.names) or any(len(row) != len(layout.names) for row in rows):
+        return False
+    stated = any(is_time_name(name) or unit is not None for name, unit in map(headed, layout.names))
+    return any(map(_is_sample, rows[0])) and (stated or _is_row(rows[0]))
+
+
+def _is_row(cells: Sequence[str]) -> bool:
+    """Whether cells hold numbers or missing samples alone, and one number at least."""
+    cells = [cell.strip() for cell in cells]
+    missing = [cell.casefold() in MISSING for cell in cells]
+    return not all(missing) and all(m or _is_sample(cell) for m, cell in zip(missing, cells, strict=True))
 
 
 def _is_sample(cell: str) -> bool:
@@ -154,12 +172,11 @@ def _above_numbers(lines: Sequence[tuple[int, str]], candidates: list[_Layout]) 
     for layout in candidates[:3]:
         for k in range(1, len(lines)):
             try:
-                row = [cell.strip() for cell in layout.data_cells(lines[k][1])]
+                row = layout.data_cells(lines[k][1])
                 above = [[c.strip() for c in layout.split(line)] for _, line in lines[max(k - 2, 0):k]]
             except csv.Error:
                 break
-            missing = [cell.casefold() in MISSING for cell in row]
-            if len(row) < 2 or all(missing) or not all(m or is_number(c) for m, c in zip(missing, row, strict=True)):
+            if len(row) < 2 or not _is_row(row):
                 continue
             names, line = _with_units(above, len(row)), lines[k - 1][0]
             if names is None:
@@ -295,7 +312,7 @@ def _dated(layout: _Layout, place: int) -> str:
 
 
 def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[int, list[str]]]:
-    wanted = len(layout.names)
+    wanted, below = len(layout.names), False
     for number, line in _content(stream, layout.data_line):
         text = line.replace(",", ".") if layout.decimal_comma else line
         try:
@@ -307,7 +324,8 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
             raise InputError(f"{where}: line {number} has {len(cells)} cell{'s' * (len(cells) != 1)}", got=_shown(line),
                              why=f"the header names {wanted} columns",
                              mend="repair that line, or remove what stands " +
-                             ("above the header" if number == layout.data_line else "below the data"))
+                             ("below the data" if below or number > _PREAMBLE else "above the header"))
+        below = below or _is_row(cells)
         yield number, cells
 
 

@@ -26,6 +26,10 @@ def rows(delimiter=",", comma=False, stamps=None):
 LAYOUTS = {
     "preamble": PREAMBLE + "time [s];displacement [mm];force [kN]\n" + rows(";", comma=True),
     "preamble and units": PREAMBLE + "Time\tdisplacement\tforce\nSec\tmm\tkN\n" + rows("\t"),
+    "preamble of short lines": "Customer,ACME\nRig,3\nOperator,Miss X\n" + PLAIN + rows(),
+    "preamble of one name": "Rig,3\n" + PLAIN + rows(),
+    "preamble padded by a spreadsheet": "Customer,ACME,\nRig,3,\n" + PLAIN + rows(),
+    "preamble of as many cells": "Customer,ACME,Ltd\nRig,3,east\n" + PLAIN + rows(),
     "units in a row": "time,displacement,force\ns,mm,kN\n" + rows(),
     "units in brackets": "time,displacement,force\n[s],[mm],[kN]\n" + rows(),
     "dates": "time,displacement [mm],force [kN]\n" + rows(stamps=[
@@ -105,6 +109,13 @@ def test_a_line_below_the_data_is_named_as_such(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text(PLAIN + rows() + "End of test\n")
     with pytest.raises(InputError, match=r"line 42 has 1 cell.*below the data"):
+        lpv.read(path)
+
+
+def test_a_line_above_the_header_is_named_as_such(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("Customer,ACME\nRig,3\n" + "time,,force\n" + rows())
+    with pytest.raises(InputError, match=r"line 3 has 3 cells.*above the header"):
         lpv.read(path)
 
 
