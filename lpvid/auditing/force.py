@@ -112,11 +112,10 @@ def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
     minus = [v for v, likeness in signs if likeness < -0.05]
     plus = [v for v, likeness in signs if likeness > 0.05]
     if minus and plus:
-        fewer, sign = (minus, "negative") if len(minus) <= len(plus) else (plus, "positive")
-        shown = ", ".join(f"'{v.name}'" for v in fewer[:3]) + (f" and {len(fewer) - 3} more" if len(fewer) > 3 else "")
+        shown = ", ".join(f"'{v.name}'" for v in minus[:3]) + (f" and {len(minus) - 3} more" if len(minus) > 3 else "")
         yield Finding("mixed-polarity", "", str(signs[0][0].force), "warning",
-                      f"mean F·v is negative in {len(minus)} and positive in {len(plus)} records ({sign}: {shown})",
-                      f"turn one group before using them together: --flip {fewer[0].force}@RECORD for each",
+                      f"mean F·v is negative in {len(minus)} and positive in {len(plus)} records (negative: {shown})",
+                      f"turn the negative ones before using them together: --flip {minus[0].force}@RECORD for each",
                       float(len(minus)))
 
 
@@ -225,6 +224,9 @@ def drift(view: View) -> Iterator[Finding]:
 def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     """Zero-velocity force that differs between records.
 
+    An elastic damper with unequal directions leaves a share a, |a| ≤ 1, of the loop's half width w at rest: between
+    runs of like motion a(w₂ − w₁), |w₂ − w₁| at most; where the busiest frequencies differ, a does too: max(w₁, w₂).
+
     Parameters
     ----------
     views : sequence of View
@@ -233,24 +235,33 @@ def offset_between(views: Sequence[View]) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning, or a note where the loops are
-        as wide as the difference, or four standard errors narrower; its value is the largest difference [N].
+        ``force-offset-varies`` above 10 % of the rms and four standard errors, a warning, or a note where the
+        elastic part and four standard errors make up the difference; its value is the largest difference [N].
     """
-    found = [(view.name, *level, float(view.stroke[2].std())) for view in views
+    found = [(view.name, *level, float(view.stroke[2].std()), *_busiest(view)) for view in views
              if view.stroke is not None and (level := _offset(view)) is not None]
     if len(found) < 2:
         return
     low, high = min(found, key=lambda f: f[1]), max(found, key=lambda f: f[1])
     rms = float(np.median([f[4] for f in found]))
-    width = max(low[3], high[3])
+    alike = abs(low[5] - high[5]) <= max(low[6], high[6])
+    width = abs(low[3] - high[3]) if alike else max(low[3], high[3])
     spread = high[1] - low[1]
     unsure = 4 * float(np.hypot(low[2], high[2]))
     if spread > max(0.1 * rms, unsure):
         elastic = spread < width + unsure
         yield Finding("force-offset-varies", "", "", "note" if elastic else "warning",
                       f"the force at zero velocity runs from {low[1]:.4g} N ('{low[0]}') to {high[1]:.4g} N "
-                      f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms"
-                      + (f"; the two directions differ by ±{width:.3g} N there, of which unequal rebound and "
-                         "compression of an elastic damper leave a part" if elastic else ""),
+                      f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms; the two directions differ by "
+                      f"±{low[3]:.3g} and ±{high[3]:.3g} N there, of which unequal rebound and compression of an "
+                      f"elastic damper leave {width:.3g} N at most",
                       "compare the load cell's reading at rest between the runs" if elastic else
                       "zero the load cell before each run; give the model a constant term for each record", spread)
+
+
+def _busiest(view: View) -> tuple[float, float]:
+    """(busiest frequency of the motion, its resolution: one cycle in the run), both [Hz]."""
+    assert view.stroke is not None and view.period is not None
+    velocity = view.stroke[1]
+    spacing = 1 / (velocity.size * view.period)
+    return spacing * int(np.argmax(np.abs(np.fft.rfft(velocity - velocity.mean())))), spacing

@@ -47,9 +47,12 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
         if ratio < _BROADBAND:
             continue  # a signal that fills the band: its floor may be the signal itself
         poor = ratio < -20 * np.log10(POOR) and about == "noise"
+        mend = "shield or filter; expect no model better than that" if poor else ""
+        if ratio < -20 * np.log10(POOR) and not poor:
+            mend = "record faster: overtones of the force that fold back look like noise at this rate"
         yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name, "warning" if poor else "note",
                       f"{about} {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
-                      "shield or filter; expect no model better than that" if poor else "", level)
+                      mend, level)
 
 
 def folded(view: View, name: str) -> float:

@@ -76,6 +76,18 @@ def test_an_elastic_strut_with_unequal_directions_has_one_gas_force(rng):
     assert [f.severity for f in audit(moved).of("force-offset-varies")] == ["warning"]
 
 
+def test_a_shift_between_runs_of_like_motion_is_not_elastic(rng):
+    """The same loops twice, ±136 N at rest: what they hold cancels, 35 % of the rms is the load cell's."""
+    t, w = np.arange(20000) / 500, 2 * np.pi * 5
+    force = 300 * np.cos(w * (t - 0.015))
+    records = [Record({"velocity": 0.2 * np.cos(w * t), "force": force + shift + 2 * rng.normal(size=t.size)},
+                      sample_time=1 / 500, units={"velocity": "m/s", "force": "N"}, name=name)
+               for name, shift in (("a", 0.0), ("b", 0.35 * force.std()))]
+    (found,) = audit(records).of("force-offset-varies")
+    assert found.severity == "warning"
+    assert found.value == pytest.approx(0.35 * force.std(), rel=0.05)
+
+
 def test_a_displacement_in_volt_has_no_metres(rng):
     x, v = drive(rng, 10, 500, 0.5, 12, 4.0)
     found = audit(record(x, 900 * v, 500, unit="V"))
