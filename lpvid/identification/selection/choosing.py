@@ -56,7 +56,7 @@ def close_to_least(trials: Sequence[Trial]) -> list[int]:
             if t.mean - least.mean <= min(spread(t.esr - least.esr), TOLERATED * least.mean)]
 
 
-def least_unstable(shares: Sequence[float]) -> list[int]:
+def least_unstable(shares: Sequence[float | None]) -> list[int]:
     """Places of the shares that the points of the range cannot tell from the least.
 
     A share s counted on n points has the binomial standard error √(s(1 − s)/n), and one point of n is the least
@@ -64,16 +64,17 @@ def least_unstable(shares: Sequence[float]) -> list[int]:
 
     Parameters
     ----------
-    shares : sequence of float
-        Parts of the range with unstable poles, from about n = `RANGE_POINTS` points each.
+    shares : sequence of float or None
+        Parts of the range with unstable poles, from about n = `RANGE_POINTS` points each. One that is not known (None)
+        is not compared: its place stays, and the least is that of the others.
 
     Returns
     -------
     list of int
     """
-    least = min(shares)
+    least = min((s for s in shares if s is not None), default=0.0)
     error = max(np.sqrt(least * (1 - least) / RANGE_POINTS), 1 / RANGE_POINTS)
-    return [i for i, s in enumerate(shares) if s <= least + error]
+    return [i for i, s in enumerate(shares) if s is None or s <= least + error]
 
 
 def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int:
@@ -82,7 +83,8 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     Of those within one standard error, the ones that compete are those whose frozen poles are unstable in the smallest
     part of the range as far as its points resolve it (`unstable_share_of_range`, `least_unstable`). Along the training
     trajectory all of them are stable, but it is a line in that range: later data combine its values otherwise, and what
-    a model does there no error on the training data measures.
+    a model does there no error on the training data measures. Where that part is not known (quasi-LPV), a structure
+    competes and throws no other out.
 
     Five folds see a difference only from about their standard error on, and each fits to four fifths of the data. What
     they leave open is asked of all training data::

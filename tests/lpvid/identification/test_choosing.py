@@ -17,7 +17,8 @@ from lpvid.identification.selection.choosing import (
     least_unstable,
     simplest_supported,
 )
-from lpvid.identification.selection.free_run import Trial, unstable_share_of_range
+from lpvid.identification.selection.free_run import Trial, _points_of_range, unstable_share_of_range
+from lpvid.model.quasi import QuasiLPVModel
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
 
@@ -92,11 +93,54 @@ def test_of_a_tie_the_one_that_is_stable_over_the_whole_range_is_taken():
     record = Record({**channels, "y": channels["u"] + 0.3 * rng.standard_normal(600)}, sample_time=0.01)
     along = scheduled([[0.0, -0.9, -0.9]], (0.0, 0.0), (1.0, 1.0))  # pole 0.9 at every sample, 1.8 where both are large
     inside = scheduled([[0.0, -0.45, -0.45]], (0.0, 0.0), (1.0, 1.0))
-    assert unstable_share_of_range(along) > 0.3
+    share = unstable_share_of_range(along)
+    assert share is not None and share > 0.3
     assert simplest_supported([tie(1, along), tie(2, inside, 1.0)], [record]) == 1
     assert simplest_supported([tie(1, inside), tie(2, along, 1.0)], [record]) == 0
     sure = Tried(Trial(0.1 + np.array([0.0020, 0.0021, 0.0019, 0.0020, 0.0020])), 2, lambda: inside)
     assert simplest_supported([tie(1, along), sure], [record]) == 0  # no tie
+
+
+def test_the_share_of_a_continuous_model_is_where_the_real_part_is_not_negative():
+    """Oracle: the pole is p − 0.25 on 0 to 1, unstable on three quarters; without scheduling it is all or nothing."""
+    box = Scheduling(("p",), (0.0,), (1.0,))
+    b, c, d = (np.array([[[v]], [[0.0]]]) for v in (1.0, 1.0, 0.0))
+    moving = lpv.LPVStateSpace(np.array([[[-0.25]], [[1.0]]]), b, c, d, lpv.Polynomial(("p",), degree=1), None, box)
+    assert unstable_share_of_range(moving) == pytest.approx(0.75, abs=1e-3)
+    for pole, share in ((-0.1, 0.0), (0.1, 1.0)):
+        still = lpv.LPVStateSpace(np.array([[[pole]]]), b[:1], c[:1], d[:1], lpv.Polynomial(), None)
+        assert unstable_share_of_range(still) == share
+
+
+def test_the_share_of_a_model_that_schedules_itself_is_not_known():
+    """It neither throws out a structure with a known share nor falls out itself."""
+    stop = QuasiLPVModel(np.array([[[0.0, -1.0]], [[0.0, 1.0]]]), lpv.Spline("y", 1, 1, (-1.0, 1.0)), 0, (1,), (0,),
+                         0.01, (lpv.Signal("u"),), (lpv.Signal("y"),), "trial", np.ones(1))
+    assert unstable_share_of_range(stop) is None
+    rng = np.random.default_rng(5)
+    channels: Any = {"u": rng.standard_normal(600), "p1": np.ones(600), "p2": np.zeros(600)}
+    record = Record({**channels, "y": channels["u"] + 0.3 * rng.standard_normal(600)}, sample_time=0.01)
+    half = scheduled([[0.0, -0.9, -0.9]], (0.0, 0.0), (1.0, 1.0))
+    own = Tried(Trial(0.1 + 1e-4 + 1e-3 * np.array([-1.0, 1.0, 0.0, -1.0, 1.0])), 40, lambda: stop)
+    assert simplest_supported([tie(2, half), own], [record]) == 0
+    alone = Tried(Trial(np.full(5, 0.1)), 1, lambda: stop)
+    assert simplest_supported([alone, tie(2, half, 1.0)], [record]) == 0
+
+
+@pytest.mark.parametrize("d", [6, 7, 12])
+def test_many_variables_share_a_bounded_number_of_points_over_the_whole_box(d):
+    """Oracle: the pole is 2 p1 on −1 to 1 of every variable, unstable in half of the box (|p1| >= 1/2)."""
+    names = tuple(f"p{i}" for i in range(d))
+    box = Scheduling(names, (-1.0,) * d, (1.0,) * d)
+    points = _points_of_range(box)
+    assert points.shape[0] <= 4096 and np.all(box.contains(points))
+    assert np.array_equal(points, _points_of_range(box))
+    if d > 6:
+        basis = lpv.Polynomial(names, degree=1)
+        model = lpv.LPVTransferFunction.siso([[0.0, -2.0] + [0.0] * (d - 1)], [[1.0] + [0.0] * d], basis, 0.01,
+                                             scheduling=box, inputs="u", outputs="y")
+        assert unstable_share_of_range(model) == pytest.approx(0.5, abs=0.005)
+        assert np.mean(np.sum(points, axis=1) > 0) == pytest.approx(0.5, abs=0.03)
 
 
 def test_one_corner_of_the_range_does_not_cost_a_structure_its_place():
@@ -117,10 +161,12 @@ def test_one_corner_of_the_range_does_not_cost_a_structure_its_place():
     ((0.0, 0.0, 2.6, 0.0, 0.0), [0, 1, 3, 4]),  # 2.6 %: diverges on later data
     ((0.0, 0.05, 0.1), [0, 1]),
     ((0.9, 1.1, 1.15), [0, 1]),  # standard error 0.21
+    ((None, 4.8, 0.9, None), [0, 2, 3]),
+    ((None, None), [0, 1]),
 ])
 def test_shares_compete_that_the_points_cannot_tell_from_the_least(percent, compete):
     """The first three are the gyroscope's of docs/benchmarks.md ("Poles over the range")."""
-    assert least_unstable([s / 100 for s in percent]) == compete
+    assert least_unstable([None if s is None else s / 100 for s in percent]) == compete
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
