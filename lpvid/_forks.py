@@ -57,8 +57,9 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
         found = _by_forks(function, items, shared, workers - 1) if workers > 1 else {}
         results: list[R] = []
         for k, item in enumerate(items):
-            answer: Answer = found[k] if k in found else (True, function(item), [])
-            good, value, warned = answer
+            if k not in found:
+                found[k] = True, function(item), []
+            good, value, warned = found[k]
             for warning in warned:
                 _issue(*warning)
             if not good:
