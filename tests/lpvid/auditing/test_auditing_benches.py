@@ -30,7 +30,7 @@ def test_overtones_folded_back_are_no_noise(rng):
     force = 15e3 * np.abs(v / 0.5) ** 0.3 * np.sign(v) + 10 * rng.normal(size=x.size)
     (noise,) = [f for f in audit(record(x, force, 20)).of("noise-level") if f.channel == "force"]
     assert noise.value > 500
-    assert (noise.severity, noise.mend) == ("note", "")
+    assert noise.severity == "note" and "record faster" in noise.mend
     assert noise.evidence.startswith("noise at most")
 
 
