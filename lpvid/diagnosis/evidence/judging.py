@@ -337,16 +337,12 @@ def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], s
     if effect.component == kind:
         return effect.name, component(kind), whole
     if kind != effect.form_of:  # its numbers leave no more than that, here; in other sets they may be a little off it
-        either = _holds_either(kind, effect.name)
+        either = _holds(kind, effect.name)
         return kind, either, Support.of(sets, either, structured)
     form = Support.of(sets, _in_this_form(effect), structured)
     if form.probability < NAMED <= whole.probability:
         return kind, component(kind), whole
     return effect.name, _in_this_form(effect), form
-
-
-def _holds_either(kind: str, name: str) -> Finding:
-    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if k == kind or e.name == name), None)
 
 
 def _in_this_form(effect: Effect) -> Finding:
@@ -398,9 +394,9 @@ def _without_noise(w: Weighed) -> float:
     return w.fit.cached("without noise", find)
 
 
-def _holds(name: str) -> Finding:
-    """Finds a component, or an effect of that name."""
-    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if name in (k, e.name)), None)
+def _holds(*names: str) -> Finding:
+    """Finds a component, or an effect, of one of the names."""
+    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if {k, e.name} & {*names}), None)
 
 
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,
