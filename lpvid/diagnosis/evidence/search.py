@@ -14,7 +14,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, independent, share_of
-from lpvid.diagnosis.evidence.priors import inclusion
+from lpvid.diagnosis.evidence.priors import inclusion, of_misfit
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
@@ -86,6 +86,8 @@ class SetSearch:
         κ of the best set's error, by which all sets are weighed.
     structured : float
         Share of that error beyond the noise floor.
+    floor : float
+        Variance of the noise.
     worth : float
         α of that: more while sets are sought, so that larger ones are reached, than where they are judged.
     shares : tuple of float
@@ -102,6 +104,7 @@ class SetSearch:
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     structured: float = 0.0
+    floor: float = 0.0
     worth: float = EAGER * WORTH
     shares: tuple[float, ...] = ()
 
@@ -127,7 +130,24 @@ class SetSearch:
         float
             In nats, up to what all sets share; minus infinity for one with a strength at its bound.
         """
-        return w.evidence(self.kept)
+        return self.evidence(w, self.kept)
+
+    def evidence(self, w: Weighed, kept: float) -> float:
+        """Evidence of a set at some κ, and how usual it is for the best law to leave what it leaves beyond noise.
+
+        Parameters
+        ----------
+        w : Weighed
+        kept : float
+            κ.
+
+        Returns
+        -------
+        float
+            As of `score`.
+        """
+        beyond = max(w.fit.cost / self.problem.n_samples - self.floor, 0.0)
+        return w.evidence(kept) + of_misfit(np.sqrt(beyond) / self.data.discrepancy.force)
 
     def run(self, root: Refit) -> None:
         """Visit sets from the baseline alone on.
@@ -444,7 +464,7 @@ class SetSearch:
             errors = self.problem.errors(best.fit.composition, best.fit.vector)
             found = best.fit.cached(("independent", self.worth),
                                     lambda e=errors, worth=self.worth: independent(self.problem, e, worth))
-            self.kept, self.structured = found.kept, found.structured
+            self.kept, self.structured, self.floor = found.kept, found.structured, found.floor
             if self.best is best:
                 return
 
@@ -522,7 +542,7 @@ def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
     weights = np.zeros(len(every))
     shares = search.shares or (search.kept,)
     for kept in shares:
-        scores = np.array([w.evidence(kept) for w in every])
+        scores = np.array([search.evidence(w, kept) for w in every])
         relative = np.exp(scores - scores.max())
         weights += relative / relative.sum() / len(shares)
     return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])
