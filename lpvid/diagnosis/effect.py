@@ -312,12 +312,14 @@ class Effect(ABC):
         """(k,) parameters at which it is not there."""
         return np.array([p.neutral for p in self.parameters])
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Names of simpler effects of which these values leave no more than another form.
 
         Parameters
         ----------
         values : (k,) array
+        signals : sequence of Signals
+            The data, which say what is fast, slow or beyond their rate.
 
         Returns
         -------
@@ -325,7 +327,7 @@ class Effect(ABC):
         """
         return ()
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Names of components that a form with these values describes too: it is reported with them, never alone.
 
         A form, another power of the speed or one more mode, is no part of a damper. Beside a law that is itself a
@@ -334,6 +336,8 @@ class Effect(ABC):
         Parameters
         ----------
         values : (k,) array
+        signals : sequence of Signals
+            The data, which say what is fast, slow or beyond their rate.
 
         Returns
         -------

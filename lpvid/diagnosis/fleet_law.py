@@ -240,11 +240,11 @@ class FleetEffect(Effect):
     def lpv_change(self) -> LpvChange | None:
         return self.effect.lpv_change()
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
-        return self.effect.comes_to(values)
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        return self.effect.comes_to(values, signals)
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
-        return self.effect.stands_for(values)
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        return self.effect.stands_for(values, signals)
 
     def is_static(self, values: np.ndarray) -> bool:
         return self.effect.is_static(values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -107,7 +108,7 @@ class EntrainedAir(SeriesElement):
     def elements(self, values: np.ndarray) -> dict[str, float]:
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Without pressure, F_p at its lower bound, D = s sign F: play of 2 s from end to end."""
         return ("backlash",) if values[1] <= self.parameters[1].bounds[0] else ()
 

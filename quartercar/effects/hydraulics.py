@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -217,11 +217,11 @@ class InputNonlinearity(HydraulicEffect):
         ratio = np.maximum(np.abs(v), 1e-9) / UNIT_SPEED
         return viscous_slope(s, core, baseline) * v * (ratio ** (float(values[0]) - 1.0) - 1.0)
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """|v|^n sgn v of a small n is dry friction with another reversal: one group with it."""
         return ("coulomb-friction",) if float(values[0]) < DRY_EXPONENT else ()
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Turbulent losses where the force grows faster than the speed, valves that open where it grows less fast."""
         grows = float(values[0]) > 1
         return ("quadratic-loss", "series-orifice", "network-topology") if grows else \
@@ -323,7 +323,7 @@ class ValveDynamics(HydraulicEffect):
         kernels.second_order(viscous, 2 * np.pi * float(values[1]) * s.sample_time, float(values[2]), out)
         return float(values[0]) * (out - viscous)
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A valve that passes all of the force is a fixture that swings, but for what the law holds besides."""
         return ("fixture-resonance",) if abs(float(values[0]) - 1.0) < ALL_OF_IT else ()
 

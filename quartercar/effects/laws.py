@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -73,7 +74,7 @@ class SaturatingDamping(HydraulicEffect):
         q, v = float(values[0]), s["velocity"]
         return viscous_slope(s, core, baseline) * (np.tanh(q * v) / q - v)
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A bend within the speeds over which dry friction turns round is dry friction."""
         return ("coulomb-friction",) if float(values[0]) * TURNED >= 1 else ()
 

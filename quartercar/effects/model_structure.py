@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -49,7 +50,7 @@ class SchedulingDegree(CurrentEffect):
 
         return run
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         return ("current-saturation",)
 
     def lpv_change(self) -> LpvChange | None:
@@ -106,7 +107,7 @@ class MissingScheduling(Effect):
 
         return run
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         return ("thermal-fade", "viscous-fade")
 
     def lpv_change(self) -> LpvChange | None:
@@ -165,7 +166,7 @@ class ModelOrder(GridEffect):
 
         return run
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         return ("fixture-resonance", "force-delay", "valve-dynamics")
 
     def lpv_change(self) -> LpvChange | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -63,7 +64,7 @@ class EndStop(Effect):
 
         return run
 
-    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A linear stop that engages from mid stroke on is a spring."""
         return ("gas-stiffness",) if float(values[1]) < NOWHERE and float(values[2]) < LINEAR else ()
 
@@ -128,6 +129,11 @@ class FixtureResonance(GridEffect):
         if period <= 0:
             return core
         return lambda s: swung(core, s, period, damping, baseline)
+
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        """Above half the sample rate no swing is seen: what is left of it is a force that comes a little later."""
+        beyond = np.pi * float(values[0]) / max(s.sample_time for s in signals) < 1
+        return ("force-delay", "displacement-delay", "one-sided-filter") if beyond else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two orders more", order=2)

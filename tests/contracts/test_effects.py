@@ -71,7 +71,7 @@ class TestDescription:
 
     def test_names_others_that_are_there(self, effect: Effect) -> None:
         assert set(effect.partners) <= set(IDS) - {effect.name}
-        assert {n for v in (0.5, 2.0) for n in effect.stands_for(np.full(effect.neutral.size, v))} <= {
+        assert {n for v in (0.5, 2.0) for n in effect.stands_for(np.full(effect.neutral.size, v), (road_like(),))} <= {
             *IDS} - {effect.name}
 
     def test_points_lie_inside(self, effect: Effect) -> None:

@@ -377,7 +377,7 @@ def _described_too(search: SetSearch, sets: Sequence[tuple[Weighed, float]], bes
     """Components of these data that a form describes too (`Effect.stands_for`), but for those listed by now."""
     known = {e.name for e in search.candidates} - {*best.kinds, *best.members, *listed}
     return tuple((n, Support.of(sets, component(n), search.structured).probability)
-                 for n in form.stands_for(values) if n in known)
+                 for n in form.stands_for(values, search.problem.signals) if n in known)
 
 
 def _without_noise(w: Weighed) -> float:

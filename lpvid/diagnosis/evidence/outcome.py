@@ -29,6 +29,7 @@ from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import Wrong, localise
 from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.screening import Evidence
+from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 
 SIGNIFICANT = 0.05
@@ -158,7 +159,7 @@ class EvidenceOutcome:
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
-            described = "; ".join(f"{_either(m)}{self._of_family(m)}" for m in contested)
+            described = "; ".join(f"{_either(m, self.search.problem.signals)}{self._of_family(m)}" for m in contested)
             return "cannot-tell", f"these data cannot keep apart {described}"
         if others:
             nearest = "come nearest" if len(others) > 1 else "comes nearest"
@@ -253,9 +254,9 @@ class EvidenceOutcome:
                 "independent_samples": s.kept * s.problem.n_samples}
 
 
-def _either(m: Member) -> str:
+def _either(m: Member, signals: Sequence[Signals]) -> str:
     """A member or its rivals, with their probabilities; those that a form describes too have none of their own."""
-    too = [n for n in m.effect.stands_for(m.values) if n in dict(m.rivals)]
+    too = [n for n in m.effect.stands_for(m.values, signals) if n in dict(m.rivals)]
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
     return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form

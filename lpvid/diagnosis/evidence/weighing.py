@@ -13,6 +13,7 @@ from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
 from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
+from lpvid.diagnosis.signals import Signals
 
 ROOM = 10.0
 """scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
@@ -72,7 +73,7 @@ class Weighed:
     def kinds(self) -> tuple[str, ...]:
         """Per effect the component that it is a special form of, as its numbers stand."""
         places = self.fit.composition.places
-        return tuple(component_of(e, self.fit.vector[p], self.data.candidates)
+        return tuple(component_of(e, self.fit.vector[p], self.data.problem.signals, self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
 
     def holds(self, kind: str) -> bool:
@@ -227,7 +228,8 @@ def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 
-def component_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
+def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals],
+                 candidates: Sequence[Effect]) -> str:
     """Name of the candidate of which an effect is a form, as its numbers stand.
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
@@ -238,6 +240,8 @@ def component_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect
     effect : Effect
     values : (k,) array
         Its parameters.
+    signals : sequence of Signals
+        The data.
     candidates : sequence of Effect
 
     Returns
@@ -245,7 +249,7 @@ def component_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect
     str
     """
     known = {c.name for c in candidates}
-    simpler = [n for n in (*effect.comes_to(values), effect.form_of) if n in known]
+    simpler = [n for n in (*effect.comes_to(values, signals), effect.form_of) if n in known]
     return simpler[0] if simpler else effect.component
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -422,7 +423,7 @@ class AnyStep(Dry):
 
     name, title, flexible = "any-step", "some step", True
 
-    def stands_for(self, values: np.ndarray) -> tuple[str, ...]:
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         return ("cubic", "not-in-the-catalogue")
 
 

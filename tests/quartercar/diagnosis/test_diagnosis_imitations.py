@@ -136,8 +136,17 @@ def test_air_without_pressure_is_play() -> None:
         (EntrainedAir(), (2e-4, 1e-3)), (Backlash(), (4e-4,))))
     plain = law.core(law.vector)(s)
     assert np.std(air - play) < 0.2 * np.std(play - plain)  # play is taken up over some newtons
-    assert component_of(EntrainedAir(), np.array([2e-4, 1e-3]), (Backlash(), EntrainedAir())) == "backlash"
-    assert component_of(EntrainedAir(), np.array([2e-4, 50.0]), (Backlash(), SeriesCompliance())) == "series-compliance"
+    for pressure, others, comes_to in ((1e-3, (Backlash(), EntrainedAir()), "backlash"),
+                                       (50.0, (Backlash(), SeriesCompliance()), "series-compliance")):
+        assert component_of(EntrainedAir(), np.array([2e-4, pressure]), (s,), others) == comes_to
+
+
+def test_a_resonance_beyond_half_the_rate_is_listed_with_what_comes_late() -> None:
+    """Nothing of its swing is sampled: what is left of it is a lag of the force."""
+    s = inputs(np.ones(SAMPLES))
+    seen, unseen = (np.array([1 / (2 * np.pi * f), 0.1]) for f in (0.4 / PERIOD, 0.6 / PERIOD))
+    assert not FixtureResonance().stands_for(seen, (s,))
+    assert "force-delay" in FixtureResonance().stands_for(unseen, (s,))
 
 
 @pytest.mark.thinned(2)
