@@ -154,24 +154,17 @@ class StribeckFriction(ParallelForce):
     reference: ClassVar[str] = "equation sheet 3.2"
     experiment: ClassVar[str] = "a staircase of speeds from 0.1 to 50 mm/s in both directions, and dwells"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    added_later: ClassVar[tuple[str, ...]] = ("turning_speed",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("breakaway", "N", "F_s, above the sliding friction", 0.0, (0.0, 300.0), (0.0, 1e6),
                                 (30.0,)),
                 EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (1e-6, 2.0),
-                                (0.002, 0.005, 0.01, 0.02, 0.05)),
-                EffectParameter("turning_speed", "m/s", "eps, over which the sign of the velocity turns", REVERSAL,
-                                (1e-5, 0.01), (1e-6, 2.0), (REVERSAL,)))
-
-    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        turn = min(REVERSAL, SLOW * (scale("m/s") or np.inf))
-        return [np.append(p[:2], turn) for p in super().spread_points(signals, scale)]
+                                (0.002, 0.005, 0.01, 0.02, 0.05)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        force, speed, turn = (float(v) for v in values)
-        return lambda s: core(s) + force * np.exp(-(s["velocity"] / speed) ** 2) * direction(s, 0.0, turn)
+        force, speed = float(values[0]), float(values[1])
+        return lambda s: core(s) + force * np.exp(-(s["velocity"] / speed) ** 2) * np.tanh(s["velocity"] / REVERSAL)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the sign of the velocity as a further input", regressors=("sign(velocity)",))
