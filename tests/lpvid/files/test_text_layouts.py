@@ -116,7 +116,7 @@ def test_a_missing_first_stamp_leaves_the_clock_as_it_is(tmp_path, parts):
     path.write_text("time,displacement [mm],force [kN]\n" + rows(stamps=["", *DATES[1:]]))
     read = list(read_chunks(path, 40)) if parts else lpv.read(path)
     np.testing.assert_allclose(read[0].times[1:], TIMES[:-1], atol=1e-12)
-    with pytest.raises(InputError, match="not a finite number in row 1.*restore its stamp"):
+    with pytest.raises(InputError, match=r"not a finite number in row 1.*restore its stamp"):
         segments(read, ("force",))
 
 
