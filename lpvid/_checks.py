@@ -118,6 +118,20 @@ def count(value: object, name: str, *, at_least: int = 0) -> int:
     return int(value)
 
 
+def generator(rng: object, name: str = "rng") -> np.random.Generator:
+    """A source of random numbers as `numpy.random.default_rng` makes one of a seed; a generator is taken as it is.
+
+    Nothing is drawn from the machine's own entropy: what is random here can be repeated.
+    """
+    try:
+        if rng is None or isinstance(rng, (bool, float, str)):
+            raise TypeError
+        return np.random.default_rng(rng)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a seed, a whole number of at least 0, or a numpy.random.Generator",
+                         got=repr(rng), mend=f"{name}=0 or {name}=numpy.random.default_rng(0)") from None
+
+
 def counts(value: object, length: int, name: str, *, at_least: int = 0) -> tuple[int, ...]:
     """One whole number for each of `length` channels; a single number stands for all."""
     if isinstance(value, Iterable) and not isinstance(value, str):

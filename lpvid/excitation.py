@@ -1,7 +1,7 @@
 """Test signals for a rig: switching currents and displacement patterns, each an (n,) array on a uniform clock.
 
 Currents and the like hold levels: `icps`, `prbs`, `aprbs`, `stepped`. Motions are smooth: `sine`, `triangle`, `chirp`,
-`multisine`, `random_phase`. Whatever is random draws from the generator that is passed in.
+`multisine`, `random_phase`. Whatever is random draws from the generator that is passed in, or from that of a seed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ _BLOCK = 1024
 
 
 # -- signals that hold levels -------------------------------------------------------------------------------------
-def icps(samples: int, rate: float, *, hold: float, low: float, high: float, rng: np.random.Generator) -> np.ndarray:
+def icps(samples: int, rate: float, *, hold: float, low: float, high: float,
+         rng: np.random.Generator | int) -> np.ndarray:
     """Increased clock period signal: a fresh uniform level every `hold` seconds.
 
     i(t) = e(⌊(t−1)/N⌋ + 1), e ~ U[low, high], N = hold·rate rounded (Díaz Salas 2011, eq. 4.1; after Söderström &
@@ -36,7 +37,7 @@ def icps(samples: int, rate: float, *, hold: float, low: float, high: float, rng
         Time for which a level is held [s]; 20 ms at 512 Hz becomes 10 samples (19.5 ms).
     low, high : float
         Range of the levels, in the signal's unit.
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
 
     Returns
     -------
@@ -54,7 +55,7 @@ def icps(samples: int, rate: float, *, hold: float, low: float, high: float, rng
     """
     samples, width = _length(samples), _hold_samples(hold, rate)
     low, high = _range(low, high)
-    levels = rng.uniform(low, high, -(-samples // width))
+    levels = _checks.generator(rng).uniform(low, high, -(-samples // width))
     return np.repeat(levels, width)[:samples]
 
 
@@ -104,7 +105,7 @@ def register_bits(cells: int, count: int, *, start: Sequence[int] | None = None)
 
 
 def prbs(samples: int, rate: float, *, clock: float, low: float, high: float, cells: int = 11,
-         rng: np.random.Generator | None = None) -> np.ndarray:
+         rng: np.random.Generator | int | None = None) -> np.ndarray:
     """Pseudo-random binary signal between two levels.
 
     Clocked every λ samples; its spectrum has the first null at rate/λ and its longest run lasts `cells`·λ samples,
@@ -122,7 +123,7 @@ def prbs(samples: int, rate: float, *, clock: float, low: float, high: float, ce
         The two levels.
     cells : int
         Cells of the shift register.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or int, optional
         Draws the register's first content; all ones if left out.
 
     Returns
@@ -145,7 +146,7 @@ def prbs(samples: int, rate: float, *, clock: float, low: float, high: float, ce
     return np.repeat(np.where(bits == 1, high, low), width)[:samples]
 
 
-def aprbs(samples: int, rate: float, *, clock: float, low: float, high: float, rng: np.random.Generator,
+def aprbs(samples: int, rate: float, *, clock: float, low: float, high: float, rng: np.random.Generator | int,
           cells: int = 11) -> np.ndarray:
     """Amplitude-modulated pseudo-random signal: switches when a PRBS does, to a level drawn uniformly.
 
@@ -153,7 +154,7 @@ def aprbs(samples: int, rate: float, *, clock: float, low: float, high: float, r
     ----------
     samples, rate, clock, low, high, cells
         As in `prbs`.
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
         Draws the register's first content and the levels.
 
     Returns
@@ -170,7 +171,7 @@ def aprbs(samples: int, rate: float, *, clock: float, low: float, high: float, r
     >>> aprbs(8, 512.0, clock=1 / 512, low=0.0, high=2.5, rng=np.random.default_rng(3), cells=7).round(2)
     array([0.59, 0.59, 2.  , 1.46, 0.24, 0.24, 0.24, 0.24])
     """
-    low, high = _range(low, high)
+    low, high, rng = *_range(low, high), _checks.generator(rng)
     binary = prbs(samples, rate, clock=clock, low=0.0, high=1.0, cells=cells, rng=rng)
     run = np.concatenate([[0], np.cumsum(np.diff(binary) != 0)])
     return rng.uniform(low, high, int(run[-1]) + 1)[run]
@@ -347,7 +348,7 @@ def chirp(samples: int, rate: float, *, f_start: float, f_end: float, amplitude:
 
 
 def multisine(samples: int, rate: float, *, frequencies: Sequence[float] | np.ndarray, rms: float,
-              rng: np.random.Generator | None = None) -> np.ndarray:
+              rng: np.random.Generator | int | None = None) -> np.ndarray:
     """Sum of sines of equal amplitude with Schroeder phases φ_j = −πj(j−1)/N, or with random ones.
 
     Parameters
@@ -360,7 +361,7 @@ def multisine(samples: int, rate: float, *, frequencies: Sequence[float] | np.nd
         Frequencies [Hz]; `spread_lines` gives ones that do not repeat.
     rms : float
         Root mean square of the sum, in the signal's unit.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or int, optional
         Random phases U[0, 2π) instead of Schroeder's.
 
     Returns
@@ -380,12 +381,14 @@ def multisine(samples: int, rate: float, *, frequencies: Sequence[float] | np.nd
     """
     lines = np.asarray(frequencies, dtype=float)
     order = np.arange(1, lines.size + 1)
-    phases = -np.pi * order * (order - 1) / max(lines.size, 1) if rng is None else rng.uniform(0, 2 * np.pi, lines.size)
+    phases = -np.pi * order * (order - 1) / max(lines.size, 1)
+    if rng is not None:
+        phases = _checks.generator(rng).uniform(0, 2 * np.pi, lines.size)
     amplitudes = np.full(lines.size, _checks.positive(rms, "rms") * np.sqrt(2 / max(lines.size, 1)))
     return sum_of_cosines(samples, rate, lines, amplitudes, phases)
 
 
-def spread_lines(f_min: float, f_max: float, lines: int, rng: np.random.Generator | None = None) -> np.ndarray:
+def spread_lines(f_min: float, f_max: float, lines: int, rng: np.random.Generator | int | None = None) -> np.ndarray:
     """Frequencies of `lines` equal bins of [f_min, f_max]: one drawn inside each bin, or the lower edges.
 
     Edges 0.5, 0.7, … Hz repeat every 10 s (with turned sign every 5 s): when such a record is split into training and
@@ -397,7 +400,7 @@ def spread_lines(f_min: float, f_max: float, lines: int, rng: np.random.Generato
         Band [Hz].
     lines : int
         Number of bins.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or int, optional
         Draws each line inside its bin; the bins' lower edges if left out.
 
     Returns
@@ -417,12 +420,12 @@ def spread_lines(f_min: float, f_max: float, lines: int, rng: np.random.Generato
     """
     lines = _checks.count(lines, "lines", at_least=1)
     f_min, f_max = _range(f_min, f_max)
-    shift = np.zeros(lines) if rng is None else rng.uniform(0.0, 1.0, lines)
+    shift = np.zeros(lines) if rng is None else _checks.generator(rng).uniform(0.0, 1.0, lines)
     return f_min + (np.arange(lines) + shift) * ((f_max - f_min) / lines)
 
 
 def random_phase(samples: int, rate: float, psd: Callable[[np.ndarray], np.ndarray], *, f_min: float, f_max: float,
-                 lines: int, rng: np.random.Generator, incommensurate: bool = True) -> np.ndarray:
+                 lines: int, rng: np.random.Generator | int, incommensurate: bool = True) -> np.ndarray:
     """Random signal of a given spectrum as a sum of cosines with random phases.
 
     x(t) = Σ_j A_j cos(2πf_j t + φ_j), A_j = √(2 S(f_j) Δf), φ_j ~ U[0, 2π) (Díaz Salas 2011, eq. 4.3-4.4; phases
@@ -440,7 +443,7 @@ def random_phase(samples: int, rate: float, psd: Callable[[np.ndarray], np.ndarr
         Band [Hz].
     lines : int
         Number of cosines.
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
         Draws phases and, where wanted, the lines' places.
     incommensurate : bool
         Draw each line inside its bin (no common period) instead of at its lower edge.
@@ -461,6 +464,7 @@ def random_phase(samples: int, rate: float, psd: Callable[[np.ndarray], np.ndarr
     >>> bool(np.allclose(x[:2560], -x[2560:]))
     True
     """
+    rng = _checks.generator(rng)
     phases = rng.uniform(0.0, 2 * np.pi, _checks.count(lines, "lines", at_least=1))
     frequencies = spread_lines(f_min, f_max, lines, rng if incommensurate else None)
     density = np.asarray(psd(frequencies), dtype=float)
@@ -541,8 +545,8 @@ def _band(f_start: float, f_end: float, rate: float) -> tuple[float, float]:
     return first, last
 
 
-def _first_cells(cells: int, rng: np.random.Generator | None) -> list[int] | None:
+def _first_cells(cells: int, rng: np.random.Generator | int | None) -> list[int] | None:
     if rng is None or cells not in REGISTER_TAPS:
         return None
-    word = int(rng.integers(1, 2**cells))
+    word = int(_checks.generator(rng).integers(1, 2**cells))
     return [(word >> k) & 1 for k in range(cells)]

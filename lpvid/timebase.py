@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.errors import InputError
+
 JITTER_LIMIT = 0.01
 """rms deviation of the sampling intervals, in periods, above which a record is not uniform."""
 GAP_FACTOR = 1.5
@@ -175,6 +177,7 @@ def _rounded_period(time: np.ndarray, resolution: np.ndarray) -> float | None:
     fits = bool(period > 0 and resolution.max() <= 2 * period and np.all(residual <= 0.55 * resolution + 1e-12))
     return period if fits else None
 
+
 def calendar_seconds(source: Any) -> np.ndarray | None:
     """Seconds of dates, from the first valid one, or of durations; None for what holds neither.
 
@@ -190,6 +193,11 @@ def calendar_seconds(source: Any) -> np.ndarray | None:
     -------
     (n,) array or None
         [s]; nan where a date is missing.
+
+    Raises
+    ------
+    InputError
+        Months or years, which differ in length, or numbers of no unit.
 
     Examples
     --------
@@ -211,5 +219,10 @@ def calendar_seconds(source: Any) -> np.ndarray | None:
     if values.dtype.kind == "M":
         values = values - (values[~missing][0] if not missing.all() else values.dtype.type(0, "s"))
     step, count = np.datetime_data(values.dtype)
+    if step in ("Y", "M", "generic"):
+        calendar = {"Y": "years", "M": "months", "generic": "numbers of no unit"}[step]
+        raise InputError("time is to be in a unit of fixed length", got=f"{calendar} ({values.dtype})",
+                         why={"M": "a month has 28 to 31 days", "Y": "a year has 365 or 366 days"}.get(step),
+                         mend="read the stamps with their days and times, or give seconds as numbers")
     tick = float(np.timedelta64(count, step) / np.timedelta64(1, "s"))
     return np.where(missing, np.nan, tick * values.astype(np.int64))

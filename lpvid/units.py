@@ -134,6 +134,9 @@ QUANTITIES = {"displacement": ("m", "rad"), "position": ("m", "rad"), "velocity"
 """SI units that a channel or role of this name can have, linear or rotary, or derived from a motion
 without a unit; a current may be given as its command."""
 
+_ACCELERATION = re.compile(r"(?<![^\W_])(acc|accel\w*|acceler\w*|beschl\w*)(?![^\W_])")
+_MASS = re.compile(r"mass|weight|gewicht|load|ladung|last(?![^\W_])")
+"""Words in names of channels, in lower case; German compounds such as Zuladung or Radlast count."""
 _ALIASES = {"–": "-", "sec": "s", "Sec": "s", "C°": "degC", "F°": "degF"}
 _RUN_TOGETHER = re.compile(r"(?<![A-Za-z])([kMm]?N)(mm|m|s)(?![A-Za-z])")
 """Nm and Ns: engineers mean newton metre and newton second; pint reads a yarn number, or nothing."""
@@ -318,7 +321,7 @@ def is_known(unit: str) -> bool:
     return _scale(unit) is not None
 
 
-def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
+def contradicts(name: str, si_unit: str, source_unit: str | None = None) -> tuple[str, ...]:
     """Units that a channel or role of this name would have, where its own is known and none of them; empty otherwise.
 
     Parameters
@@ -327,6 +330,9 @@ def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
         Channel or role, in upper or lower case.
     si_unit : str
         As this module writes it; empty where it is not known.
+    source_unit : str, optional
+        As the header of a channel of this name writes it. ``g`` and ``mg``, which are grams in every system of units
+        and the usual sign of multiples of gravity on a test bench, are masses only where the name says so.
 
     Returns
     -------
@@ -338,14 +344,17 @@ def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
     (('m/s', 'rad/s', '1/s'), (), ())
     >>> contradicts("body_acceleration", "kg")                                          # a header [g]
     ('m/s^2', 'rad/s^2', '1/s^2')
+    >>> contradicts("z body", "kg", "g")[0], contradicts("payload", "kg", "g"), contradicts("z body", "kg", "kg")
+    ('m/s^2', (), ())
     """
     expected = QUANTITIES.get(name.casefold(), ())
-    if si_unit == "kg" and re.split(r"[\s_]+", name.casefold().strip())[-1] in ("acc", "accel", "acceleration"):
-        expected = QUANTITIES["acceleration"]  # [g] is the gram of every system of units
+    grams = (source_unit or "").strip() in ("g", "mg") and not _MASS.search(name.casefold())
+    if si_unit == "kg" and not expected and (grams or _ACCELERATION.search(name.casefold())):
+        expected = QUANTITIES["acceleration"]
     return expected if si_unit and expected and si_unit not in expected else ()
 
 
-def contradiction_mend(si_unit: str, expected: tuple[str, ...]) -> str:
+def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "") -> str:
     """What to write instead of a unit that contradicts its channel's name.
 
     Parameters
@@ -354,13 +363,17 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...]) -> str:
         The channel's.
     expected : tuple of str
         Of `contradicts`.
+    role : str
+        In which the channel is used; empty where its own name is contradicted.
 
     Returns
     -------
     str
     """
     if si_unit == "kg" and "m/s^2" in expected:
-        return "write [g_0] for multiples of 9.80665 m/s^2: [g] is the gram"
+        return "write [g_0] for multiples of 9.80665 m/s^2: [g] is the gram; a mass in [kg]"
+    if role:
+        return f"map a channel in {expected[0]}, --role {role}=CHANNEL, or correct the unit in the header"
     return "correct the unit in the header, convert a sensor's volts by its calibration, or name the channel by " \
            "what it is"
 

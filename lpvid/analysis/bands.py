@@ -98,7 +98,7 @@ def frequency_band(models: Iterable[Model], at: Sequence[float] | np.ndarray, fr
 
 
 def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
-                  noise: bool = False, rng: np.random.Generator | None = None) -> Band:
+                  noise: bool = False, rng: np.random.Generator | int | None = None) -> Band:
     """Pointwise band of the free-run output over drawn models.
 
     It shows what the parameters' uncertainty does; with ``noise=True`` white output noise of each model's own
@@ -111,7 +111,7 @@ def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
         Uniform, at the models' rate.
     level : float
     noise : bool
-    rng : numpy Generator
+    rng : numpy.random.Generator or int, optional
         Needed with ``noise=True``.
 
     Returns
@@ -133,7 +133,8 @@ def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
     outputs = np.array([r.output for r in kept])
     if noise:
         if rng is None:
-            raise InputError("a band with noise needs a random generator", mend="pass rng=np.random.default_rng(seed)")
+            raise InputError("a band with noise needs a random generator", mend="pass rng=0")
+        rng = _checks.generator(rng)
         outputs += np.array([rng.standard_normal(outputs[0].shape) @ _noise_root(m).T
                              for m, r in zip(drawn, runs, strict=True) if r.diverged_at is None])
     low, median, high = _quantiles(outputs, level)

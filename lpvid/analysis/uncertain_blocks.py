@@ -109,14 +109,14 @@ class Block(ABC):
         """
 
     @abstractmethod
-    def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
+    def draw(self, s: complex, generator: np.random.Generator | int) -> np.ndarray:
         """(p, q) complex gain that some linear time-invariant Δ of this kind has at s = jω.
 
         Parameters
         ----------
         s : complex
             Point of the frequency axis, jω [rad/s] in continuous time.
-        generator : numpy.random.Generator
+        generator : numpy.random.Generator or int
             Source of the draw.
 
         Returns
@@ -193,7 +193,8 @@ class Parametric(Bounded):
         s, t = parts
         return block([[self.bound**2 * s, t], [t.T, -s]])
 
-    def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
+    def draw(self, s: complex, generator: np.random.Generator | int) -> np.ndarray:
+        generator = _checks.generator(generator, "generator")
         return self.bound * float(generator.choice([-1.0, 1.0, generator.uniform(-1, 1)])) * np.eye(len(self.inputs))
 
 
@@ -220,7 +221,8 @@ class Dynamic(Bounded):
     def multiplier(self, parts: Sequence[Affine], poles: Sequence[float]) -> Affine:
         return _norm_bounded(parts[0], self.bound, len(self.outputs), len(self.inputs))
 
-    def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
+    def draw(self, s: complex, generator: np.random.Generator | int) -> np.ndarray:
+        generator = _checks.generator(generator, "generator")
         u, v = (generator.standard_normal(n) + 1j * generator.standard_normal(n)
                 for n in (len(self.inputs), len(self.outputs)))
         return self.bound * np.outer(u / np.linalg.norm(u), v.conj() / np.linalg.norm(v))
@@ -247,7 +249,8 @@ class Lipschitz(Bounded):
     def multiplier(self, parts: Sequence[Affine], poles: Sequence[float]) -> Affine:
         return _norm_bounded(parts[0], self.bound, len(self.outputs), len(self.inputs))
 
-    def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
+    def draw(self, s: complex, generator: np.random.Generator | int) -> np.ndarray:
+        generator = _checks.generator(generator, "generator")
         u, v = (generator.standard_normal(n) for n in (len(self.inputs), len(self.outputs)))
         return self.bound * np.outer(u / np.linalg.norm(u), v / np.linalg.norm(v))
 
@@ -302,7 +305,8 @@ class Sector(Block):
                 total = total + part.times(sign * (p.T @ row + row.T @ p))
         return total
 
-    def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
+    def draw(self, s: complex, generator: np.random.Generator | int) -> np.ndarray:
+        generator = _checks.generator(generator, "generator")
         between = generator.uniform(self.lower, self.upper)
         return np.array([[float(generator.choice([self.lower, self.upper, between]))]])
 
@@ -356,7 +360,8 @@ class Delay(Block):
         m = len(self.inputs)
         return block_diagonal([_norm_bounded(s, b, m, m) for s, b in zip(parts, (2.0, self.longest), strict=True)])
 
-    def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
+    def draw(self, s: complex, generator: np.random.Generator | int) -> np.ndarray:
+        generator = _checks.generator(generator, "generator")
         tau = self.longest * float(generator.choice([0.0, 1.0, generator.uniform(0, 1)]))
         return np.exp(-s * tau) * np.eye(len(self.inputs))
 

@@ -12,6 +12,8 @@ from lpvid.condition.bandwidth import SPARE, band, bandwidth
 
 POOR = 0.1
 """rms of noise over that of a signal, from which on it is a warning (20 dB)"""
+CHANCE = 0.01
+"""probability that unrelated signals pass for coherent anywhere in their spectrum"""
 _BROADBAND = 6.0
 """signal over floor [dB] below which a flat floor cannot be separated from a broadband signal."""
 
@@ -49,7 +51,8 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
         poor = ratio < -20 * np.log10(POOR) and about == "noise"
         mend = "shield or filter; expect no model better than that" if poor else ""
         if ratio < -20 * np.log10(POOR) and not poor:
-            mend = "record faster: overtones of the force that fold back look like noise at this rate"
+            mend = "record faster to tell: a force that turns over with the motion has overtones, which folded back " \
+                   "would look like this; it may as well be noise"
         yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name, "warning" if poor else "note",
                       f"{about} {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
                       mend, level)
@@ -105,9 +108,10 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        ``oversampled`` from a factor of 4 on, a note; its value is the widest band [Hz].
+        ``oversampled`` from a factor of 4 on, a note; its value is the widest band [Hz], of what is in the channels
+        or of what the force answers of the motion.
     """
-    widest, channel, rates = 0.0, "", []
+    widest, channel, answered, rates = 0.0, "", False, list[float]()
     for view in views:
         if view.period is None:
             continue
@@ -115,15 +119,53 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
         for name in view.usable:
             filled = _filled(view, name)
             if filled > widest:
-                widest, channel = filled, name
+                widest, channel, answered = filled, name, False
+        if (reach := follows(view)) > widest:
+            widest, channel, answered = reach, view.force or "", True
     if not rates or not widest:
         return
     ratio = int(min(rates) / (SPARE * widest))
     if ratio >= 4:
         rate = min(rates) / ratio
+        lies = f"99 % of the power of every channel lies below {widest:.3g} Hz (the widest: '{channel}')"
+        if answered:
+            lies = f"'{channel}' follows the motion up to {widest:.3g} Hz"
         yield Finding("oversampled", "" if len(views) > 1 else views[0].name, channel, "note",
-                      f"99 % of the power of every channel lies below {widest:.3g} Hz (the widest: '{channel}'), "
-                      f"sampled at {min(rates):.6g} Hz", f"--sample-rate {rate:.6g}", widest)
+                      f"{lies}, sampled at {min(rates):.6g} Hz", f"--sample-rate {rate:.6g}", widest)
+
+
+def follows(view: View) -> float:
+    """Frequency [Hz] up to which the force follows the motion, 0 where it follows nowhere.
+
+    A slow motion may have 99 % of its power, and of the force's, in a small part of the band in which it excites the
+    force. There the two are coherent: over K independent segments the coherence of unrelated signals exceeds
+    1 − a^(1/(K − 1)) with probability a (Carter 1987), and of the whole spectrum with `CHANCE`. Of segments with a
+    Hann window that overlap by half, 0.53 of their number are independent. The frequencies count from the lowest one
+    that follows to the first that does not: hum in both sensors stands apart from them.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Returns
+    -------
+    float
+    """
+    if view.stroke is None or view.period is None:
+        return 0.0
+    from scipy.signal import coherence
+
+    _, velocity, force = view.stroke
+    size = min(1024, max(velocity.size // 16, 16))
+    frequency, shared = coherence(velocity, force, 1 / view.period, nperseg=size)
+    independent = 0.53 * (2 * velocity.size / size - 1)
+    above = shared[1:] > 1 - (CHANCE / shared[1:].size) ** (1 / (independent - 1))
+    if not above.any():
+        return 0.0
+    first = int(np.argmax(above))
+    last = above.size if above[first:].all() else first + int(np.argmin(above[first:]))
+    return float(frequency[1:][last - 1])
 
 
 def _filled(view: View, name: str) -> float:

@@ -81,10 +81,10 @@ def units(view: View) -> Iterator[Finding]:
             yield Finding("unknown-unit", view.name, name, "warning",
                           f"unit '{channel.source_unit}' is not known; the channel is a pure number",
                           "correct the unit in the header; the channel cannot be used until then")
-        elif expected := contradicts(name, channel.unit):
+        elif expected := contradicts(name, channel.unit, channel.source_unit):
             yield Finding("unit-contradicts-name", view.name, name, "fault",
-                          f"the unit is '{channel.source_unit or channel.unit}', a {name.casefold()} has "
-                          f"{expected[0]}", contradiction_mend(channel.unit, expected))
+                          f"the unit is '{channel.source_unit or channel.unit}', '{name}' calls for {expected[0]}",
+                          contradiction_mend(channel.unit, expected))
         elif channel.source_unit is None and not channel.unit:
             yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",
                           f"write the header as 'name [unit]', or --role '{name}={name} [UNIT]'")

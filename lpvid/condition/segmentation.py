@@ -81,17 +81,27 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
         if not channel.unit_known:
             raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
                              mend="correct the unit in the header, or leave it out if the values are SI")
-        expected = next((e for w in (*[w for w in wanted if record.resolve(w) == name], name)
-                         if (e := contradicts(w, channel.unit))), ())
-        if expected:
-            raise InputError(f"record '{record.name}', channel '{name}' has a unit of another quantity",
-                             got=f"'{channel.source_unit or channel.unit}'", why=f"its name calls for {expected[0]}",
-                             mend=contradiction_mend(channel.unit, expected))
+        _refuse_unit(record, name, [w for w in wanted if record.resolve(w) == name])
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:
             raise InputError(f"record '{record.name}', channel '{name}' must be finite",
                              got=f"{channel.values[infinite[0]]} in row {infinite[0] + 1}",
                              why="an infinite sample cannot be used", mend="write nan where a sample is missing")
+
+
+def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
+    """Refuse a channel whose unit is not one of its own name's quantity, nor of a role in which it is used."""
+    channel = record.channels[name]
+    roles = [w for w in used_as if w.casefold() != name.casefold()]
+    found = [(contradicts(w, channel.unit), f"role '{w}'") for w in roles]
+    found.append((contradicts(name, channel.unit, channel.source_unit), "name"))
+    for expected, caller in found:
+        if expected:
+            raise InputError(f"record '{record.name}', channel '{name}' has a unit of another quantity",
+                             got=f"'{name} [{channel.source_unit or channel.unit}]'",
+                             why=f"its {caller} calls for {expected[0]}",
+                             mend=contradiction_mend(channel.unit, expected, caller.removeprefix("role ").strip("'")
+                                                     if caller != "name" else ""))
 
 
 def _refuse_time(record: Record) -> None:

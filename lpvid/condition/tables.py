@@ -183,16 +183,21 @@ def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
 def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], where: str
                        ) -> tuple[list[Column], dict[str, str]]:
     """Columns with the units that roles state for them, and the roles without those."""
-    found, plain = {c.name: c for c in columns}, {}
+    found, plain, said = {c.name: c for c in columns}, {}, dict[str, str]()
     for role, text in roles.items():
         plain[role], unit = channel_of(text, found)
         column = found.get(plain[role])
         if column is None or unit is None:
             continue
         if column.unit is not None and column.unit != unit:
-            raise InputError(f"{where}: column '{column.name}' states its own unit",
-                             got=f"[{column.unit}] in the file, [{unit}] in --role {role}",
-                             mend="leave the unit out of --role, or correct the header")
+            if column.name in said:
+                raise InputError(f"{where}: two roles state different units of column '{column.name}'",
+                                 got=f"[{column.unit}] in --role {said[column.name]}, [{unit}] in --role {role}",
+                                 mend="state one of them: the column has one unit, whatever role it serves")
+            raise InputError(f"{where}: the header of column '{column.name}' states its own unit",
+                             got=f"'{column.name} [{column.unit}]' in the file, [{unit}] in --role {role}",
+                             mend=f"leave the unit out, --role {role}={column.name}, or correct the header")
+        said.setdefault(column.name, role)
         found[column.name] = replace(column, unit=unit)
     return list(found.values()), plain
 
@@ -216,7 +221,7 @@ def _time_column(columns: Sequence[Column], named: str | None, where: str) -> Co
 def _seconds(column: Column, where: str) -> np.ndarray:
     if column.fault:
         raise InputError(f"{where}: time column '{column.name}' holds {column.fault}",
-                         mend="write time as numbers, with its unit in the header: 'time [s]', or in csv as "
+                         mend="write all rows alike: as numbers, with the unit in the header: 'time [s]', or in csv as "
                          "2026-11-26T10:12:13.5, 26.11.2026 10:12:13.5 or 10:12:13.5")
     values, unit, known = units.to_si(column.values, column.unit)
     if column.unit is not None and not (known and unit == "s"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -34,24 +34,29 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
     layout = csv._layout(path, where)
-    line, row = layout.data_line, 0
+    line, row, midnights = layout.data_line, 0, layout.midnights()
     with path.open(encoding=layout.encoding, newline=None) as stream:
         lines = islice(stream, layout.data_line - 1, None)
         while row < first:  # blank lines are no rows
             text = next(lines, None)
             if text is None:
                 return
+            if midnights and text.strip():
+                _columns([text], replace(layout, data_line=line), where, row, midnights)
             line, row = line + 1, row + bool(text.strip())
         while block := list(islice(lines, rows)):
-            columns = _columns(block, replace(layout, data_line=line), where, row)
+            columns = _columns(block, replace(layout, data_line=line), where, row, midnights)
             line += len(block)
             if columns[0].values.size:
                 row += columns[0].values.size
                 yield ColumnTable(csv._without_trailing(columns))
 
 
-def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column]:
-    """Columns of a block of lines, quickly where they hold nothing but numbers; `row` rows stand before it."""
+def _columns(block: list[str], layout: Any, where: str, row: int, midnights: Mapping[int, Any]) -> list[Column]:
+    """Columns of a block of lines, quickly where they hold nothing but numbers; `row` rows stand before it.
+
+    `midnights` carries times of day on from the block before.
+    """
     text = [line.replace(",", ".") for line in block] if layout.decimal_comma else block
     try:
         with warnings.catch_warnings():
@@ -66,6 +71,7 @@ def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column
     for i in range(len(layout.names)):
         cells = [cells[i] for _, cells in numbered]
         values, at_fault = layout.parsed(i, cells)
+        values = midnights[i].on(values) if i in midnights else values
         fault = None
         if at_fault:
             k = at_fault[0]

@@ -3,22 +3,122 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.files._table import MISSING
+from lpvid.files._table import MISSING, is_number
 
+DAY = 86400.0
+"""[s]"""
 _CLOCK = r"(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d{1,9})?)"
-_ISO = re.compile(rf"(?P<date>\d{{4}}-\d{{2}}-\d{{2}})[T ]{_CLOCK}Z?")
+_ZONE = r"(?P<zone>Z|[+-]\d{2}:?\d{2})?"
+_ISO = re.compile(rf"(?P<date>\d{{4}}-\d{{2}}-\d{{2}})[T ]{_CLOCK}{_ZONE}")
 _DOTTED = re.compile(rf"(?P<day>\d{{2}})\.(?P<month>\d{{2}})\.(?P<year>\d{{4}}) {_CLOCK}")
 _TIME = re.compile(_CLOCK)
 
 
-def origin(cell: str) -> np.datetime64 | None:
-    """The instant that a cell states, None where it states none.
+@dataclass(frozen=True)
+class Instant:
+    """What one cell states.
 
-    A time of day counts on 1 January 1970. A date with slashes is none: it does not say which number is the month.
+    Attributes
+    ----------
+    at : datetime64[ns]
+    kind : {"time of day", "date", "date with zone"}
+        A time of day counts on 1 January 1970, a date with a zone is in UTC: the three cannot stand in one column.
+    """
+
+    at: np.datetime64
+    kind: str
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """How a column of text states time: seconds from its first stamp, and which kind of stamp is no fault.
+
+    Attributes
+    ----------
+    origin : datetime64[ns]
+    kind : str
+        As in `Instant`.
+    """
+
+    origin: np.datetime64
+    kind: str
+
+    def seconds(self, cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
+        """Seconds of each cell since the origin: NaN where it is missing, and where it is at fault, which is listed.
+
+        Parameters
+        ----------
+        cells : sequence of str
+
+        Returns
+        -------
+        values : (n,) array
+            Times of day from the origin's day on, which `Midnight` carries on.
+        at_fault : list of int
+            Places of the cells that hold other text, or a stamp of another kind.
+
+        Examples
+        --------
+        >>> stamps(["10:00:00", "10:00:01"]).seconds(["10:00:00.5", "", "noon"])
+        (array([0.5, nan, nan]), [2])
+        """
+        found = [instant(cell) for cell in cells]
+        good = [one is not None and one.kind == self.kind for one in found]
+        values = np.array([float((one.at - self.origin) / np.timedelta64(1, "s")) if ok and one else np.nan
+                           for one, ok in zip(found, good, strict=True)], dtype=float)
+        return values, [i for i, ok in enumerate(good) if not ok and not _missing(cells[i])]
+
+
+class Midnight:
+    """Times of day carried on over midnight, block after block of one column.
+
+    A clock of 24 h that steps back by more than half a day has stepped forward by less than half a day. A smaller step
+    back stays one: a fault of the clock.
+
+    Examples
+    --------
+    >>> carry = Midnight()
+    >>> carry.on(np.array([0.0, 0.5])), carry.on(np.array([1.0 - 86400, 1.5 - 86400]))
+    (array([0. , 0.5]), array([1. , 1.5]))
+    """
+
+    def __init__(self) -> None:
+        self._last, self._days = np.nan, 0
+
+    def on(self, values: np.ndarray) -> np.ndarray:
+        """The next block's seconds, rising over midnight.
+
+        Parameters
+        ----------
+        values : (n,) array
+            [s]; NaN where a stamp is missing.
+
+        Returns
+        -------
+        (n,) array
+            [s].
+        """
+        seen = np.flatnonzero(np.isfinite(values))
+        if not seen.size:
+            return values
+        known = values[seen]
+        days = self._days + np.cumsum(np.diff(known, prepend=self._last) < -DAY / 2)
+        self._last, self._days = float(known[-1]), int(days[-1])
+        carried = values.copy()
+        carried[seen] = known + DAY * days
+        return carried
+
+
+def instant(cell: str) -> Instant | None:
+    """What a cell states of a point in time, None where it states none.
+
+    A date with slashes states none: it does not say which number is the month.
 
     Parameters
     ----------
@@ -26,16 +126,18 @@ def origin(cell: str) -> np.datetime64 | None:
 
     Returns
     -------
-    datetime64[ns] or None
+    Instant or None
 
     Examples
     --------
-    >>> bool(origin("26.11.2026 10:12:13.5") == origin("2026-11-26T10:12:13.5")), origin("11/26/2026 10:12:13")
+    >>> instant("26.11.2026 10:12:13.5") == instant("2026-11-26T10:12:13.5"), instant("11/26/2026 10:12:13")
     (True, None)
+    >>> instant("2026-10-25T02:30:00+02:00") == instant("2026-10-25T00:30:00Z")
+    True
     """
-    text = cell.strip().strip("\"'")
+    text, zone = cell.strip().strip("\"'"), None
     if found := _ISO.fullmatch(text):
-        date = found["date"]
+        date, zone = found["date"], found["zone"]
     elif found := _DOTTED.fullmatch(text):
         date = f"{found['year']}-{found['month']}-{found['day']}"
     elif found := _TIME.fullmatch(text):
@@ -44,31 +146,39 @@ def origin(cell: str) -> np.datetime64 | None:
         return None
     whole, point, part = found["clock"].partition(".")
     try:
-        return np.datetime64(f"{date}T{whole.zfill(8)}{point}{part}", "ns")
+        at = np.datetime64(f"{date}T{whole.zfill(8)}{point}{part}", "ns")
     except ValueError:  # the 31st of February, 25 o'clock
         return None
+    if zone and zone != "Z":
+        east = np.timedelta64(60 * int(zone[1:3]) + int(zone[-2:]), "m")
+        at = at - east if zone[0] == "+" else at + east
+    return Instant(at, "time of day" if found.re is _TIME else "date with zone" if zone else "date")
 
 
-def seconds(cells: Sequence[str], first: np.datetime64) -> tuple[np.ndarray, list[int]]:
-    """Seconds of each cell since `first`: NaN where it is missing, and where it states no instant, which is listed.
+def stamps(cells: Sequence[str]) -> Stamps | None:
+    """How a column states time by its first cells; None for a column of numbers or of other text.
+
+    One odd row does not decide: the kind is the one that most of the cells are of, the origin the first of that kind.
 
     Parameters
     ----------
     cells : sequence of str
-    first : datetime64[ns]
 
     Returns
     -------
-    values : (n,) array
-    at_fault : list of int
-        Places of the cells that hold other text.
+    Stamps or None
 
     Examples
     --------
-    >>> seconds(["10:00:00.5", "", "noon"], origin("10:00:00"))
-    (array([0.5, nan, nan]), [2])
+    >>> stamps(["", "0", "10:12:13", "10:12:14"]).kind, stamps(["0.1", "0.2", "10:12:13"])
+    ('time of day', None)
     """
-    found = [origin(cell) for cell in cells]
-    values = np.array([np.nan if at is None else float((at - first) / np.timedelta64(1, "s")) for at in found])
-    missing = [cell.strip().casefold() in MISSING for cell in cells]
-    return values, [i for i, at in enumerate(found) if at is None and not missing[i]]
+    found = [one for cell in cells if (one := instant(cell)) is not None]
+    if not found or len(found) < sum(map(is_number, cells)):
+        return None
+    kind = Counter(one.kind for one in found).most_common(1)[0][0]
+    return Stamps(next(one.at for one in found if one.kind == kind), kind)
+
+
+def _missing(cell: str) -> bool:
+    return cell.strip().casefold() in MISSING

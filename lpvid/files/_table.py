@@ -60,7 +60,7 @@ def parse_cells(cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
 def fault_text(cell: str, row: int, n_faults: int, line: int | None = None) -> str:
     """State which text stands in which row (from 1), and in how many rows besides."""
     place = f"row {row}" + (f" (line {line} of the file)" if line is not None else "")
-    return f"text '{cell.strip()[:20]}' in {place}" + (f" and in {n_faults - 1} more row(s)" if n_faults > 1 else "")
+    return f"text '{cell.strip()[:36]}' in {place}" + (f" and in {n_faults - 1} more row(s)" if n_faults > 1 else "")
 
 
 def _number(cell: str) -> float | None:

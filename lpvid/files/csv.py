@@ -16,7 +16,7 @@ import numpy as np
 from lpvid import units
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
-from lpvid.files._stamps import origin, seconds
+from lpvid.files._stamps import Midnight, Stamps, instant, stamps
 from lpvid.files._table import MISSING, fault_text, headed, is_number, parse_cells
 
 EXTENSIONS = (".csv", ".tsv", ".txt")
@@ -33,7 +33,7 @@ _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
 class _Layout:
     """How the text is laid out; `data_line` is the number of the first data line, from 1.
 
-    `origins` are the first stamps of columns that hold dates or times of day, else None.
+    `stamps` tells how columns of dates or times of day count, and is None for the others.
     """
 
     encoding: str
@@ -41,7 +41,7 @@ class _Layout:
     names: tuple[str, ...]
     header_line: int
     data_line: int
-    origins: tuple[np.datetime64 | None, ...] = ()
+    stamps: tuple[Stamps | None, ...] = ()
 
     @property
     def decimal_comma(self) -> bool:
@@ -59,8 +59,12 @@ class _Layout:
 
     def parsed(self, place: int, cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
         """Numbers of one column, seconds since its first stamp where it holds dates or times; places of other text."""
-        first = self.origins[place] if self.origins else None
-        return parse_cells(cells) if first is None else seconds(cells, first)
+        dated = self.stamps[place] if self.stamps else None
+        return parse_cells(cells) if dated is None else dated.seconds(cells)
+
+    def midnights(self) -> dict[int, Midnight]:
+        """What carries the columns of times of day over midnight, by the place of the column."""
+        return {i: Midnight() for i, s in enumerate(self.stamps) if s is not None and s.kind == "time of day"}
 
 
 def read_table(path: Path) -> ColumnTable:
@@ -69,9 +73,10 @@ def read_table(path: Path) -> ColumnTable:
     The delimiter is the one of tab, semicolon, comma and white space on which the header and the first data line
     agree. Behind a semicolon or a tab a comma is a decimal comma. Lines that start with ``#`` are comments. Lines above
     the header are left out where the header is the line, with as many cells, above the first row that holds numbers
-    alone; a row of units may stand between. Dates (``2026-11-26T10:12:13.5``, ``26.11.2026 10:12:13,5``) and times of
-    day (``10:12:13.5``) are seconds since the first. Empty cells, ``NaN`` and ``NA`` are missing samples; other text is
-    a fault of its column.
+    or stamps alone; a row of units may stand between. Dates (``2026-11-26T10:12:13.5``, with an offset from UTC or
+    without, ``26.11.2026 10:12:13,5``) and times of day (``10:12:13.5``, over midnight too) are seconds since the
+    first; which of them a column holds is what most of its first rows hold, and others are a fault. Empty cells,
+    ``NaN`` and ``NA`` are missing samples; other text is a fault of its column.
 
     Parameters
     ----------
@@ -123,8 +128,12 @@ def _layout(path: Path, where: str) -> _Layout:
     if not found.data_line:
         raise InputError(f"{where}: there is a header but no data", got=", ".join(found.names),
                          mend="export the data again; in a folder, name the files: FOLDER/*.csv")
-    first = next(line for number, line in lines if number == found.data_line)
-    return replace(found, origins=tuple(map(origin, found.data_cells(first))))
+    try:
+        rows = [found.data_cells(line) for number, line in lines if number >= found.data_line]
+    except csv.Error:
+        return found  # the line is named where the file is read
+    whole = [row for row in rows if len(row) == len(found.names)]
+    return replace(found, stamps=tuple(map(stamps, zip(*whole, strict=True))) or (None,) * len(found.names))
 
 
 def _heads(layout: _Layout, lines: Sequence[tuple[int, str]]) -> bool:
@@ -147,8 +156,8 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _is_sample(cell: str) -> bool:
-    """Whether a cell holds a number, or a word for a missing one; an empty cell may stand in a row of units too."""
-    return is_number(cell) or (bool(cell.strip()) and cell.strip().casefold() in MISSING)
+    """Whether a cell holds a number, a stamp or a word for a missing one; a row of units may have empty cells too."""
+    return is_number(cell) or (bool(cell.strip()) and cell.strip().casefold() in MISSING) or instant(cell) is not None
 
 
 def _headed_at_once(lines: Sequence[tuple[int, str]], candidates: list[_Layout], where: str) -> _Layout:
@@ -289,13 +298,13 @@ def _read_cells(path: Path, layout: _Layout, where: str) -> list[Column]:
     parts: list[list[np.ndarray]] = [[] for _ in layout.names]
     first: list[tuple[str, int, int] | None] = [None] * len(layout.names)  # text, row and line of the first fault
     n_faults = [0] * len(layout.names)
-    n_rows = 0
+    n_rows, midnights = 0, layout.midnights()
     with path.open(encoding=layout.encoding, newline=None) as stream:
         rows = _rows(islice(stream, layout.data_line - 1, None), layout, where)
         while block := list(islice(rows, _BLOCK)):
             for i, cells in enumerate(zip(*(row for _, row in block), strict=True)):
                 values, at_fault = layout.parsed(i, cells)
-                parts[i].append(values)
+                parts[i].append(midnights[i].on(values) if i in midnights else values)
                 n_faults[i] += len(at_fault)
                 if at_fault and first[i] is None:
                     k = at_fault[0]
@@ -308,7 +317,7 @@ def _read_cells(path: Path, layout: _Layout, where: str) -> list[Column]:
 def _dated(layout: _Layout, place: int) -> str:
     """Header of a column, in seconds where it holds dates or times of day and states no unit."""
     header = layout.names[place]
-    return f"{headed(header)[0]} [s]" if layout.origins[place] is not None else header
+    return f"{headed(header)[0]} [s]" if layout.stamps and layout.stamps[place] is not None else header
 
 
 def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[int, list[str]]]:

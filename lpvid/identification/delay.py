@@ -25,7 +25,9 @@ def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidat
     structure : ARX
         Its nk is ignored.
     candidates : sequence of int
-        Delays to try, the same for all inputs; ties within 2 % go to the later one (strictly proper is simpler).
+        Delays to try, the same for all inputs. Of ties within 2 % the smallest from 1 on is taken: a model of order
+        max(na, nb + nk − 1) has a state more for every further lag, and without a direct term (nk = 0) no controller
+        closes an algebraic loop around it.
     sample_rate : float, optional
         As for `identify`.
 
@@ -50,7 +52,9 @@ def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidat
         esr = found.training.overall.free_run.esr
         tried.append((float("inf") if esr is None else esr, candidate))
     least = min(cost for cost, _ in tried)
-    chosen = [candidate for cost, candidate in tried if cost <= 1.02 * least][-1]
+    tied = [candidate for cost, candidate in tried if cost <= 1.02 * least]
+    chosen = min(tied, key=lambda candidate: (candidate.delay[0] == 0, candidate.delay[0]))
     listing = ", ".join(f"nk={c.delay[0]} {'diverges' if e == float('inf') else f'{e:.4g}'}" for e, c in tried)
-    late = "" if min(tried, key=lambda t: t[0])[1] is chosen else ", the latest within 2 % of the least"
-    return chosen, f"delay chosen by training free-run ESR: {listing}; took nk={chosen.delay[0]}{late}"
+    best = min(tried, key=lambda t: t[0])[1]
+    tie = "" if best is chosen else ", the least delay from 1 on within 2 % of the least error"
+    return chosen, f"delay chosen by training free-run ESR: {listing}; took nk={chosen.delay[0]}{tie}"

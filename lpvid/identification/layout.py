@@ -204,12 +204,12 @@ class ParameterCloud:
                   else StateSpaceLayout(table, tuple(data["labels"])))
         return cls(model, layout, np.array(data["covariance"], dtype=float))
 
-    def draw(self, rng: np.random.Generator, count: int) -> list:
+    def draw(self, rng: np.random.Generator | int, count: int) -> list:
         """`count` models with parameters drawn from the normal law of the estimate.
 
         Parameters
         ----------
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
         count : int
             Number of models.
 
@@ -221,5 +221,5 @@ class ParameterCloud:
         theta = self.layout.read(self.model)
         values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        normal = rng.standard_normal((count, theta.size))
+        normal = _checks.generator(rng).standard_normal((count, theta.size))
         return [self.layout.fill(self.model, theta + root @ z) for z in normal]

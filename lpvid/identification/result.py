@@ -107,12 +107,12 @@ class Identification(Shown):
         """
         return self.layout.fill(self.model, np.asarray(theta, dtype=float))
 
-    def draw(self, rng: np.random.Generator, count: int) -> list:
+    def draw(self, rng: np.random.Generator | int, count: int) -> list:
         """Models drawn from the estimate's normal law.
 
         Parameters
         ----------
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Source of the draws.
         count : int
             How many.

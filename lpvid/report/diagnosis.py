@@ -178,7 +178,7 @@ def _sets(weights: SetProbabilities) -> list[Item]:
                       (1, 2)),
             PageTable(("family", "probability that one of it is there"), families, "", (1,)),
             Paragraph(f"What the inputs still predict of the error is {percent(weights.discrepancy)} of the output, "
-                      f"above all {weights.where}. Every real law leaves one to three per cent.")]
+                      f"most of it: {weights.where}. Every real law leaves one to three per cent.")]
 
 
 def _share(found: Diagnosis) -> str:

@@ -256,14 +256,20 @@ def _stiffness(found: Characterisation) -> Drawn | None:
     axes[1].axhline(90, color=MUTED, linewidth=0.9, linestyle=":")
     axes[1].set(ylabel="loss angle [°]", xlabel="frequency [Hz]", xscale="log")
     axes[1].xaxis.set_minor_formatter(lambda value, _: "")
-    frequencies = np.unique([x.frequency for x in rows])
-    kept = [frequencies[0]]
-    kept += [f for f in frequencies[1:] if f > 1.25 * kept[0]]
-    axes[1].set_xticks([f for k, f in enumerate(kept) if k == 0 or f > 1.25 * kept[k - 1]])
+    axes[1].set_xticks(_apart([x.frequency for x in rows]))
     axes[1].xaxis.set_major_formatter(lambda value, _: f"{value:.2g}")
     _legend(axes[1], height)
     return Drawn("stiffness", figure, "Complex stiffness F₁/x₁ of the fundamental by frequency; amplitudes differ "
                  "between tests (table). 90° is a damper without elasticity.")
+
+
+def _apart(frequencies: Sequence[float]) -> list[float]:
+    """Frequencies whose labels do not overlap on a logarithmic axis: each a quarter above the last one that is kept."""
+    kept: list[float] = []
+    for f in sorted(frequencies):
+        if not kept or f > 1.25 * kept[-1]:
+            kept.append(f)
+    return kept
 
 
 def _switching(found: Characterisation) -> Drawn:

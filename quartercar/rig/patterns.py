@@ -19,7 +19,7 @@ class MotionPattern(Protocol):
 
     kind: ClassVar[str]
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """(samples,) displacement [m] on a clock of `rate` [Hz].
 
         Parameters
@@ -28,7 +28,7 @@ class MotionPattern(Protocol):
             Length.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws what is random in it.
 
         Returns
@@ -44,7 +44,7 @@ class CurrentPattern(Protocol):
 
     kind: ClassVar[str]
 
-    def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
+    def current(self, samples: int, rate: float, rng: np.random.Generator | int, replicate: int) -> np.ndarray:
         """(samples,) current [A] at the output rate [Hz].
 
         Parameters
@@ -53,7 +53,7 @@ class CurrentPattern(Protocol):
             Length.
         rate : float
             Of the records [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws what is random in it.
         replicate : int
             Which run of the experiment, counted from 0.
@@ -103,7 +103,7 @@ class Road(_Finite):
     lines: int = option(100, "number of cosines")
     incommensurate: bool = option(True, "draw each line inside its bin; false repeats every 10 s as in the thesis")
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """Elevation of the road [m].
 
         Parameters
@@ -112,7 +112,7 @@ class Road(_Finite):
             Length.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws the phases, and the lines where they are incommensurate.
 
         Returns
@@ -150,7 +150,7 @@ class Multisine(_Finite):
     random_phases: bool = option(True, "random phases instead of Schroeder's")
     incommensurate: bool = option(True, "draw each line inside its bin")
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """Sum of sines [m].
 
         Parameters
@@ -159,7 +159,7 @@ class Multisine(_Finite):
             Length.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws phases and lines, where these are random.
 
         Returns
@@ -167,6 +167,7 @@ class Multisine(_Finite):
         (samples,) array
             [m].
         """
+        rng = checks.generator(rng)
         lines = excitation.spread_lines(self.f_min, self.f_max, self.lines, rng if self.incommensurate else None)
         return excitation.multisine(samples, rate, frequencies=lines, rms=self.rms,
                                     rng=rng if self.random_phases else None)
@@ -192,7 +193,7 @@ class Chirp(_Finite):
     amplitude: float = quantity(0.018, "m", "largest amplitude")
     peak_velocity: float = quantity(0.2, "m/s", "peak velocity")
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """Sweep [m]; nothing is random.
 
         Parameters
@@ -201,7 +202,7 @@ class Chirp(_Finite):
             Length; the sweep ends with it.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Not read.
 
         Returns
@@ -232,7 +233,7 @@ class Triangle(_Finite):
     frequency: float = quantity(3.7, "Hz", "frequency")
     acceleration: float = quantity(40.0, "m/s^2", "acceleration limit at the corners")
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """Triangle [m]; nothing is random.
 
         Parameters
@@ -241,7 +242,7 @@ class Triangle(_Finite):
             Length.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Not read.
 
         Returns
@@ -269,7 +270,7 @@ class Sine(_Finite):
     amplitude: float = quantity(0.01, "m", "amplitude")
     frequency: float = quantity(3.0, "Hz", "frequency")
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """Sine [m]; nothing is random.
 
         Parameters
@@ -278,7 +279,7 @@ class Sine(_Finite):
             Length.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Not read.
 
         Returns
@@ -305,7 +306,7 @@ class Creep(_Finite):
     amplitude: float = quantity(0.01, "m", "amplitude")
     speed: float = quantity(0.002, "m/s", "speed on the flanks")
 
-    def displacement(self, samples: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    def displacement(self, samples: int, rate: float, rng: np.random.Generator | int) -> np.ndarray:
         """Slow triangle [m]; nothing is random.
 
         Parameters
@@ -314,7 +315,7 @@ class Creep(_Finite):
             Length.
         rate : float
             [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Not read.
 
         Returns
@@ -344,7 +345,7 @@ class Icps(_Finite):
     low: float = quantity(0.0, "A", "lowest current")
     high: float = quantity(2.5, "A", "highest current")
 
-    def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
+    def current(self, samples: int, rate: float, rng: np.random.Generator | int, replicate: int) -> np.ndarray:
         """Fresh uniform level every `hold` seconds [A].
 
         Parameters
@@ -353,7 +354,7 @@ class Icps(_Finite):
             Length.
         rate : float
             Of the records [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws the levels.
         replicate : int
             Not read.
@@ -386,7 +387,7 @@ class Prbs(_Finite):
     high: float = quantity(2.5, "A", "upper current")
     cells: int = option(11, "cells of the shift register")
 
-    def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
+    def current(self, samples: int, rate: float, rng: np.random.Generator | int, replicate: int) -> np.ndarray:
         """Two levels [A].
 
         Parameters
@@ -395,7 +396,7 @@ class Prbs(_Finite):
             Length.
         rate : float
             Of the records [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws the register's first content.
         replicate : int
             Not read.
@@ -428,7 +429,7 @@ class Aprbs(_Finite):
     high: float = quantity(2.5, "A", "highest current")
     cells: int = option(11, "cells of the shift register")
 
-    def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
+    def current(self, samples: int, rate: float, rng: np.random.Generator | int, replicate: int) -> np.ndarray:
         """Random levels at random instants [A].
 
         Parameters
@@ -437,7 +438,7 @@ class Aprbs(_Finite):
             Length.
         rate : float
             Of the records [Hz].
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Draws the register's first content and the levels.
         replicate : int
             Not read.
@@ -464,7 +465,7 @@ class Constant(_Finite):
     kind: ClassVar[str] = "constant"
     levels: tuple[float, ...] = quantity((0.0, 0.44, 0.8, 1.2, 1.6, 2.1, 2.5), "A", "level of each replicate")  # type: ignore[arg-type]
 
-    def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
+    def current(self, samples: int, rate: float, rng: np.random.Generator | int, replicate: int) -> np.ndarray:
         """Level of this replicate [A]; after the last level it starts over.
 
         Parameters
@@ -473,7 +474,7 @@ class Constant(_Finite):
             Length.
         rate : float
             Not read.
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Not read.
         replicate : int
             Which run of the experiment, counted from 0.
@@ -499,7 +500,7 @@ class Stepped(_Finite):
     kind: ClassVar[str] = "stepped"
     levels: tuple[float, ...] = quantity((0.0, 0.44, 0.8, 1.2, 1.6, 2.1, 2.5), "A", "levels in order")  # type: ignore[arg-type]
 
-    def current(self, samples: int, rate: float, rng: np.random.Generator, replicate: int) -> np.ndarray:
+    def current(self, samples: int, rate: float, rng: np.random.Generator | int, replicate: int) -> np.ndarray:
         """Equal times at each level [A].
 
         Parameters
@@ -508,7 +509,7 @@ class Stepped(_Finite):
             Length, at least one for each level.
         rate : float
             Not read.
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator or int
             Not read.
         replicate : int
             Not read.

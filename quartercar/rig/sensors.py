@@ -56,7 +56,7 @@ class Sensors:
 
 
 def measure(motion: Motion, response: Response, chain: MeasurementChain, sensors: Sensors, keep: slice,
-            rng: np.random.Generator) -> dict[str, np.ndarray]:
+            rng: np.random.Generator | int) -> dict[str, np.ndarray]:
     """Sampled channels as the rig's computer stores them.
 
     Parameters
@@ -71,14 +71,14 @@ def measure(motion: Motion, response: Response, chain: MeasurementChain, sensors
         White noise of each sensor.
     keep : slice
         Samples of the fine clock that are stored.
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
 
     Returns
     -------
     dict of str to (n,) array
         ``displacement`` [m], ``velocity`` [m/s], ``current`` [A], ``force`` [N].
     """
-    rate = motion.rate
+    rate, rng = motion.rate, checks.generator(rng)
     moved = {"displacement": motion.displacement, "velocity": motion.velocity}
     for name, signal in moved.items():
         late = delayed(signal, chain.motion_delay * rate)

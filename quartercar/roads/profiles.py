@@ -120,7 +120,7 @@ def iso_roughness(road_class: str, waviness: float = 2.0) -> Roughness:
     return Roughness(ISO_CLASSES[letter] * REFERENCE_WAVENUMBER**waviness, waviness)
 
 
-def profile(samples: int, rate: float, roughness: Roughness, *, speed: float, rng: np.random.Generator,
+def profile(samples: int, rate: float, roughness: Roughness, *, speed: float, rng: np.random.Generator | int,
             f_min: float = 0.5, f_max: float = 20.5, lines: int = 100, incommensurate: bool = True) -> np.ndarray:
     """Elevation over time as a sum of cosines with the road's spectrum inside a frequency band.
 
@@ -134,7 +134,7 @@ def profile(samples: int, rate: float, roughness: Roughness, *, speed: float, rn
         The road; `surface` looks one up by name.
     speed : float
         Vehicle speed V [m/s].
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
         Draws phases and lines.
     f_min, f_max : float
         Band [Hz].
@@ -164,7 +164,7 @@ def profile(samples: int, rate: float, roughness: Roughness, *, speed: float, rn
                         rng=rng, incommensurate=incommensurate)
 
 
-def iso8608(samples: int, rate: float, road_class: str, *, speed: float, rng: np.random.Generator,
+def iso8608(samples: int, rate: float, road_class: str, *, speed: float, rng: np.random.Generator | int,
             cutoff: float = 0.01) -> np.ndarray:
     """Elevation over time by the first-order shaping filter, discretised exactly and started in steady state.
 
@@ -181,7 +181,7 @@ def iso8608(samples: int, rate: float, road_class: str, *, speed: float, rng: np
         ``"A"`` … ``"H"`` of ISO 8608.
     speed : float
         Vehicle speed V [m/s].
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
     cutoff : float
         n_00 [cycles/m], below which the spectrum is flat.
 
@@ -197,10 +197,10 @@ def iso8608(samples: int, rate: float, road_class: str, *, speed: float, rng: np
 
     Examples
     --------
-    >>> iso8608(3, 1000.0, "B", speed=20.0, rng=np.random.default_rng(0)).shape
+    >>> iso8608(3, 1000.0, "B", speed=20.0, rng=0).shape
     (3,)
     """
-    samples = checks.count(samples, "samples", at_least=1)
+    samples, rng = checks.count(samples, "samples", at_least=1), checks.generator(rng)
     speed, cutoff = checks.positive(speed, "speed", "m/s"), checks.positive(cutoff, "cutoff", "cycles/m")
     level = ISO_CLASSES[checks.known_name(road_class.upper(), list(ISO_CLASSES), "ISO 8608 class")]
     a = np.exp(-2 * np.pi * cutoff * speed / checks.positive(rate, "rate", "Hz"))

@@ -267,10 +267,17 @@ class QuarterCar:
         ------
         InputError
             A sample time that is not positive; a damper that runs at another rate only.
+
+        Warns
+        -----
+        ExtrapolationWarning
+            A current outside the range of the damper's fit.
         """
         from quartercar.vehicle.stepper import CarStepper
 
-        return CarStepper(self, checks.positive(sample_time, "sample_time", "s"), road, current)
+        stepper = CarStepper(self, checks.positive(sample_time, "sample_time", "s"), road, current)
+        stepper.warn_outside(np.array([current]))
+        return stepper
 
     def run(self, road: np.ndarray, sample_time: float, current: np.ndarray | float = 0.0) -> CarRun:
         """Drive over a road, from rest at its first elevation.
@@ -304,6 +311,10 @@ class QuarterCar:
         command = checks.frozen_array(current, "current")
         command = np.full(road.size, float(command)) if command.ndim == 0 else command
         command = checks.finite(checks.shaped(command, (road.size,), "current"), "current")
-        stepper = self.start(sample_time, float(road[0]), float(command[0]))
+        from quartercar.vehicle.stepper import CarStepper
+
+        sample_time = checks.positive(sample_time, "sample_time", "s")
+        stepper = CarStepper(self, sample_time, float(road[0]), float(command[0]))
+        stepper.warn_outside(command[:-1])
         states = stepper.advance(road[1:], command[:-1])
         return CarRun.of(self, stepper.sample_time, np.array(road), np.array(command), states)

@@ -67,7 +67,7 @@ class CarStepper:
         damper = car.damper
         self._plain = car.damper_is_linear
         self._form = None if self._plain else tanh_form(damper)
-        self._check_range(np.array([current]))
+        self._said_outside = False
         clock = None if damper is None else damper.clock
         self._parts = self._divided(clock)
         self.step = sample_time / self._parts
@@ -97,15 +97,26 @@ class CarStepper:
                              mend=f"sample the road at {1 / clock:.6g} Hz or a whole fraction of it")
         return parts
 
-    def _check_range(self, command: np.ndarray) -> None:
+    def warn_outside(self, command: np.ndarray) -> None:
+        """Warn of commands outside the range of the damper's fit, once in the life of a stepper.
+
+        Parameters
+        ----------
+        command : (n,) array
+            In the damper's unit, before the coil's limits.
+
+        Warns
+        -----
+        ExtrapolationWarning
+            To whom called the method that calls this one.
+        """
         damper = self.car.damper
-        if damper is None:
-            return
-        outside = damper.outside(self.car.coil.limited(command))
-        if outside:
+        outside = 0.0 if damper is None or self._said_outside else damper.outside(self.car.coil.limited(command))
+        if damper is not None and outside:
+            self._said_outside = True
             low, high = damper.current_range or (0.0, 0.0)
             warnings.warn(f"{damper.name}: {outside:.0%} of the commands lie outside the fitted {low:g} to {high:g} "
-                          f"{damper.current_unit}", ExtrapolationWarning, stacklevel=4)
+                          f"{damper.current_unit}", ExtrapolationWarning, stacklevel=3)
 
     @property
     def strut(self) -> float:
@@ -127,8 +138,13 @@ class CarStepper:
         -------
         States
             At the present and the n coming samples.
+
+        Warns
+        -----
+        ExtrapolationWarning
+            As `warn_outside`, if nothing was outside the range before.
         """
-        self._check_range(command)
+        self.warn_outside(command)
         n = len(road)
         before = np.array([*self._x, self._held[0], self._held[1]])
         profile = np.concatenate([[self._road], road])

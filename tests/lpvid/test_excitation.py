@@ -174,3 +174,26 @@ def test_equally_spaced_lines_repeat_and_spread_lines_do_not(rng):
 def test_bad_input_is_refused(call, rng):
     with pytest.raises(InputError):
         call(rng)
+
+
+DRAWN = {"icps": lambda rng: excitation.icps(50, RATE, hold=0.01, low=0.0, high=2.0, rng=rng),
+         "prbs": lambda rng: excitation.prbs(50, RATE, clock=0.01, low=0.0, high=2.0, rng=rng),
+         "aprbs": lambda rng: excitation.aprbs(50, RATE, clock=0.01, low=0.0, high=2.0, rng=rng),
+         "multisine": lambda rng: excitation.multisine(50, RATE, frequencies=[1.0, 3.0], rms=1.0, rng=rng),
+         "spread_lines": lambda rng: excitation.spread_lines(1.0, 9.0, 5, rng),
+         "random_phase": lambda rng: excitation.random_phase(50, RATE, lambda f: 1 / f, f_min=1.0, f_max=9.0, lines=5,
+                                                             rng=rng)}
+
+
+@pytest.mark.parametrize("signal", DRAWN.values(), ids=DRAWN)
+def test_a_seed_draws_as_the_generator_of_that_seed(signal):
+    for seed in (3, np.int64(3)):
+        np.testing.assert_array_equal(signal(seed), signal(np.random.default_rng(3)))
+    for wrong in ("three", 3.5, -1, True):
+        with pytest.raises(InputError, match="rng must be a seed"):
+            signal(wrong)
+
+
+def test_a_signal_that_must_be_drawn_does_not_take_the_machines_entropy():
+    with pytest.raises(InputError, match=r"rng must be a seed.*got None"):
+        DRAWN["icps"](None)

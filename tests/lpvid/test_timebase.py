@@ -9,7 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lpvid.timebase import analyse_time
+from lpvid.condition.tables import as_records
+from lpvid.errors import InputError
+from lpvid.record import Record
+from lpvid.timebase import analyse_time, calendar_seconds
 
 
 def to_digits(values: np.ndarray, significant: int) -> np.ndarray:
@@ -156,3 +159,18 @@ def test_shift_and_unit_of_time_change_no_verdict(shift: float, scale: float) ->
     base = analyse_time(shift + scale * stamps)
     assert base.gaps == (11,)
     assert base.period == pytest.approx(scale, rel=1e-5)
+
+
+@pytest.mark.parametrize("dtype, said", [("datetime64[M]", "months"), ("datetime64[Y]", "years"),
+                                         ("timedelta64[M]", "months"), ("timedelta64", "numbers of no unit")])
+def test_units_without_a_fixed_length_are_refused(dtype, said):
+    time = np.arange(5).astype(dtype)
+    for give in (lambda: Record({"x": np.arange(5.0)}, time=time),
+                 lambda: as_records({"time": time, "x": np.arange(5)})):
+        with pytest.raises(InputError, match=f"unit of fixed length: got {said}") as refused:
+            give()
+        assert "\n" not in str(refused.value)
+
+
+def test_weeks_have_a_fixed_length():
+    np.testing.assert_array_equal(calendar_seconds(np.arange(3).astype("datetime64[W]")), 604800.0 * np.arange(3))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lpvid import units
 from lpvid.errors import InputError
-from lpvid.units import convert, parse_header, quantity_to_si, same_kind, to_si
+from lpvid.units import contradicts, convert, parse_header, quantity_to_si, same_kind, to_si
 
 REGISTRY = pint.UnitRegistry()
 NOT_IN_PINT = {"", "-"}  # spellings of a pure number
@@ -148,3 +148,28 @@ def test_an_acceleration_in_g_is_not_one_in_grams(name):
         lpv.identify(columns("g"), structure)
     assert "g_0" in next(f.mend for f in lpv.audit(columns("g")).findings if f.name == "unit-contradicts-name")
     assert lpv.identify(columns("g_0"), structure).model.inputs[0].unit == "m/s^2"
+
+
+@pytest.mark.parametrize("name, unit", [("acceleration sprung", "g"), ("acc z", "g"), ("Beschleunigung", "g"),
+                                        ("ACC_FL", "mg"), ("z body", "g"), ("sprung acceleration", "kg")])
+def test_grams_are_masses_only_where_the_name_says_so(name, unit):
+    assert "m/s^2" in contradicts(name, "kg", unit)
+
+
+@pytest.mark.parametrize("name, unit", [("payload", "g"), ("mass of oil", "g"), ("Zuladung", "g"), ("Radlast", "g"),
+                                        ("z body", "kg"), ("accumulator mass", "g")])
+def test_masses_stay_masses(name, unit):
+    assert contradicts(name, "kg", unit) == ()
+
+
+def test_a_unit_that_contradicts_the_role_names_header_role_and_mend():
+    import lpvid as lpv
+
+    t = np.arange(400) / 200
+    record = lpv.Record({"x": np.sin(t), "force": np.cos(t)}, time=t, units={"x": "mm", "force": "N"},
+                        roles={"velocity": "x"})
+    with pytest.raises(InputError, match=r"got 'x \[mm\]'.*role 'velocity' calls for m/s.*--role velocity=CHANNEL"):
+        lpv.identify(record, lpv.ARX(na=1, nb=1, input="velocity", output="force"))
+    with pytest.raises(InputError, match=r"role 'force' calls for N.*--role force=CHANNEL"):
+        lpv.identify(lpv.Record({"v": np.sin(t), "b": np.cos(t)}, time=t, units={"v": "m/s", "b": "mm"},
+                                roles={"force": "b"}), lpv.ARX(na=1, nb=1, input="v", output="force"))

@@ -269,5 +269,5 @@ def _change_at(e: Evidence, strength: float) -> float:
 
 
 def _place(wrong: Sequence[Wrong]) -> str:
-    return "; ".join(f"{w.where} ({w.share:.0%})" for w in wrong[:2]) or "everywhere alike"
+    return "; ".join(f"{w.where} ({w.share:.0%})" for w in wrong[:2]) or "in every part of the records alike"
 

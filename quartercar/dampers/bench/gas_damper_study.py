@@ -209,7 +209,7 @@ def _deviations(law: PowerLawDamper, rows: Sequence[WorkRow]) -> list[float]:
     return [sine_work(law, r.amplitude, r.frequency) / r.measured - 1 for r in rows]
 
 
-def measured(displacement: np.ndarray, rate: float, rng: np.random.Generator, name: str = "run",
+def measured(displacement: np.ndarray, rate: float, rng: np.random.Generator | int, name: str = "run",
              law: PowerLawFrictionGas | None = None, stiffness: float = 5e5, noise: float = 5.0) -> Record:
     """A synthetic run of the seed's damper on a rig: the law behind a spring, and noise of the load cell.
 
@@ -219,7 +219,7 @@ def measured(displacement: np.ndarray, rate: float, rng: np.random.Generator, na
         [m]
     rate : float
         [Hz]
-    rng : Generator
+    rng : numpy.random.Generator or int
     name : str
     law : PowerLawFrictionGas, optional
         `SWIFT_2012` with all but sharp friction if left out.
@@ -237,7 +237,7 @@ def measured(displacement: np.ndarray, rate: float, rng: np.random.Generator, na
     law = law or SWIFT_2012.replace(friction_speed=1e-4)
     rigid = math.isinf(stiffness)
     force = law.simulate(record).output[:, 0] if rigid else behind_spring(law, record, stiffness)
-    return record.with_channel("force", force + rng.normal(scale=noise, size=force.size), "N")
+    return record.with_channel("force", force + checks.generator(rng).normal(scale=noise, size=force.size), "N")
 
 
 def behind_spring(law: PowerLawFrictionGas, record: Record, stiffness: float, steps: int = 8) -> np.ndarray:

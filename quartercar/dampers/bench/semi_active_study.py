@@ -43,7 +43,7 @@ def virtual_device() -> ExtendedBoucWen:
 
 
 def measured(device: SemiActiveDamper, name: str, current: float | np.ndarray, wave: str, amplitude: float,
-             speed: float, seconds: float, rng: np.random.Generator, noise: float = 10.0) -> Record:
+             speed: float, seconds: float, rng: np.random.Generator | int, noise: float = 10.0) -> Record:
     """A device on the virtual rig, sampled at 1 kHz as in the paper.
 
     Parameters
@@ -57,7 +57,7 @@ def measured(device: SemiActiveDamper, name: str, current: float | np.ndarray, w
     amplitude, speed : float
         Half stroke [m], largest speed [m/s].
     seconds : float
-    rng : Generator
+    rng : numpy.random.Generator or int
     noise : float
         Standard deviation on the force [N].
 
@@ -74,10 +74,11 @@ def measured(device: SemiActiveDamper, name: str, current: float | np.ndarray, w
     channels: dict[str, Any] = {"displacement": amplitude * x, "velocity": speed * v,
                                 "current": np.broadcast_to(np.asarray(current, dtype=float), x.size)}
     bare = Record(channels, sample_time=1e-3, units={"displacement": "m", "velocity": "m/s", "current": "1"}, name=name)
-    return bare.with_channel("force", device.simulate(bare).output[:, 0] + rng.normal(0.0, noise, x.size), "N")
+    drawn = checks.generator(rng).normal(0.0, noise, x.size)
+    return bare.with_channel("force", device.simulate(bare).output[:, 0] + drawn, "N")
 
 
-def paper_plan(device: SemiActiveDamper, nodes: tuple[float, ...], rng: np.random.Generator) -> list[Record]:
+def paper_plan(device: SemiActiveDamper, nodes: tuple[float, ...], rng: np.random.Generator | int) -> list[Record]:
     """The paper's: a slow run at the least duty, 25 mm and 0.8 Hz at each, steps of 15 to 50 % inside strokes.
 
     Parameters
@@ -86,7 +87,7 @@ def paper_plan(device: SemiActiveDamper, nodes: tuple[float, ...], rng: np.rando
         What is measured.
     nodes : tuple of float
         Duties of the runs at constant current, rising.
-    rng : numpy.random.Generator
+    rng : numpy.random.Generator or int
         Draws the noise of the force.
 
     Returns
@@ -94,6 +95,7 @@ def paper_plan(device: SemiActiveDamper, nodes: tuple[float, ...], rng: np.rando
     list of Record
         ``slow``, one for each node, and ``steps``, at 1 kHz.
     """
+    rng = checks.generator(rng)
     steps = np.where(np.arange(8000) % 290 < 140, 0.5, 0.15)
     return [measured(device, "slow", nodes[0], "saw", 0.025, 0.005, 20.0, rng),
             *(measured(device, f"u = {u:.0%}", u, "sine", 0.025, 0.04 * np.pi, 3.75, rng) for u in nodes),

@@ -34,6 +34,16 @@ def test_overtones_folded_back_are_no_noise(rng):
     assert noise.evidence.startswith("noise at most")
 
 
+def test_noise_that_overtones_could_be_is_called_either(rng):
+    """White noise below the overtones of a square wave: the rate cannot tell them apart, nor does the mend."""
+    x, v = drive(rng, 60, 20, 0.2, 2.0, 0.05)
+    noisy = record(x, 2e3 * v + 0.15 * 2e3 * v.std() * rng.normal(size=x.size), 20)
+    (noise,) = [f for f in audit(noisy).of("noise-level") if f.channel == "force"]
+    assert noise.severity == "note"
+    assert noise.evidence.startswith("noise at most")
+    assert "to tell" in noise.mend and "may as well be noise" in noise.mend
+
+
 def test_noise_of_a_slow_force_is_still_a_warning(rng):
     """At 500 Hz hardly any overtone of 2 Hz is folded: what lies 17 dB below the force is noise."""
     x, v = drive(rng, 20, 500, 0.2, 2.0, 0.05)

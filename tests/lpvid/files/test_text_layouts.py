@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
+from lpvid.condition import segments
 from lpvid.errors import InputError
+from lpvid.files import _parts
 from lpvid.files.streaming import read_chunks
 
 TIMES = np.arange(40) / 500
@@ -37,6 +39,15 @@ LAYOUTS = {
         *(f"2026-11-27 00:00:00.{2 * k:03d}" for k in range(35))]),
     "dates with points": "time;displacement [mm];force [kN]\n" + rows(";", stamps=[
         f"26.11.2026 10:12:13,{2 * k:03d}" for k in range(40)]),
+    "a preamble above dates": PREAMBLE + "time;displacement;force\n;mm;kN\n" + rows(";", comma=True, stamps=[
+        f"26.11.2026 10:12:13.{2 * k:03d}" for k in range(40)]),
+    "a first date in another notation": "time,displacement [mm],force [kN]\n" + rows(stamps=[
+        "26.11.2026 10:12:13", *(f"2026-11-26T10:12:13.{2 * k:03d}" for k in range(1, 40))]),
+    "times of day over midnight": "time,displacement [mm],force [kN]\n" + rows(stamps=[
+        *(f"23:59:59.{960 + 2 * k:03d}" for k in range(20)), *(f"0:00:00.{2 * k:03d}" for k in range(20))]),
+    "the end of summer time, with the offset": "time,displacement [mm],force [kN]\n" + rows(stamps=[
+        *(f"2026-10-25T02:59:59.{960 + 2 * k:03d}+02:00" for k in range(20)),
+        *(f"2026-10-25T02:00:00.{2 * k:03d}+01:00" for k in range(20))]),
     "times of day": "time,displacement [mm],force [kN]\n" + rows(stamps=[f"9:59:59.{2 * k:03d}" for k in range(40)]),
 }
 
@@ -86,6 +97,46 @@ def test_a_date_that_does_not_say_which_number_is_the_month_is_refused(tmp_path)
         lpv.read(path)
 
 
+DATES = [f"2026-11-26T10:12:13.{2 * k:03d}" for k in range(40)]
+
+
+@pytest.mark.parametrize("first", ["10:12:13.000", "0", "start", "2026-02-31T10:12:13.000", DATES[0] + "Z"])
+@pytest.mark.parametrize("place", [0, 7])
+def test_an_odd_stamp_is_named_and_sets_no_clock(tmp_path, first, place):
+    path = tmp_path / "run.csv"
+    path.write_text("time,displacement [mm],force [kN]\n" + rows(stamps=[*DATES[:place], first, *DATES[place + 1:]]))
+    with pytest.raises(InputError, match=r"line \d+ of the file\).*alike") as refused:
+        lpv.read(path)
+    assert f"holds text '{first}' in row {place + 1} (line {place + 2} of the file). " in str(refused.value)
+
+
+@pytest.mark.parametrize("parts", [False, True], ids=["whole", "in parts"])
+def test_a_missing_first_stamp_leaves_the_clock_as_it_is(tmp_path, parts):
+    path = tmp_path / "run.csv"
+    path.write_text("time,displacement [mm],force [kN]\n" + rows(stamps=["", *DATES[1:]]))
+    read = list(read_chunks(path, 40)) if parts else lpv.read(path)
+    np.testing.assert_allclose(read[0].times[1:], TIMES[:-1], atol=1e-12)
+    with pytest.raises(InputError, match=r"not a finite number in row 1.*restore its stamp"):
+        segments(read, ("force",))
+
+
+def test_a_first_row_from_another_day_is_a_gap(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time,displacement [mm],force [kN]\n" + rows(stamps=["2026-11-25T23:00:00.000", *DATES[1:]]))
+    record, = lpv.read(path)
+    assert record.time_base.gaps == (1,)
+    piece, = segments([record], ("force",))
+    assert piece.n_samples == 39
+    assert piece.sample_time == pytest.approx(1 / 500, rel=1e-6)
+
+
+def test_chunks_that_begin_after_midnight_know_of_it(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(LAYOUTS["times of day over midnight"])
+    late = next(iter(_parts.reader(path)(path, 10, 25, None)))
+    np.testing.assert_allclose(late.columns[0].values, TIMES[25:35], atol=1e-9)
+
+
 def test_text_in_the_first_row_is_no_header(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text(PLAIN + rows().replace("0.000,0.0000", "0.000,off", 1))
@@ -130,8 +181,11 @@ def test_a_role_states_the_unit_that_a_file_does_not(tmp_path, parts):
     np.testing.assert_allclose(np.concatenate([r["force"] for r in records]), FORCE, rtol=1e-12)
     assert records[0].unit("x") == "m"
     assert records[0].sample_time == pytest.approx(1 / 500, rel=1e-9)
-    with pytest.raises(InputError, match="states its own unit"):
+    with pytest.raises(InputError, match=r"states its own unit: got 'F \[kN\]' in the file, \[N\] in --role force.*"
+                       "leave the unit out, --role force=F,"):
         lpv.read(path, roles={"force": "F [N]"})
+    with pytest.raises(InputError, match=r"two roles.*'x': got \[mm\] in --role displacement, \[m\] in --role stroke"):
+        lpv.read(path, roles={"time": "t [ms]", "displacement": "x [mm]", "stroke": "x [m]"})
 
 
 def test_a_spreadsheet_is_to_be_saved_as_csv(tmp_path):

@@ -34,12 +34,21 @@ def test_everything_else_of_the_structure_stays(rng: np.random.Generator) -> Non
     assert (chosen.na, chosen.nb, chosen.affine, chosen.ridge, chosen.input) == (2, (3,), 1, 1e-9, ("u",))
 
 
-def test_ties_go_to_the_later_delay(rng: np.random.Generator) -> None:
-    """Two lags catch a delay of 1 as lags (0, 1) and as lags (1, 2): no difference, so strictly proper wins."""
-    chosen, note = choose_delay([delayed(rng, 1, 6000)], ARX(na=1, nb=2, input="u", output="y"), candidates=(0, 1))
+def test_ties_go_to_the_least_delay_without_a_direct_term(rng: np.random.Generator) -> None:
+    """Three lags catch a delay of 2 as lags (0, 1, 2), (1, 2, 3) and (2, 3, 4): no difference in the free run.
+
+    nk=2 would have two more states than nk=0 and one more than nk=1; nk=0 a direct term.
+    """
+    chosen, note = choose_delay([delayed(rng, 2, 6000)], ARX(na=1, nb=3, input="u", output="y"))
     assert chosen.delay == (1,)
-    costs = [float(part.split()[1].rstrip(",;")) for part in note.split("nk=")[1:3]]
-    assert note.endswith(", the latest within 2 % of the least") == (costs[1] > costs[0])
+    costs = [float(part.split()[1].rstrip(",;")) for part in note.split("nk=")[1:4]]
+    assert max(costs) < 1.02 * min(costs)
+    assert note.endswith("within 2 % of the least error") == (costs[1] > min(costs))
+
+
+def test_a_direct_term_is_taken_where_a_later_lag_costs(rng: np.random.Generator) -> None:
+    chosen, _ = choose_delay([delayed(rng, 0, 3000)], ARX(na=1, nb=2, input="u", output="y"))
+    assert chosen.delay == (0,)
 
 
 def test_the_order_of_candidates_does_not_matter(rng: np.random.Generator) -> None:

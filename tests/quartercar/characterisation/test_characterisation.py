@@ -12,6 +12,7 @@ import quartercar as qc
 from lpvid.report import render
 from quartercar.characterisation import CharacteriseSettings, Tolerance
 from quartercar.characterisation.cycles import blocks_of, noise_of, series_of
+from quartercar.characterisation.figures import _apart
 from quartercar.characterisation.local_fit import local_fit
 from quartercar.characterisation.page import characterisation_page
 from quartercar.characterisation.runs import runs_of
@@ -399,3 +400,9 @@ def test_the_text_says_what_a_fast_test_leaves_in_gas_and_friction():
     mean = 0.1 * (0.8 * 0.6 + np.arcsin(0.8)) / 1.6  # of 0.1 sqrt(1 - u^2) over |u| < 0.8
     assert slow.gas == pytest.approx(-240.0 * mean, abs=0.1)
     assert "half the difference of their damping" in str(found)
+
+
+def test_labels_of_frequencies_stand_apart_and_none_is_lost_for_nothing():
+    """A chain of close frequencies was thinned by its neighbours, kept or not: of 1 to 2 Hz only the first was left."""
+    assert _apart([2.0, 1.0, 1.2, 1.4, 1.6, 1.8, 1.8]) == [1.0, 1.4, 1.8]
+    assert _apart([0.5, 5.0, 5.1]) == [0.5, 5.0]

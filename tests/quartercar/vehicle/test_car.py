@@ -397,6 +397,19 @@ def test_currents_beyond_the_fit_are_told():
         QuarterCar(MEGANE, BoucWen(current_range=(0.0, 2.0))).run(np.zeros(20), STEP, 3.0)
 
 
+def test_a_run_says_once_how_much_of_it_lies_beyond_the_fit():
+    car = QuarterCar(MEGANE, BoucWen(current_range=(0.0, 2.0)))
+    with pytest.warns(ExtrapolationWarning) as told:
+        car.run(np.zeros(21), STEP, np.repeat([3.0, 1.0], [5, 16]))
+    assert [str(w.message) for w in told] == ["bouc-wen: 25% of the commands lie outside the fitted 0 to 2 A"]
+    assert told[0].filename == __file__
+    with pytest.warns(ExtrapolationWarning) as told:
+        stepper = car.start(STEP, 0.0, 1.0)
+        for current in (1.0, 3.0, 3.0):
+            stepper.advance(np.zeros(1), np.array([current]))
+    assert len(told) == 1 and told[0].filename == __file__
+
+
 def test_a_damper_that_gives_energy_ends_in_a_typed_outcome():
     pushing = Linear(values={"stiffness": -1e6, "damping": 0.0})
     with pytest.raises(NumericalError, match="left all bounds"):
