@@ -12,6 +12,7 @@ import lpvid as lpv
 from lpvid.plot import show
 from quartercar.dampers import FitSettings
 from quartercar.dampers.bench.characteristic import characteristic_line
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
 
 AMPLITUDES = np.geomspace(0.23e-3, 27.28e-3, 11)
@@ -35,19 +36,19 @@ def main(figure: Path | None = None) -> dict[str, float]:
     records = [measured(ReliefValveOrifice(values={"friction": 80.0}), a, rng) for a in AMPLITUDES]
     settings = FitSettings(starts=2, polished=1, short_evaluations=5, evaluations=25, tolerance=1e-5)
     training, fast = [records[k] for k in TRAINING], [records[k] for k in FAST]
-    fits = {m.name: m.fit(training, fast, settings) for m in (ReliefValve(), ReliefValveOrifice())}
+    fits = {m.name: fit(m, training, fast, settings) for m in (ReliefValve(), ReliefValveOrifice())}
     esr = {}
     print(f"{'held-out free run':24}{'training ESR':>14}{'held-out ESR':>14}")
-    for name, fit in fits.items():
-        assert fit.training.esr is not None and fit.held_out is not None and fit.held_out.esr is not None
-        esr[name] = fit.held_out.esr
-        print(f"{name:24}{fit.training.esr:14.5f}{fit.held_out.esr:14.5f}")
+    for name, found in fits.items():
+        assert found.training.esr is not None and found.held_out is not None and found.held_out.esr is not None
+        esr[name] = found.held_out.esr
+        print(f"{name:24}{found.training.esr:14.5f}{found.held_out.esr:14.5f}")
     canvas = Figure(figsize=(7, 4), layout="constrained")
     axes = canvas.add_subplot(xlabel="largest velocity [m/s]", ylabel="largest force [kN]")
     largest = np.array([[r["velocity"].max(), 1e-3 * r["force"].max()] for r in records])
     axes.plot(*largest.T, "ko", label="virtual rig")
-    for name, fit in fits.items():
-        line = characteristic_line(fit.damper, AMPLITUDES, FREQUENCY)
+    for name, found in fits.items():
+        line = characteristic_line(found.damper, AMPLITUDES, FREQUENCY)
         axes.plot(line.speed, 1e-3 * line.highest, label=name)
     axes.legend()
     show(canvas, figure)

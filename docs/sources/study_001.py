@@ -23,6 +23,7 @@ from scipy.integrate import solve_ivp
 
 import lpvid as lpv
 from quartercar.dampers import FitSettings
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
 
 AMPLITUDES = np.geomspace(0.23e-3, 27.28e-3, 11)
@@ -123,7 +124,7 @@ def fit_models(records: list[lpv.Record]) -> dict[str, LagDamper]:
     settings = FitSettings(starts=3, polished=1, short_evaluations=8, evaluations=40, tolerance=1e-6)
     training = [records[k] for k in TRAINING]
     return {
-        name: model.fit(training, settings=settings).damper  # type: ignore[misc]
+        name: fit(model, training, settings=settings).damper  # type: ignore[misc]
         for name, model in (("baseline", ReliefValve()), ("extended", ReliefValveOrifice()))
     }
 

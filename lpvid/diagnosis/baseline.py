@@ -5,16 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
-
-if TYPE_CHECKING:
-    from lpvid.diagnosis.composition import Composition
-    from lpvid.diagnosis.effect import Effect
 
 
 @dataclass(frozen=True)
@@ -177,27 +173,6 @@ class Baseline(ABC):
     @abstractmethod
     def start(self) -> int:
         """Samples at the head of a record that the simulation takes from the measurement."""
-
-    @property
-    def inner(self) -> Composition | None:
-        """The law and effects that it is made of, among which further effects take their place; None for a law itself.
-
-        An effect of its own that is composed with it once more replaces its own values of it.
-        """
-        return None
-
-    def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
-        """A catalogue of causes as those of one record beside this simulation.
-
-        Parameters
-        ----------
-        catalogue : sequence of Effect
-
-        Returns
-        -------
-        tuple of Effect
-        """
-        return tuple(catalogue)
 
     def describe(self) -> Mapping[str, Any]:
         """Plain data: name, parameters with units.

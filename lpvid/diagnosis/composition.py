@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +19,31 @@ CARRIED = ("inside", "core", "series")
 """stages of what the damper's own force passes; what stands beside it there is added behind them"""
 ROUNDING = 1e-13
 """share of the largest force below which a change by such a step is rounding"""
+
+
+class ComposedBaseline(Baseline):
+    """A baseline that is itself a law with effects, among which further effects take their place.
+
+    An effect of its own that is composed with it once more replaces its own values of it.
+    """
+
+    @property
+    @abstractmethod
+    def inner(self) -> Composition:
+        """The law and effects that it is made of."""
+
+    @abstractmethod
+    def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
+        """A catalogue of causes as those of one record beside this simulation.
+
+        Parameters
+        ----------
+        catalogue : sequence of Effect
+
+        Returns
+        -------
+        tuple of Effect
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +85,9 @@ class Composition:
 
         None for a baseline that is a law itself. An effect around it takes the place of its own of that name.
         """
-        inner = self.baseline.inner
-        if inner is None:
+        if not isinstance(self.baseline, ComposedBaseline):
             return None
+        inner = self.baseline.inner
         own = [(e, list(range(p.start, p.stop))) for e, p in zip(inner.effects, inner.places, strict=True)]
         around = [(e, list(range(p.start, p.stop))) for e, p in zip(self.effects, self.places, strict=True)]
         at = {e.name: (e, p) for e, p in (*own, *around)}

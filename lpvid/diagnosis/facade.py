@@ -14,6 +14,7 @@ from lpvid._forks import in_forks
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.composition import ComposedBaseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
@@ -157,7 +158,8 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
         found = _baseline(given, prepared.training, parameters)
     _check_moving(found, prepared.training)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
-    return Question(prepared, found, fitted, found.candidates(effects), (*training, *kept), given == AUTO)
+    causes = found.candidates(effects) if isinstance(found, ComposedBaseline) else tuple(effects)
+    return Question(prepared, found, fitted, causes, (*training, *kept), given == AUTO)
 
 
 def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid.codec import encode
 from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.composition import ComposedBaseline, Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.signals import Core, Signals
@@ -28,7 +28,7 @@ FACTORS = (0.25, 0.5, 2.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
-class FleetLaw(Baseline):
+class FleetLaw(ComposedBaseline):
     """The law that healthy files share, with their causes, each number free within the spread of the specimens alone.
 
     What every file has is part of the law and no cause of one file. A cause that the fleet has in some strength is a
@@ -286,8 +286,10 @@ def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict
         healthy file.
     """
     composition, absent = found.composition, found.vector.copy()
-    inner = composition.baseline.inner
-    own = {} if inner is None else {e.name: found.vector[p] for e, p in zip(inner.effects, inner.places, strict=True)}
+    own = {}
+    if isinstance(composition.baseline, ComposedBaseline):
+        inner = composition.baseline.inner
+        own = {e.name: found.vector[p] for e, p in zip(inner.effects, inner.places, strict=True)}
     for e, p in zip(composition.effects, composition.places, strict=True):
         count = e.strengths
         absent[p][:count] = own[e.name][:count] if e.name in own else e.neutral[:count]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from lpvid.scheduling import Scheduling
 from lpvid.simulation import simulate
 
 if TYPE_CHECKING:
-    from lpvid.identification.arx import ARX
     from lpvid.model.transfer_function import LPVTransferFunction
 
 SAMPLES = 40_000
@@ -31,7 +30,52 @@ REFINED = 2
 """starts that are refined after all have been tried."""
 
 
-def fit_stages(records: Sequence[Record], structure: ARX, box: Scheduling) -> Identification:
+class StagedStructure(Protocol):
+    """A dataclass of which the linear part is a regression once its stages are known: `ARX` is one.
+
+    Attributes
+    ----------
+    input, output : str or tuple of str
+        Names of the channels.
+    stage : InputStage, str or None
+        By name where it is to be fitted.
+    schedule_filter : SchedulingStage, str or None
+        As `stage`.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def input(self) -> str | tuple[str, ...]: ...
+    @property
+    def output(self) -> str | tuple[str, ...]: ...
+    @property
+    def stage(self) -> InputStage | str | None: ...
+    @property
+    def schedule_filter(self) -> SchedulingStage | str | None: ...
+
+    @property
+    def start(self) -> int:
+        """Samples at the head of every record that a regression only reads."""
+        ...
+
+    def regress(self, records: Sequence[Record], box: Scheduling) -> Identification:
+        """Coefficients with the stages held as they are.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Uniform and finite.
+        box : Scheduling
+
+        Returns
+        -------
+        Identification
+        """
+        ...
+
+
+def fit_stages(records: Sequence[Record], structure: StagedStructure, box: Scheduling) -> Identification:
     """Search the stages' few parameters for the least free-run error; the linear part is a regression each time.
 
     The separation (variable projection) keeps the search in one to nine dimensions. Several starts from the data's own
@@ -41,7 +85,7 @@ def fit_stages(records: Sequence[Record], structure: ARX, box: Scheduling) -> Id
     ----------
     records : sequence of Record
         Uniform and finite.
-    structure : ARX
+    structure : StagedStructure
         With a bound basis and at least one of stage and schedule_filter given by name.
     box : Scheduling
 
@@ -54,7 +98,7 @@ def fit_stages(records: Sequence[Record], structure: ARX, box: Scheduling) -> Id
         return _search(records, structure, box)
 
 
-def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Identification:
+def _search(records: Sequence[Record], structure: StagedStructure, box: Scheduling) -> Identification:
     sample = shorten(records, SAMPLES, structure.start + 50)
     starts = _starts(sample, structure, box)
     costs = in_forks(lambda s: free_run_cost(sample, s.of(structure), box), starts)
@@ -67,14 +111,14 @@ def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Ident
                                  f"fitted to the free run on training data: {stated}; the covariance holds it fixed"))
 
 
-def fitted_stages(model: LPVTransferFunction, structure: ARX) -> list[str]:
+def fitted_stages(model: LPVTransferFunction, structure: StagedStructure) -> list[str]:
     """Parameters, with units, of every stage of the model that the structure only names.
 
     Parameters
     ----------
     model : LPVTransferFunction
         Fitted.
-    structure : ARX
+    structure : StagedStructure
         As requested.
 
     Returns
@@ -92,7 +136,7 @@ def fitted_stages(model: LPVTransferFunction, structure: ARX) -> list[str]:
     return found
 
 
-def unresolved(model: LPVTransferFunction, structure: ARX, records: Sequence[Record]) -> tuple[str, ...]:
+def unresolved(model: LPVTransferFunction, structure: StagedStructure, records: Sequence[Record]) -> tuple[str, ...]:
     """Whether the bend of a fitted stage is not identifiable, or one of its parameters at the search's bound.
 
     It is not identifiable where fewer samples lie inside the knee than the stage has free parameters.
@@ -101,7 +145,7 @@ def unresolved(model: LPVTransferFunction, structure: ARX, records: Sequence[Rec
     ----------
     model : LPVTransferFunction
         With the fitted stage.
-    structure : ARX
+    structure : StagedStructure
         As given: a stage that is an object was not fitted, and nothing is said of it.
     records : sequence of Record
         Of the fit.
@@ -138,7 +182,7 @@ class _Stages:
     stage_scales: np.ndarray
     lag_scales: np.ndarray
 
-    def of(self, structure: ARX) -> ARX:
+    def of(self, structure: StagedStructure) -> StagedStructure:
         return replace(structure, stage=self.stage, schedule_filter=self.lag)
 
     @property
@@ -155,7 +199,7 @@ class _Stages:
         return replace(self, stage=stage, lag=lag)
 
 
-def _starts(records: Sequence[Record], structure: ARX, box: Scheduling) -> list[_Stages]:
+def _starts(records: Sequence[Record], structure: StagedStructure, box: Scheduling) -> list[_Stages]:
     reach = float(box.half_width[0]) if box.names else 0.0
     none = np.zeros(0)
     if isinstance(structure.stage, str):
@@ -172,7 +216,8 @@ def _starts(records: Sequence[Record], structure: ARX, box: Scheduling) -> list[
     return [_Stages(s, lag, a, b) for (s, a), (lag, b) in itertools.product(stages, lags)]
 
 
-def _refine(records: Sequence[Record], structure: ARX, box: Scheduling, start: _Stages) -> tuple[float, _Stages]:
+def _refine(records: Sequence[Record], structure: StagedStructure, box: Scheduling,
+            start: _Stages) -> tuple[float, _Stages]:
     from scipy.optimize import minimize
 
     n = start.free.size
@@ -183,14 +228,14 @@ def _refine(records: Sequence[Record], structure: ARX, box: Scheduling, start: _
     return float(found.fun), start.moved(found.x)
 
 
-def free_run_cost(records: Sequence[Record], structure: ARX, box: Scheduling) -> float:
+def free_run_cost(records: Sequence[Record], structure: StagedStructure, box: Scheduling) -> float:
     """Pooled free-run ESR of the regression with fixed stages; large and finite where it diverges.
 
     Parameters
     ----------
     records : sequence of Record
         Uniform and finite.
-    structure : ARX
+    structure : StagedStructure
         With bound basis and stages as objects.
     box : Scheduling
         Of the scheduling variables.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lpvid.scheduling.algebra import common, products
 from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.fourier import Fourier
 from lpvid.scheduling.polynomial import Polynomial
@@ -13,6 +14,10 @@ from lpvid.scheduling.variables import Scheduling
 
 __all__ = ["Basis", "Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked",
            "basis_from_dict"]
+
+Basis.product = lambda first, second: products(first, second)[0]
+Basis.stack = lambda first, second: common(first, second)[0]
+Basis.delayed = Shifted
 
 basis_from_dict = Basis.from_dict
 """a basis of any kind from its plain data"""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,6 +31,11 @@ class Basis(Coded, ABC):
 
     kind: ClassVar[str]
     names: tuple[str, ...]
+
+    product: ClassVar[Callable[[Basis, Basis], Basis]]
+    stack: ClassVar[Callable[[Basis, Basis], Basis]]
+    delayed: ClassVar[Callable[[Basis, int], Basis]]
+    """bases made of bases, which `lpvid.scheduling` sets: they are subclasses, and stand above"""
 
     def __init_subclass__(cls, *, abstract: bool = False, **others: Any) -> None:
         super().__init_subclass__(**others)
@@ -122,15 +127,11 @@ class Basis(Coded, ABC):
 
     def __mul__(self, other: Basis) -> Basis:
         """A basis that spans all products of the two; `lpvid.scheduling.algebra.products` has the coefficients."""
-        from lpvid.scheduling.algebra import products
-
-        return products(self, other)[0]
+        return Basis.product(self, other)
 
     def __or__(self, other: Basis) -> Basis:
         """A basis that spans both; `lpvid.scheduling.algebra.common` has the coefficients."""
-        from lpvid.scheduling.algebra import common
-
-        return common(self, other)[0]
+        return Basis.stack(self, other)
 
     # -- what an analysis asks; a basis of another package may leave it out -------------------------------------
     def readings(self, shift: int = 0) -> tuple[Reading, ...]:
@@ -214,9 +215,7 @@ class Basis(Coded, ABC):
         -------
         Basis
         """
-        from lpvid.scheduling.shifted import Shifted
-
-        return Shifted(self, lag) if lag else self
+        return Basis.delayed(self, lag) if lag else self
 
     def still(self) -> Basis:
         """The same functions without delays: with p held still p(k−i) is p.

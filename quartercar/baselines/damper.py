@@ -14,6 +14,7 @@ from lpvid.diagnosis.spectra import derivative
 from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
+from quartercar.dampers.fitting.front import fit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.laws.relief_valve import LagDamper
 from quartercar.dampers.parameter import Parameter
@@ -96,7 +97,7 @@ class DamperBaseline(Baseline):
 
     def fit(self, records: Sequence[Record]) -> DamperBaseline:
         settings = ROUGH if isinstance(self.damper, LagDamper) else None
-        return DamperBaseline(self.damper.fit(records, settings=settings).damper)  # type: ignore[arg-type]
+        return DamperBaseline(fit(self.damper, records, settings=settings).damper)  # type: ignore[arg-type]
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         return self.damper.jacobian(self._drive(signals), vector)

@@ -48,13 +48,14 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
                          got="no records" if lacking is None else f"{', '.join(lacking.channels)} in '{lacking.name}'",
                          mend="--role velocity=CHANNEL, --role force=CHANNEL")
     from quartercar.dampers.facts import Facts
+    from quartercar.dampers.fitting import fit
     from quartercar.dampers.preparing import sense_of
 
     facts = Facts.of(records, sense_of(records)[0])
     suited = model_class(name).suited(facts)
     if parameters is not None:
         return _given(name, suited, parameters)
-    return _baseline(suited if isinstance(suited, LawDamper) else suited.fit(records).damper)
+    return _baseline(suited if isinstance(suited, LawDamper) else fit(suited, records).damper)
 
 
 def _given(name: str, suited: Damper, file: Any) -> Baseline:

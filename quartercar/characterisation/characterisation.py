@@ -3,91 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.characterisation.currents import CurrentSpread, ReboundRatio, ratios_of, spreads_of
-from quartercar.characterisation.cycles import Block, blocks_of
-from quartercar.characterisation.drift import Drift, drift_of
-from quartercar.characterisation.forces import StandardForce, standard_forces
-from quartercar.characterisation.gas import StaticForce, slowest, static_force
-from quartercar.characterisation.histogram import VelocityHistogram, histograms_of
-from quartercar.characterisation.loops import ForceLoop, loop_of
-from quartercar.characterisation.missing import Missing, missing_of, unchecked_band
-from quartercar.characterisation.points import DIRECTIONS, PeakPoint, peak_point
+from quartercar.characterisation import tables, wording
+from quartercar.characterisation.currents import ratios_of, spreads_of
+from quartercar.characterisation.cycles import blocks_of
+from quartercar.characterisation.drift import drift_of
+from quartercar.characterisation.forces import standard_forces
+from quartercar.characterisation.gas import slowest, static_force
+from quartercar.characterisation.histogram import histograms_of
+from quartercar.characterisation.loops import loop_of
+from quartercar.characterisation.missing import missing_of, unchecked_band
+from quartercar.characterisation.points import DIRECTIONS, peak_point
+from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.runs import RecordPiece, RecordPieces, runs_of
 from quartercar.characterisation.settings import CharacteriseSettings
 from quartercar.characterisation.switching import SwitchingSteps, switching_of
-from quartercar.characterisation.tolerance import Check, SpecimenSpread, Tolerance, checks_of, specimen_spreads
+from quartercar.characterisation.tolerance import Tolerance, checks_of, specimen_spreads
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
 
 
 @dataclass(frozen=True, eq=False)
-class Characterisation:
-    """What a damper dynamometer's page holds.
-
-    Attributes
-    ----------
-    settings : CharacteriseSettings
-    data : RecordPieces
-    blocks : tuple of Block
-        Periodic stretches, in the order of the files.
-    peaks : tuple of PeakPoint
-    forces : tuple of StandardForce
-    static : tuple of StaticForce
-        Gas, rate and friction of the slowest tests.
-    loops : tuple of ForceLoop
-    ratios : tuple of ReboundRatio
-    spreads : tuple of CurrentSpread
-    switching : tuple of SwitchingSteps
-    drifts : tuple of Drift
-    histograms : tuple of VelocityHistogram
-    checks : tuple of Check
-    specimens : tuple of SpecimenSpread
-    missing : tuple of Missing
-        What the records do not hold, why, and what to run.
-    notes : tuple of str
-    models : dict
-        Simulated force along a run [N], by the run's `id`; empty without a model.
-    model : str
-        Name of the model; empty without one.
-    """
-
-    settings: CharacteriseSettings
-    data: RecordPieces
-    blocks: tuple[Block, ...]
-    peaks: tuple[PeakPoint, ...]
-    forces: tuple[StandardForce, ...]
-    static: tuple[StaticForce, ...]
-    loops: tuple[ForceLoop, ...]
-    ratios: tuple[ReboundRatio, ...]
-    spreads: tuple[CurrentSpread, ...]
-    switching: tuple[SwitchingSteps, ...]
-    drifts: tuple[Drift, ...]
-    histograms: tuple[VelocityHistogram, ...]
-    checks: tuple[Check, ...]
-    specimens: tuple[SpecimenSpread, ...]
-    missing: tuple[Missing, ...]
-    notes: tuple[str, ...]
-    models: dict[int, np.ndarray]
-    model: str
-
-    @property
-    def given(self) -> tuple[StandardForce, ...]:
-        """Forces that the records hold."""
-        return tuple(f for f in self.forces if f.force is not None)
+class Characterisation(Readings):
+    """What a damper dynamometer's page holds: the readings, in words, as plain data and as a report."""
 
     @property
     def verdict(self) -> str:
         """The page's first sentence."""
-        from quartercar.characterisation.wording import verdict
-
-        return verdict(self)
+        return wording.verdict(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, SI; forces positive in tension.
@@ -97,9 +46,7 @@ class Characterisation:
         dict
             Plain values by name.
         """
-        from quartercar.characterisation.tables import to_dict
-
-        return to_dict(self)
+        return tables.to_dict(self)
 
     def page(self) -> Any:
         """The report, as a `lpvid.report.Page`.
@@ -113,9 +60,7 @@ class Characterisation:
         return characterisation_page(self)
 
     def __repr__(self) -> str:
-        from quartercar.characterisation.wording import summary
-
-        return summary(self)
+        return wording.summary(self)
 
 
 def characterise(records: Any, settings: CharacteriseSettings | None = None, *, damper: Damper | None = None,
@@ -176,8 +121,6 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
         spreads_of(forces), tuple(switching), drifts, histograms_of(data.runs, {id(b.run) for b in blocks}),
         checks_of(forces, tolerance, settings.sign) if tolerance else (), specimen_spreads(forces), (), notes, models,
         "" if damper is None else str(damper.metadata.get("label", damper.name)))
-    from dataclasses import replace
-
     unchecked = unchecked_band(forces, tolerance) if tolerance and not found.checks else ()
     return replace(found, missing=(*unchecked, *missing_of(found, refused)))
 

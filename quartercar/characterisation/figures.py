@@ -12,13 +12,13 @@ from lpvid.plot.colours import CYCLE, FAINT, INK, MUTED, PURPLE, SCALE, VERMILIO
 from lpvid.plot.style import look, panels
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.points import DIRECTIONS, peak_point
+from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.wording import amps, shortened, speed_said
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from quartercar.characterisation.characterisation import Characterisation
 
 WIDTH, HEIGHT, FONT = 7.4, 4.1, 11.0
 """inches and points: at 390 px wide the text is still 5 px high"""
@@ -43,12 +43,12 @@ class Drawn:
     caption: str
 
 
-def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
+def figures_of(found: Readings) -> tuple[Drawn, ...]:
     """Every figure for which the records hold something, in the order of the page.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -73,7 +73,7 @@ def _chart(rows: int = 1, height: float = HEIGHT, sharex: bool = False) -> tuple
     return figure, axes[:, 0] if rows > 1 else axes[0, 0]
 
 
-def _colours(found: Characterisation) -> dict:
+def _colours(found: Readings) -> dict:
     """A colour for every (specimen, current): by current along a map, or by specimen where there is one current."""
     import matplotlib as mpl
 
@@ -86,7 +86,7 @@ def _colours(found: Characterisation) -> dict:
     return {k: MUTED if k[1] is None else shade.get(k[1], MUTED) for k in keys}
 
 
-def _label(found: Characterisation, key: tuple) -> str:
+def _label(found: Readings, key: tuple) -> str:
     parts = [shortened(key[0]), "" if key[1] is None else amps(key[1], found.data.current_unit)]
     return " ".join(p for p in parts if p) or "measured"
 
@@ -116,11 +116,11 @@ def _spread_over(blocks: Sequence[Block], most: int = MOST_CURVES) -> list[Block
     return [ordered[k] for k in np.unique(np.linspace(0, len(ordered) - 1, most).round().astype(int))]
 
 
-def _steady(found: Characterisation) -> list[Block]:
+def _steady(found: Readings) -> list[Block]:
     return [b for b in found.blocks if b.run.has_force and b.run.current != "varies"]
 
 
-def _peak_velocity(found: Characterisation) -> Drawn:
+def _peak_velocity(found: Readings) -> Drawn:
     """PVP: force at mid stroke over the peak speed."""
     sign, colours = found.settings.sign, _colours(found)
     figure, ax = _chart()
@@ -144,7 +144,7 @@ def _peak_velocity(found: Characterisation) -> Drawn:
                  "settled cycles with two standard errors, over the speed there; one point per test and direction.")
 
 
-def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
+def _one_per_key(found: Readings) -> tuple[list[Block], str]:
     """The fastest test of every specimen and current; with only one of these, tests of all speeds."""
     steady = _steady(found)
     keys = list(dict.fromkeys((b.run.specimen, b.run.level) for b in steady))
@@ -154,20 +154,20 @@ def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
     return _spread_over(steady), "every test" if len(steady) <= MOST_CURVES else f"{MOST_CURVES} of {len(steady)} tests"
 
 
-def _continuous_velocity(found: Characterisation) -> Drawn:
+def _continuous_velocity(found: Readings) -> Drawn:
     """CVP: force over velocity along the last complete cycle."""
     return _last_cycles(found, "continuous_velocity", "velocity [mm/s]", lambda c: 1e3 * c.velocity,
                         "Continuous velocity", "Continuous-velocity plot: force over velocity")
 
 
-def _displacement_loops(found: Characterisation) -> Drawn:
+def _displacement_loops(found: Readings) -> Drawn:
     """Force over displacement along the last complete cycle."""
     return _last_cycles(found, "force_displacement", "displacement from mid stroke [mm]",
                         lambda c: 1e3 * (c.displacement - c.centre), "Force-displacement loops",
                         "Force over displacement")
 
 
-def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn:
+def _last_cycles(found: Readings, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn:
     chosen, which = _one_per_key(found)
     several = len({(b.run.specimen, b.run.level) for b in chosen}) > 1
     sign, colours = found.settings.sign, _colours(found)
@@ -189,7 +189,7 @@ def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, tit
     return Drawn(name, figure, f"{stated}, last complete cycle of {which}.")
 
 
-def _by_current(found: Characterisation) -> Drawn | None:
+def _by_current(found: Readings) -> Drawn | None:
     """(F − F_soft)/(F_hard − F_soft) over the current."""
     if len({s.current for s in found.spreads}) < 3:
         return None
@@ -215,7 +215,7 @@ def _by_current(found: Characterisation) -> Drawn | None:
                  "errors; off the dotted line the setting is not linear in the current.")
 
 
-def _static_line(found: Characterisation) -> Drawn:
+def _static_line(found: Readings) -> Drawn:
     """The slowest test over displacement, with the mean of its two directions."""
     slow = min(found.static, key=lambda s: s.speed)
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (slow.record, slow.test))
@@ -235,7 +235,7 @@ def _static_line(found: Characterisation) -> Drawn:
                  "difference the friction" + ("." if slow.creep else ", here with the damping at this speed in both."))
 
 
-def _stiffness(found: Characterisation) -> Drawn | None:
+def _stiffness(found: Readings) -> Drawn | None:
     """Dynamic and elastic stiffness and loss angle over frequency."""
     rows = [x for x in found.loops if x.loss_angle is not None]
     if len({round(x.frequency, 2) for x in rows}) < 2:
@@ -272,7 +272,7 @@ def _apart(frequencies: Sequence[float]) -> list[float]:
     return kept
 
 
-def _switching(found: Characterisation) -> Drawn:
+def _switching(found: Readings) -> Drawn:
     """Mean response to a step of the current."""
     figure, ax = _chart()
     unit = found.data.current_unit
@@ -293,7 +293,7 @@ def _switching(found: Characterisation) -> Drawn:
                  "dot is at 90 %.")
 
 
-def _drift(found: Characterisation) -> Drawn:
+def _drift(found: Readings) -> Drawn:
     """Force at mid stroke cycle by cycle of the longest block."""
     longest = max(found.drifts, key=lambda d: d.cycles)
     block = next(b for b in _steady(found) if (b.run.name, b.label) == (longest.record, longest.test))
@@ -317,7 +317,7 @@ def _drift(found: Characterisation) -> Drawn:
                  + (", and the temperature." if temperature is not None else "; no temperature was recorded."))
 
 
-def _histogram(found: Characterisation) -> Drawn:
+def _histogram(found: Readings) -> Drawn:
     """Share of the time by velocity."""
     figure, ax = _chart()
     for n, h in enumerate(found.histograms[:MOST_CURVES]):
@@ -329,7 +329,7 @@ def _histogram(found: Characterisation) -> Drawn:
     return Drawn("velocity_histogram", figure, "Share of the time in classes of 10 mm/s.")
 
 
-def _specimens(found: Characterisation) -> Drawn | None:
+def _specimens(found: Readings) -> Drawn | None:
     """Every specimen's force against the mean, with the band where there is one."""
     sign = found.settings.sign
     means = {(s.current, s.direction, s.speed): sign * s.mean for s in found.specimens}

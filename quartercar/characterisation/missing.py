@@ -3,44 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quartercar.characterisation.forces import propose_sine
+from quartercar.characterisation.readings import Missing, Readings
 
 if TYPE_CHECKING:
-    from quartercar.characterisation.characterisation import Characterisation
     from quartercar.characterisation.forces import StandardForce
     from quartercar.characterisation.tolerance import Tolerance
 
 CREEP_TEST = "run a triangle of ±2 mm at 1 mm/s (three cycles), at each current"
 
 
-@dataclass(frozen=True)
-class Missing:
-    """One thing.
-
-    Attributes
-    ----------
-    what : str
-    why : str
-    run : str
-        The test that gives it.
-    """
-
-    what: str
-    why: str
-    run: str
-
-
-def missing_of(found: Characterisation, refused: tuple[str, ...]) -> tuple[Missing, ...]:
+def missing_of(found: Readings, refused: tuple[str, ...]) -> tuple[Missing, ...]:
     """All that is not on the page.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
     refused : tuple of str
         Why runs with moving current gave no switching time.
 
@@ -85,7 +67,7 @@ def unchecked_band(forces: Sequence[StandardForce], tolerance: Tolerance) -> tup
     return (Missing("tolerance band", why, run),)
 
 
-def _forces(found: Characterisation) -> list[Missing]:
+def _forces(found: Readings) -> list[Missing]:
     if not found.forces:
         return [Missing("forces at standard speeds", "the current moves in all records with a force",
                         f"{propose_sine(found.settings.speeds[-1])} at a constant current")]
@@ -114,7 +96,7 @@ def _forces(found: Characterisation) -> list[Missing]:
     return rows
 
 
-def _static(found: Characterisation) -> list[Missing]:
+def _static(found: Readings) -> list[Missing]:
     if any(s.creep for s in found.static):
         return []
     slow = min((s.speed for s in found.static), default=None)
@@ -125,7 +107,7 @@ def _static(found: Characterisation) -> list[Missing]:
     return [Missing("gas force, spring rate and friction at creep", why, CREEP_TEST)]
 
 
-def _loops(found: Characterisation) -> list[Missing]:
+def _loops(found: Readings) -> list[Missing]:
     frequencies = {round(loop.frequency, 2) for loop in found.loops if loop.loss_angle is not None}
     if not frequencies:
         return [Missing("loss angle, dynamic and elastic stiffness", "no sine of three or more like cycles at constant "
@@ -136,7 +118,7 @@ def _loops(found: Characterisation) -> list[Missing]:
     return []
 
 
-def _currents(found: Characterisation) -> list[Missing]:
+def _currents(found: Readings) -> list[Missing]:
     if found.spreads:
         return []
     kinds = {r.current for r in found.data.runs}
@@ -150,7 +132,7 @@ def _currents(found: Characterisation) -> list[Missing]:
     return [Missing("spread and linearity over the current", why, run)]
 
 
-def _switching(found: Characterisation, refused: tuple[str, ...]) -> list[Missing]:
+def _switching(found: Readings, refused: tuple[str, ...]) -> list[Missing]:
     if found.switching:
         return []
     why = refused[0] if refused else "the current does not step in any record"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,21 +11,19 @@ from lpvid.report import Item, Mark, NextStep, Notes, Page, PageFigure, PageTabl
 from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
-from quartercar.characterisation.wording import amps, shortened
-
-if TYPE_CHECKING:
-    from quartercar.characterisation.characterisation import Characterisation
+from quartercar.characterisation.readings import Readings
+from quartercar.characterisation.wording import amps, shortened, verdict
 
 OPEN = 12
 """Rows above which a table of tests is folded."""
 
 
-def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | None = None) -> Page:
+def characterisation_page(found: Readings, figures: Sequence[Drawn] | None = None) -> Page:
     """A page about a characterisation.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
     figures : sequence of Drawn, optional
         As `figures_of` gives them; drawn here where left out.
 
@@ -38,7 +36,7 @@ def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | No
     def shown(name: str) -> list[Item]:
         return [drawn[name]] if name in drawn else []
 
-    def table(rows: Sequence[Any], made: Callable[[Characterisation], list[Item]]) -> list[Item]:
+    def table(rows: Sequence[Any], made: Callable[[Readings], list[Item]]) -> list[Item]:
         return made(found) if rows else []
 
     sections = [
@@ -58,11 +56,11 @@ def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | No
     ]
     out = any(c.inside is False for c in found.checks)
     mark: Mark = "bad" if out else "good" if found.checks else "plain" if found.given else "warn"
-    return Page("Damper characteristics", found.verdict, mark, _facts(found), found.data.caveats,
+    return Page("Damper characteristics", verdict(found), mark, _facts(found), found.data.caveats,
                 tuple(s for s in sections if s.items), _steps(found))
 
 
-def _steps(found: Characterisation) -> tuple[NextStep, ...]:
+def _steps(found: Readings) -> tuple[NextStep, ...]:
     """Run what is missing, then a model."""
     missing = (NextStep("Run the tests that 'Not in these records' lists: each names the quantity it gives."),)
     return (*(missing if found.missing else ()),
@@ -82,12 +80,12 @@ def _said(value: float | None, std: float | None, digits: int = 4) -> str:
     return f"{value + 0.0:.{places}f} ± {error:.{places}f}"
 
 
-def _where(found: Characterisation, specimen: str, current: float | None) -> str:
+def _where(found: Readings, specimen: str, current: float | None) -> str:
     parts = [specimen, "" if current is None else amps(current, found.data.current_unit)]
     return ", ".join(p for p in parts if p) or "all"
 
 
-def _first(found: Characterisation) -> str:
+def _first(found: Readings) -> str:
     """Heading of the column that `_where` fills."""
     if all(f.current is None for f in found.forces):
         return "records" if len(found.data.specimens) < 2 else "specimen"
@@ -99,7 +97,7 @@ def _test(label: str) -> str:
     return label.replace(", ", "|").replace(" ", "\u00a0").replace("|", ", ")
 
 
-def _facts(found: Characterisation) -> tuple[tuple[str, str], ...]:
+def _facts(found: Readings) -> tuple[tuple[str, str], ...]:
     sign, unit = found.settings.sign, found.data.current_unit
     facts: list[tuple[str, str]] = []
     keys = list(dict.fromkeys((f.specimen, f.current) for f in found.given))
@@ -120,7 +118,7 @@ def _facts(found: Characterisation) -> tuple[tuple[str, str], ...]:
     return tuple(facts)
 
 
-def _forces(found: Characterisation) -> list[Item]:
+def _forces(found: Readings) -> list[Item]:
     if not found.forces:
         return [Paragraph("No force at a constant current: see what is not in these records.")]
     sign = found.settings.sign
@@ -159,7 +157,7 @@ def _forces(found: Characterisation) -> list[Item]:
     return items
 
 
-def _ratio(found: Characterisation) -> list[Item]:
+def _ratio(found: Readings) -> list[Item]:
     gas = any(r.without_gas is not None for r in found.ratios)
     pushed = any(r.pushed for r in found.ratios)
     rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", "–" if r.pushed else _said(r.ratio, r.std, 3),
@@ -172,7 +170,7 @@ def _ratio(found: Characterisation) -> list[Item]:
                   folded=f"Rebound over compression, {len(rows)} rows" if len(rows) > OPEN else "")]
 
 
-def _peaks(found: Characterisation) -> list[Item]:
+def _peaks(found: Readings) -> list[Item]:
     sign = found.settings.sign
     rows = tuple((_where(found, p.block.run.specimen, p.block.run.level), _test(p.block.label), DIRECTIONS[p.direction],
                   f"{1e3 * p.speed:.4g}", _said(sign * p.force, p.std), number(p.spread, 2),
@@ -184,7 +182,7 @@ def _peaks(found: Characterisation) -> list[Item]:
                   folded=f"{len(rows)} peak-velocity points" if len(rows) > OPEN else "")]
 
 
-def _static(found: Characterisation) -> list[Item]:
+def _static(found: Readings) -> list[Item]:
     rows, marks = [], []
     for s in found.static:
         rows.append((_where(found, s.specimen, s.current), _test(s.test), f"{1e3 * s.speed:.3g}",
@@ -202,7 +200,7 @@ def _static(found: Characterisation) -> list[Item]:
     return items
 
 
-def _loops(found: Characterisation) -> list[Item]:
+def _loops(found: Readings) -> list[Item]:
     rows = tuple((_where(found, x.specimen, x.current), _test(x.test), _said(x.energy, x.energy_std, 3),
                   "–" if x.loss_angle is None else f"{np.degrees(x.loss_angle):.1f}",
                   number(None if x.dynamic_stiffness is None else 1e-3 * x.dynamic_stiffness, 3),
@@ -216,7 +214,7 @@ def _loops(found: Characterisation) -> list[Item]:
                   "is its real part.", (2, 3, 4, 5, 6, 7), folded=f"{len(rows)} tests" if len(rows) > 2 * OPEN else "")]
 
 
-def _spreads(found: Characterisation) -> list[Item]:
+def _spreads(found: Readings) -> list[Item]:
     items: list[Item] = []
     worst = worst_off_line(found.spreads)
     if worst is not None and abs(worst.off_line) > 2 * worst.share_std:
@@ -243,7 +241,7 @@ def _spreads(found: Characterisation) -> list[Item]:
     return items
 
 
-def _switching(found: Characterisation) -> list[Item]:
+def _switching(found: Readings) -> list[Item]:
     unit = found.data.current_unit
     rows = tuple((f"{amps(s.low, unit)} → {amps(s.high, unit)}", DIRECTIONS[s.direction], f"{1e3 * s.speed:.3g}",
                   _said(1e3 * s.time, 1e3 * s.time_std), number(1e3 * s.spread, 2),
@@ -256,7 +254,7 @@ def _switching(found: Characterisation) -> list[Item]:
                   "filters are in it unless given with --delay.", (2, 3, 4, 5, 6, 7, 8, 9))]
 
 
-def _drift(found: Characterisation) -> list[Item]:
+def _drift(found: Readings) -> list[Item]:
     rows = tuple((_where(found, d.specimen, d.current), _test(d.test), DIRECTIONS[d.direction], str(d.cycles),
                   number(d.duration, 3), _said(100 * d.change, 100 * d.change_std, 2),
                   "–" if d.coolest is None or d.warmest is None else
@@ -269,7 +267,7 @@ def _drift(found: Characterisation) -> list[Item]:
                       folded=f"{len(rows)} trends" if len(rows) > OPEN else "")]
 
 
-def _histogram(found: Characterisation) -> list[Item]:
+def _histogram(found: Readings) -> list[Item]:
     rows = tuple((h.record, number(h.duration, 3), f"{1e3 * h.rms:.3g}", f"{1e3 * h.largest:.3g}",
                   f"{100 * h.slow:.1f}", f"{100 * (h.below + h.above):.2f}",
                   " / ".join(f"{1e3 * q:z.0f}" for q in h.quantiles), number(h.power, 3)) for h in found.histograms)
@@ -278,7 +276,7 @@ def _histogram(found: Characterisation) -> list[Item]:
                   "Records without periodic motion.", (1, 2, 3, 4, 5, 6, 7))]
 
 
-def _tolerance(found: Characterisation) -> list[Item]:
+def _tolerance(found: Readings) -> list[Item]:
     sign = found.settings.sign
     words: dict[bool | None, tuple[str, Mark]] = {True: ("inside", "good"), False: ("outside", "bad"),
                                                   None: ("undecided", "warn")}
@@ -292,7 +290,7 @@ def _tolerance(found: Characterisation) -> list[Item]:
                   folded=f"{len(rows)} forces against their bands" if len(rows) > 2 * OPEN else "")]
 
 
-def _specimens(found: Characterisation) -> list[Item]:
+def _specimens(found: Readings) -> list[Item]:
     sign = found.settings.sign
     rows = tuple((amps(s.current, found.data.current_unit), DIRECTIONS[s.direction], f"{s.speed:g}",
                   number(sign * s.mean), number(s.std, 3),
@@ -306,14 +304,14 @@ def _specimens(found: Characterisation) -> list[Item]:
                   folded=f"{len(rows)} rows" if len(rows) > 2 * OPEN else "")]
 
 
-def _missing(found: Characterisation) -> tuple[Item, ...]:
+def _missing(found: Readings) -> tuple[Item, ...]:
     if not found.missing:
         return (Paragraph("Everything that this page can hold is in these records."),)
     return (Paragraph("Nothing here is guessed. What is missing, why, and the test that gives it:"),
             Notes(tuple(f"{m.what[0].upper()}{m.what[1:]}: {m.why}. To have it, {m.run}." for m in found.missing)))
 
 
-def _tests(found: Characterisation) -> tuple[Item, ...]:
+def _tests(found: Readings) -> tuple[Item, ...]:
     rows = []
     for run in found.data.runs:
         own = [b for b in found.blocks if b.run is run]

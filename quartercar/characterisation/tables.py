@@ -6,22 +6,21 @@ import csv
 import io
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from quartercar.characterisation.points import DIRECTIONS
-
-if TYPE_CHECKING:
-    from quartercar.characterisation.characterisation import Characterisation
+from quartercar.characterisation.readings import Readings
+from quartercar.characterisation.wording import verdict
 
 SCHEMA = "quartercar/characterisation/1"
 
 
-def forces_csv(found: Characterisation) -> str:
+def forces_csv(found: Readings) -> str:
     """The force table; forces in the sign that was chosen. An earlier one serves as --nominal.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -50,12 +49,12 @@ def forces_csv(found: Characterisation) -> str:
     return _csv(header, rows)
 
 
-def characteristics_csv(found: Characterisation) -> str:
+def characteristics_csv(found: Readings) -> str:
     """Everything else, one quantity a row: group, where it was read, name, value, standard error, unit.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -105,12 +104,12 @@ def characteristics_csv(found: Characterisation) -> str:
     return _csv(header, [r for r in rows if r[5] is not None])
 
 
-def histogram_csv(found: Characterisation) -> str:
+def histogram_csv(found: Readings) -> str:
     """Classes of the velocity histograms.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -122,12 +121,12 @@ def histogram_csv(found: Characterisation) -> str:
     return _csv(["record", "from [m/s]", "to [m/s]", "share of time"], rows)
 
 
-def write_tables(found: Characterisation, folder: str | Path) -> list[Path]:
+def write_tables(found: Readings, folder: str | Path) -> list[Path]:
     """forces.csv, characteristics.csv and, with random motion, velocity_histogram.csv.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
     folder : str or Path
         Made where it is missing.
 
@@ -144,12 +143,12 @@ def write_tables(found: Characterisation, folder: str | Path) -> list[Path]:
     return written
 
 
-def named_tables(found: Characterisation) -> dict[str, str]:
+def named_tables(found: Readings) -> dict[str, str]:
     """CSV text by file name.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -160,12 +159,12 @@ def named_tables(found: Characterisation) -> dict[str, str]:
     return {**named, "velocity_histogram.csv": histogram_csv(found)} if found.histograms else named
 
 
-def to_dict(found: Characterisation) -> dict[str, Any]:
+def to_dict(found: Readings) -> dict[str, Any]:
     """Plain data for JSON.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -173,7 +172,7 @@ def to_dict(found: Characterisation) -> dict[str, Any]:
         In SI, forces positive in tension; those against a tolerance band in the sign that was chosen.
     """
     return {
-        "schema": SCHEMA, "verdict": found.verdict, "convention": "SI; displacement positive in extension, force "
+        "schema": SCHEMA, "verdict": verdict(found), "convention": "SI; displacement positive in extension, force "
         "positive in tension; direction 1 rebound, -1 compression", "caveats": list(found.data.caveats),
         "current_unit": found.data.current_unit, "currents": list(found.data.levels),
         "records": [{"name": r.name, "specimen": r.specimen, "current": r.level, "current_kind": r.current,

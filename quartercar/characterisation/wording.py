@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from quartercar.characterisation.points import DIRECTIONS
-
-if TYPE_CHECKING:
-    from quartercar.characterisation.characterisation import Characterisation
-    from quartercar.characterisation.runs import RecordPieces
+from quartercar.characterisation.readings import Readings
+from quartercar.characterisation.runs import RecordPieces
 
 
 def amps(current: float | None, unit: str) -> str:
@@ -87,12 +83,12 @@ def _currents_said(data: RecordPieces) -> str:
             f"{amps(data.levels[-1], data.current_unit)}")
 
 
-def verdict(found: Characterisation) -> str:
+def verdict(found: Readings) -> str:
     """What was measured, over which range, and whether it is inside its tolerance.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -120,7 +116,7 @@ def verdict(found: Characterisation) -> str:
     return text
 
 
-def _key_figures(found: Characterisation) -> str:
+def _key_figures(found: Readings) -> str:
     """Force ratios, switching times: each where the records hold it."""
     unit, stated = found.data.current_unit, []
     ratios = [r for r in found.ratios if not r.pushed]
@@ -144,12 +140,12 @@ def _key_figures(found: Characterisation) -> str:
     return f" {'; '.join(stated)[0].upper()}{'; '.join(stated)[1:]}." if stated else ""
 
 
-def summary(found: Characterisation) -> str:
+def summary(found: Readings) -> str:
     """Verdict, key numbers, what is missing.
 
     Parameters
     ----------
-    found : Characterisation
+    found : Readings
 
     Returns
     -------
@@ -157,7 +153,7 @@ def summary(found: Characterisation) -> str:
         Lines.
     """
     sign, unit = found.settings.sign, found.data.current_unit
-    lines = [found.verdict]
+    lines = [verdict(found)]
     lines += [f"  caveat: {c}" for c in found.data.caveats]
     for specimen, level in dict.fromkeys((f.specimen, f.current) for f in found.given):
         parts = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -15,17 +15,17 @@ from lpvid.model.adaptable import Adaptable
 from lpvid.record import Record
 from lpvid.simulation import Simulation
 from lpvid.toolkit import Shown, checks
-from quartercar.dampers.drive import ROLES, Drive
-from quartercar.dampers.parameter import Parametrised
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.evaluation.energy import Cycle, steady_cycle
+from quartercar.dampers.evaluation.passivity import Passivity, check_passivity
+from quartercar.dampers.simulated import SimulatedDamper
 
 if TYPE_CHECKING:
-
     from lpvid.export.expression import Expr
     from lpvid.export.step_builder import StepBuilder
-    from quartercar.dampers.evaluation.energy import Cycle
-    from quartercar.dampers.evaluation.passivity import Passivity
     from quartercar.dampers.facts import Facts
-    from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
+    from quartercar.dampers.fitting.estimate import Estimate
+    from quartercar.dampers.fitting.settings import FitSettings
     from quartercar.dampers.stepper import DamperStepper
 
 
@@ -62,7 +62,7 @@ class Run(Simulation):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Damper(Parametrised, Adaptable, Shown):
+class Damper(SimulatedDamper, Adaptable, Shown):
     """A damper model: a law with named parameters, from motion and current to force.
 
     Extension and tension are positive: a passive damper has mean(F·v) > 0 and a gas preload is a negative force.
@@ -86,44 +86,7 @@ class Damper(Parametrised, Adaptable, Shown):
 
     DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
 
-    current_range: tuple[float, float] | None = None
-    current_unit: str = "A"
-    centre: float = 0.0
-    polarity: int = 1
-    metadata: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for role in self.reads:
-            checks.one_of(role, ROLES[:3], f"every name in reads of {self.name}")
-        if self.polarity not in (1, -1):
-            raise InputError("polarity is 1 or -1", got=self.polarity)
-        if not isinstance(self.current_unit, str):
-            raise InputError("current_unit is text", got=self.current_unit)
-        if not isinstance(self.metadata, Mapping):
-            raise InputError("metadata are a mapping", got=type(self.metadata).__name__)
-        if self.current_range is not None:
-            low, high = (checks.real(x, "a current of the fitted range") for x in self.current_range)
-            if low > high:
-                raise InputError("current_range runs from low to high", got=f"{low:g} to {high:g}")
-            object.__setattr__(self, "current_range", (low, high))
-
     # -- what a model describes ---------------------------------------------------------------------------------
-    @property
-    @abstractmethod
-    def reads(self) -> tuple[str, ...]:
-        """Roles that it needs of a record, of ``displacement``, ``velocity``, ``current``."""
-
-    @property
-    @abstractmethod
-    def start(self) -> int:
-        """Samples at the head of a record that a free run takes from the measurement."""
-
-    @property
-    @abstractmethod
-    def clock(self) -> float | None:
-        """Period at which it runs, and at no other [s]; None for a law, which runs at any."""
-
     @classmethod
     @abstractmethod
     def suited(cls, facts: Facts) -> Damper:
@@ -146,59 +109,8 @@ class Damper(Parametrised, Adaptable, Shown):
         """
 
     @abstractmethod
-    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        """(n,) force [N] along a drive with the parameters in `vector`, of that array's type (float or complex).
-
-        Parameters
-        ----------
-        drive : Drive
-            Velocity [m/s], displacement [m] and current of one record.
-        vector : (P,) array
-            Parameters in the order of `names`, SI.
-
-        Returns
-        -------
-        (n,) array
-            Force [N].
-        """
-
-    @abstractmethod
-    def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
-        """(n,) force that depends on displacement alone: gas spring and preload [N].
-
-        Parameters
-        ----------
-        displacement : (n,) array
-            [m]
-
-        Returns
-        -------
-        (n,) array
-            Force [N].
-        """
-
-    @abstractmethod
-    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
-        """(n,) force at constant velocities, once everything has settled [N].
-
-        Parameters
-        ----------
-        velocity : (n,) array
-            [m/s]
-        current : float
-            In the unit of the records' current.
-        displacement : float
-            [m]
-
-        Returns
-        -------
-        (n,) array
-            Force [N].
-        """
-
-    @abstractmethod
-    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
-        """Parameters from uniform, finite records with this model's channels and a force; `fit` is the front door.
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate[Damper]:
+        """Parameters from uniform, finite records with this model's channels and a force; `quartercar.fit` calls it.
 
         Parameters
         ----------
@@ -418,20 +330,6 @@ class Damper(Parametrised, Adaptable, Shown):
         low, high = self.current_range or (0.0, 0.0)
         return 0.01 * max(high - low, abs(high), 1e-9)
 
-    @property
-    def usual_currents(self) -> tuple[float, float] | None:
-        """Fitted range without the ripple of filters and the rarest hundredth at either end, where that is known.
-
-        What a filter overshoots at steps of the current is in `current_range`, since the fit has seen it and a run may
-        meet it, but no damper is driven there; see `usual_range`.
-        """
-        training = self.metadata.get("training", {})
-        given = training.get("usual_currents") if isinstance(training, Mapping) else None
-        if given is None or self.current_range is None:
-            return self.current_range
-        low, high = (checks.real(c, "a usual current of the training") for c in given)
-        return max(low, self.current_range[0]), min(high, self.current_range[1])
-
     def trained(self, role: str) -> tuple[float, float] | None:
         """Least and largest sample of a role in the training records, SI; None where that is not known.
 
@@ -459,28 +357,6 @@ class Damper(Parametrised, Adaptable, Shown):
         return None
 
     # -- asking ------------------------------------------------------------------------------------------------------
-    def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),
-            settings: FitSettings | None = None) -> DamperFit:
-        """Fit to the free run along records; see `quartercar.dampers.fitting.fit`.
-
-        Parameters
-        ----------
-        records : sequence of Record
-            Training records.
-        held_out : sequence of Record
-            Records to judge the fit by, unseen in training.
-        settings : FitSettings, optional
-            Starts, limits and solver of the fit.
-
-        Returns
-        -------
-        DamperFit
-            Fitted damper with its figures.
-        """
-        from quartercar.dampers.fitting import fit
-
-        return fit(self, records, held_out, settings)
-
     def cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> Cycle:
         """A steady sine cycle and its work; see `quartercar.dampers.evaluation.energy.steady_cycle`.
 
@@ -498,8 +374,6 @@ class Damper(Parametrised, Adaptable, Shown):
         Cycle
             One settled cycle.
         """
-        from quartercar.dampers.evaluation.energy import steady_cycle
-
         return steady_cycle(self, amplitude, frequency, current)
 
     def energy_per_cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> float:
@@ -534,8 +408,6 @@ class Damper(Parametrised, Adaptable, Shown):
         Passivity
             Verdict and, where it fails, where.
         """
-        from quartercar.dampers.evaluation.passivity import check_passivity
-
         return check_passivity(self, speed)
 
     # -- storing -----------------------------------------------------------------------------------------------------

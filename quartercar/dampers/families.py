@@ -12,13 +12,14 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.stepper import DamperStepper, StateStepper, StaticStepper, rates_move
+from quartercar.dampers.stepper import DamperStepper, StateStepper, StaticStepper, SteppedLaw, SteppedStates, rates_move
 
 if TYPE_CHECKING:
     from lpvid.export.expression import Expr
     from lpvid.export.step_builder import StepBuilder
     from lpvid.model.quasi import SelfScheduled
-    from quartercar.dampers.fitting import Estimate, FitSettings
+    from quartercar.dampers.fitting.estimate import Estimate
+    from quartercar.dampers.fitting.settings import FitSettings
 
 COMPLEX_STEP = 1e-30
 """imaginary part, relative to a parameter, by which exact derivatives are taken."""
@@ -77,7 +78,7 @@ class LawDamper(Damper):
 
         return DamperModel.of(self, sample_time)
 
-    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate[Damper]:
         from quartercar.dampers.fitting.searching import estimate_law
 
         return estimate_law(self, [self.drive(r, force=True) for r in records], settings)
@@ -140,32 +141,10 @@ class LawDamper(Damper):
         """
 
 
-class StaticDamper(LawDamper):
+class StaticDamper(LawDamper, SteppedLaw):
     """A damper without memory: force is a function of displacement, velocity and current at the same instant."""
 
     start: ClassVar[int] = 0
-
-    @abstractmethod
-    def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
-            vector: np.ndarray) -> np.ndarray:
-        """(n,) force [N].
-
-        Parameters
-        ----------
-        displacement : (n,) array
-            From the damper's centre [m].
-        velocity : (n,) array
-            [m/s].
-        current : (n,) array
-            In the damper's `current_unit`.
-        vector : (P,) array
-            Parameters in the order of `names`, SI.
-
-        Returns
-        -------
-        (n,) array
-            Force [N].
-        """
 
     @abstractmethod
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
@@ -245,7 +224,7 @@ class StaticDamper(LawDamper):
         return StaticStepper(self)
 
 
-class DynamicDamper(LawDamper):
+class DynamicDamper(LawDamper, SteppedStates):
     """A damper with states: ż = f(z, x, v, i), F = h(z, x, v, i), motion and current linear between samples."""
 
     exported_instead: ClassVar[str] = "extended-bouc-wen"
@@ -261,66 +240,6 @@ class DynamicDamper(LawDamper):
     @property
     def integrated_states(self) -> int:
         return len(self.states)
-
-    @abstractmethod
-    def rest(self, displacement: float, velocity: float, current: float, force: float | None,
-             vector: np.ndarray) -> np.ndarray:
-        """(s,) state at the start of a run: one that agrees with the measured `force`, settled where there is none.
-
-        Parameters
-        ----------
-        displacement, velocity : float
-            Motion at the first sample [m], [m/s].
-        current : float
-            At the first sample, in the damper's `current_unit`.
-        force : float or None
-            Measured force at the first sample [N].
-        vector : (P,) array
-            Parameters in the order of `names`, SI.
-
-        Returns
-        -------
-        (s,) array
-            State, in the order of `states`.
-        """
-
-    @abstractmethod
-    def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
-        """(s,) time derivative of the state.
-
-        Parameters
-        ----------
-        state : (s,) array
-            In the order of `states`.
-        displacement, velocity : float
-            [m], [m/s].
-        current : float
-            In the damper's `current_unit`.
-
-        Returns
-        -------
-        (s,) array
-            [unit of the state per second].
-        """
-
-    @abstractmethod
-    def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
-        """Force at a state [N].
-
-        Parameters
-        ----------
-        state : (s,) array
-            In the order of `states`.
-        displacement, velocity : float
-            [m], [m/s].
-        current : float
-            In the damper's `current_unit`.
-
-        Returns
-        -------
-        float
-            Force [N].
-        """
 
     def stepper(self, step: float) -> DamperStepper:
         return StateStepper(self, rates_move(self, step))

@@ -8,12 +8,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from quartercar.dampers.families import DynamicDamper, StaticDamper
 
 FINE = 4
 """steps of a compiled damper within one step of the car."""
@@ -89,18 +85,118 @@ class DamperStepper(ABC):
         """
 
 
+class SteppedLaw(ABC):
+    """What a simulation asks of a damper without memory to step it."""
+
+    @property
+    @abstractmethod
+    def vector(self) -> np.ndarray:
+        """(P,) its parameters."""
+
+    @abstractmethod
+    def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+            vector: np.ndarray) -> np.ndarray:
+        """(n,) force [N].
+
+        Parameters
+        ----------
+        displacement : (n,) array
+            From the damper's centre [m].
+        velocity : (n,) array
+            [m/s].
+        current : (n,) array
+            In the damper's `current_unit`.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        (n,) array
+            Force [N].
+        """
+
+
+class SteppedStates(ABC):
+    """What a simulation asks of a damper with states to step it."""
+
+    @property
+    @abstractmethod
+    def vector(self) -> np.ndarray:
+        """(P,) its parameters."""
+
+    @abstractmethod
+    def rest(self, displacement: float, velocity: float, current: float, force: float | None,
+             vector: np.ndarray) -> np.ndarray:
+        """(s,) state at the start of a run: one that agrees with the measured `force`, settled where there is none.
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Motion at the first sample [m], [m/s].
+        current : float
+            At the first sample, in the damper's `current_unit`.
+        force : float or None
+            Measured force at the first sample [N].
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        (s,) array
+            State, in the order of `states`.
+        """
+
+    @abstractmethod
+    def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
+        """(s,) time derivative of the state.
+
+        Parameters
+        ----------
+        state : (s,) array
+            In the order of `states`.
+        displacement, velocity : float
+            [m], [m/s].
+        current : float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        (s,) array
+            [unit of the state per second].
+        """
+
+    @abstractmethod
+    def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
+        """Force at a state [N].
+
+        Parameters
+        ----------
+        state : (s,) array
+            In the order of `states`.
+        displacement, velocity : float
+            [m], [m/s].
+        current : float
+            In the damper's `current_unit`.
+
+        Returns
+        -------
+        float
+            Force [N].
+        """
+
+
 class StaticStepper(DamperStepper):
     """A law without memory.
 
     Parameters
     ----------
-    damper : StaticDamper
+    damper : SteppedLaw
         At its own parameters.
     """
 
     memory = False
 
-    def __init__(self, damper: StaticDamper) -> None:
+    def __init__(self, damper: SteppedLaw) -> None:
         self._damper, self._vector = damper, damper.vector
         self._current = np.zeros(1)
 
@@ -127,13 +223,13 @@ class StateStepper(DamperStepper):
 
     Parameters
     ----------
-    damper : DynamicDamper
+    damper : SteppedStates
         At its own parameters: its `rest` starts the run, its `output` is the force.
     move : callable
         One step: (state, motion and current at its start, the same at its end) -> (state, force [N]) at its end.
     """
 
-    def __init__(self, damper: DynamicDamper, move: Move) -> None:
+    def __init__(self, damper: SteppedStates, move: Move) -> None:
         self._damper, self._move = damper, move
         self._state = np.zeros(0)
         self._now = (0.0, 0.0, 0.0)
@@ -185,12 +281,12 @@ class RealTimeStepper(DamperStepper):
         self._stepper(displacement, velocity, self._ahead)
 
 
-def rates_move(damper: DynamicDamper, step: float) -> Move:
+def rates_move(damper: SteppedStates, step: float) -> Move:
     """Steps of any damper with states, from its `rates` alone: two implicit stages, L-stable, order 2.
 
     Parameters
     ----------
-    damper : DynamicDamper
+    damper : SteppedStates
         Its `rates` are integrated, with a Jacobian by differences in Newton's method.
     step : float
         Length of a step [s].

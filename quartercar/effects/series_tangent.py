@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.diagnosis.signals import Core, Remembered, Signals
 from lpvid.toolkit import found_once
 from quartercar.effects.series_law import SAME, Law, force_at_rest, with_memory
-
-if TYPE_CHECKING:
-    from quartercar.effects.series import InSeries
+from quartercar.effects.series_march import SeriesMarch
 
 RUNS = 4
 """signals of which the changes are kept: an effect around the series may read it along several"""
@@ -25,14 +22,14 @@ AT_ONCE = 16384
 those of all cores in little memory"""
 
 
-def near(own: InSeries, others: Sequence[Core]) -> list[Core]:
+def near(own: SeriesMarch, others: Sequence[Core]) -> list[Core]:
     """Each of the others as the own simulation and its first-order change.
 
     One that is not in series, or whose core along a stage of the march depends on other stages, stays as it is.
 
     Parameters
     ----------
-    own : InSeries
+    own : SeriesMarch
     others : sequence of Core
 
     Returns
@@ -53,7 +50,7 @@ class _SeriesRuns:
         δF = ∂F/∂w δw − ∂F/∂x δd + δ_law,   δd = D'(F) δF + δD,   δḋ = −δw
     """
 
-    own: InSeries
+    own: SeriesMarch
     others: tuple[Core, ...]
     kept: list[tuple[Signals, np.ndarray, dict[int, np.ndarray]]] = field(default_factory=list)
 
@@ -90,7 +87,7 @@ class _SeriesRuns:
         return rigid + s.refined(out - at), {j: change(j) for j in changes}
 
 
-def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """(n,) a simulation in series, and the first-order changes that lead to others, where they are known.
 
     The stages, several a sample, are gone through in parts, so that what the cores give along them is held for a part
@@ -98,7 +95,7 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
 
     Parameters
     ----------
-    own : InSeries
+    own : SeriesMarch
     s : Signals
     others : sequence of Core
 

@@ -13,7 +13,7 @@ from lpvid.record import Record
 from lpvid.toolkit import Shown, checks
 
 if TYPE_CHECKING:
-    from quartercar.vehicle.nonlinear import QuarterCar
+    from quartercar.vehicle.assembly import CarAssembly
     from quartercar.vehicle.stepper import States
 
 UNITS = {"road": "m", "body_displacement": "m", "body_velocity": "m/s", "body_acceleration": "m/s^2",
@@ -64,7 +64,7 @@ class CarRun(Shown):
     units : mapping of str to str
     static_load : float
         [N].
-    car : QuarterCar
+    car : CarAssembly
         What was driven.
     """
 
@@ -73,15 +73,15 @@ class CarRun(Shown):
     signals: Mapping[str, np.ndarray]
     units: Mapping[str, str]
     static_load: float
-    car: QuarterCar
+    car: CarAssembly
 
     @classmethod
-    def of(cls, car: QuarterCar, sample_time: float, road: np.ndarray, command: np.ndarray, states: States) -> CarRun:
+    def of(cls, car: CarAssembly, sample_time: float, road: np.ndarray, command: np.ndarray, states: States) -> CarRun:
         """Every signal from the states of a run.
 
         Parameters
         ----------
-        car : QuarterCar
+        car : CarAssembly
             What was driven.
         sample_time : float
             [s].

@@ -15,7 +15,7 @@ from quartercar.vehicle.integrator import IntegratorStages
 from quartercar.vehicle.tanh_coefficients import tanh_form
 
 if TYPE_CHECKING:
-    from quartercar.vehicle.nonlinear import QuarterCar
+    from quartercar.vehicle.assembly import CarAssembly
 
 CLOSE = 1e-8
 """relative and absolute [N] error of a force at which a stage of a damper that is not compiled ends"""
@@ -47,7 +47,7 @@ class CarStepper:
 
     Parameters
     ----------
-    car : QuarterCar
+    car : CarAssembly
     sample_time : float
         Between two samples of the road [s].
     road, current : float
@@ -62,7 +62,7 @@ class CarStepper:
     (6, 4)
     """
 
-    def __init__(self, car: QuarterCar, sample_time: float, road: float, current: float) -> None:
+    def __init__(self, car: CarAssembly, sample_time: float, road: float, current: float) -> None:
         self.car, self.sample_time = car, sample_time
         damper = car.damper
         self._plain = car.damper_is_linear

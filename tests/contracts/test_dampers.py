@@ -31,6 +31,7 @@ from lpvid import InputError
 from quartercar.dampers import DynamicDamper, ExtrapolationWarning, FitSettings, StaticDamper, model_class
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
+from quartercar.dampers.fitting import fit
 
 every = pytest.mark.parametrize("name", NAMES)
 
@@ -203,7 +204,7 @@ def _recovered(name: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     settings = FitSettings(**{"starts": 6, "polished": 2, "short_samples": 1500, **case_of(name).fit})
     vectors, covariances = [], []
     for seed in range(count):
-        found = blank(name).fit([noisy_record(name, np.random.default_rng(100 + seed))], settings=settings)
+        found = fit(blank(name), [noisy_record(name, np.random.default_rng(100 + seed))], settings=settings)
         assert not found.at_bounds, found
         assert not found.undetermined, found
         assert found.covariance is not None and np.isfinite(found.covariance).all()
@@ -235,7 +236,7 @@ def test_parameters_are_recovered_from_noisy_simulations(name: str) -> None:
 def test_force_of_penalised_models_is_recovered_within_the_noise(name: str) -> None:
     """Their parameters are no test; a fit to the noisy force must be nearer to the true one than the noise is."""
     true, drive = truth(name), recovery_drive(name, 4)
-    found = blank(name).fit([noisy_record(name, np.random.default_rng(100))]).damper
+    found = fit(blank(name), [noisy_record(name, np.random.default_rng(100))]).damper
     force = true.response(drive, true.vector)
     assert np.std(found.response(drive, found.vector) - force) < case_of(name).noise * force.std()
 

@@ -14,6 +14,7 @@ import numpy as np
 from lpvid.record import Record
 from quartercar.dampers import MODELS, Damper, Drive, LawDamper, model_class
 from quartercar.dampers.families import DynamicDamper, StaticDamper
+from quartercar.dampers.fitting import fit
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def truth(name: str) -> Damper:
         case, teacher = case_of(name), truth(case_of(name).teacher)
         drive = _driven(case, 2)
         force = teacher.response(drive, teacher.vector)
-        return damper.fit([record_of(drive, force + 0.02 * force.std() * rng.normal(size=force.size))]).damper
+        return fit(damper, [record_of(drive, force + 0.02 * force.std() * rng.normal(size=force.size))]).damper
     moved = {p.name: float(np.clip(p.default * rng.uniform(0.85, 1.15), p.lower, p.upper)) for p in damper.parameters}
     return damper.with_values(**{**moved, **case_of(name).values})
 

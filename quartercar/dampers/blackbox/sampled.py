@@ -23,7 +23,8 @@ from quartercar.dampers.parameter import Parameter
 if TYPE_CHECKING:
     from lpvid.identification import Identification
     from quartercar.dampers.blackbox.held import Held, Inner
-    from quartercar.dampers.fitting import Estimate, FitSettings
+    from quartercar.dampers.fitting.estimate import Estimate
+    from quartercar.dampers.fitting.settings import FitSettings
     from quartercar.dampers.stepper import DamperStepper
 
 
@@ -208,7 +209,7 @@ class SampledDamper(Damper):
         return self.held.at(self.vector)
 
     # -- fitting -----------------------------------------------------------------------------------------------------
-    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate[Damper]:
         from lpvid.identification.output_error import OutputError
         from lpvid.identification.stage_fit import shorten
         from quartercar.dampers.blackbox.held import Held

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
-
-if TYPE_CHECKING:
-    from quartercar.dampers.contract import Damper
+from quartercar.dampers.simulated import SimulatedDamper
 
 POINTS = 2000
 """samples of a cycle"""
@@ -44,14 +41,14 @@ class Cycle:
     settled: bool
 
 
-def steady_cycle(damper: Damper, amplitude: float, frequency: float, current: float = 0.0) -> Cycle:
+def steady_cycle(damper: SimulatedDamper, amplitude: float, frequency: float, current: float = 0.0) -> Cycle:
     """Run sine cycles until the work per cycle no longer changes.
 
     W = ∮F dx = ∫F v dt, by the trapezoidal rule, which converges faster than any power for a smooth periodic integrand.
 
     Parameters
     ----------
-    damper : Damper
+    damper : SimulatedDamper
     amplitude : float
         X [m].
     frequency : float
@@ -89,7 +86,7 @@ def steady_cycle(damper: Damper, amplitude: float, frequency: float, current: fl
     return Cycle(drive.displacement[-POINTS - 1:], v, force[-POINTS - 1:], works[1], settled)
 
 
-def _force(damper: Damper, drive: Drive, amplitude: float, omega: float) -> np.ndarray:
+def _force(damper: SimulatedDamper, drive: Drive, amplitude: float, omega: float) -> np.ndarray:
     """Force along the drive; a model with a clock of its own runs by that, and a spline gives what lies in between."""
     if damper.clock is None:
         return damper.response(drive, damper.vector)

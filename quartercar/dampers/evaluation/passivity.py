@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.codec import Encoded
 from lpvid.toolkit import checks
-
-if TYPE_CHECKING:
-    from quartercar.dampers.contract import Damper
+from quartercar.dampers.evaluation.energy import steady_cycle
+from quartercar.dampers.simulated import SimulatedDamper
 
 SPEEDS = 400
 """points of the velocity grid on either side of zero, denser towards it."""
@@ -85,7 +83,7 @@ class Passivity(Encoded):
         return f"passive up to {self.speed:g} m/s" + (f" ({self.description}: stored energy)" if self.stored else "")
 
 
-def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
+def check_passivity(damper: SimulatedDamper, speed: float = 2.0) -> Passivity:
     """Power at constant velocities and work of steady cycles, without the force that depends on displacement alone.
 
     P = (F − F_gas) v ≥ 0 for |v| ≤ `speed` at displacement 0 over the usual currents, and W = ∮(F − F_gas) dx ≥ 0 over
@@ -94,7 +92,7 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
 
     Parameters
     ----------
-    damper : Damper
+    damper : SimulatedDamper
     speed : float
         Reach of the velocity grid [m/s].
 
@@ -124,7 +122,7 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
                      damper.current_unit)
 
 
-def _current_grid(damper: Damper) -> np.ndarray:
+def _current_grid(damper: SimulatedDamper) -> np.ndarray:
     """Currents over the fitted range, its rarest ends left out; 0 for a damper without one."""
     usual = damper.usual_currents
     if usual is None or "current" not in damper.reads:
@@ -133,7 +131,7 @@ def _current_grid(damper: Damper) -> np.ndarray:
     return np.linspace(low, high, CURRENTS) if high > low else np.array([low])
 
 
-def _static(damper: Damper, speed: float, currents: np.ndarray) -> tuple[float, tuple[float, float], float]:
+def _static(damper: SimulatedDamper, speed: float, currents: np.ndarray) -> tuple[float, tuple[float, float], float]:
     """(least power or 0, where, largest speed at which power is given); losses within rounding count as none."""
     half = speed * np.linspace(0.0, 1.0, SPEEDS + 1)[1:] ** 2
     velocity = np.concatenate([-half[::-1], half])
@@ -147,7 +145,7 @@ def _static(damper: Damper, speed: float, currents: np.ndarray) -> tuple[float, 
             float(np.abs(velocity[given.any(axis=0)]).max()))
 
 
-def _cycles(damper: Damper, speed: float, currents: np.ndarray) -> tuple[float, tuple[float, float, float]]:
+def _cycles(damper: SimulatedDamper, speed: float, currents: np.ndarray) -> tuple[float, tuple[float, float, float]]:
     """(least share of work, where); NaN where a cycle diverges."""
     worst, at = 1.0, (AMPLITUDES[0], FREQUENCIES[0], float(currents[0]))
     for current in dict.fromkeys((float(currents[0]), float(currents[-1]))):
@@ -163,8 +161,8 @@ def _cycles(damper: Damper, speed: float, currents: np.ndarray) -> tuple[float, 
     return worst, at
 
 
-def _share(damper: Damper, amplitude: float, frequency: float, current: float) -> float:
-    cycle = damper.cycle(amplitude, frequency, current)
+def _share(damper: SimulatedDamper, amplitude: float, frequency: float, current: float) -> float:
+    cycle = steady_cycle(damper, amplitude, frequency, current)
     power = (cycle.force - damper.conservative_force(cycle.displacement)) * cycle.velocity
     exchanged = float(np.trapezoid(np.abs(power)))
     return float(np.trapezoid(power)) / exchanged if exchanged != 0 else 1.0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from quartercar.dampers.contract import Damper
+D = TypeVar("D")
+"""the kind of damper"""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Starts:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(Generic[D]):
     """A damper with its parameters estimated, and what is known of them.
 
     Attributes
@@ -55,7 +55,7 @@ class Estimate:
         Condition number of the scaled sensitivities.
     """
 
-    damper: Damper
+    damper: D
     covariance: np.ndarray | None = None
     at_bounds: tuple[str, ...] = ()
     undetermined: tuple[str, ...] = ()

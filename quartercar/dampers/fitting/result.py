@@ -36,7 +36,7 @@ class DamperFit(Shown):
 
     DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
 
-    estimate: Estimate
+    estimate: Estimate[Damper]
     training_score: Score
     held_out_score: Score | None
     passivity: Passivity

@@ -18,7 +18,8 @@ from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.facts import Facts
 from quartercar.effects import CATALOGUE, _series_kernels
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance, SeriesElement
-from quartercar.effects.series import Elements, InSeries
+from quartercar.effects.series import InSeries
+from quartercar.effects.series_march import Elements
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper, Sensors, effect
 from quartercar.rig.patterns import Constant
 

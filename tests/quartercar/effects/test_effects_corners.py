@@ -11,7 +11,8 @@ from helpers.effect_signals import road_like
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects import series
 from quartercar.effects.corners import Corners, corners
-from quartercar.effects.series import Elements, InSeries
+from quartercar.effects.series import InSeries
+from quartercar.effects.series_march import Elements
 from quartercar.rig.damper import Motion
 from quartercar.rig.patterns import Triangle
 

@@ -12,7 +12,8 @@ from lpvid.diagnosis.signals import Linearised, Signals
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.guo import Guo
 from quartercar.effects import CATALOGUE
-from quartercar.effects.series import Elements, InSeries
+from quartercar.effects.series import InSeries
+from quartercar.effects.series_march import Elements
 
 TABLE = by_name(CATALOGUE)
 VALUES = {"series-compliance": [6e-7], "backlash": [3e-4], "entrained-air": [3e-4, 500.0], "cavitation": [1 / 400],

@@ -15,6 +15,7 @@ from quartercar.dampers.bench.slopes import log_slopes
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
 from quartercar.dampers.bench.topology import choose_network, friction_profile
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.hydraulics import Laminar, Parallel, Series, Turbulent, parallel_pressure
 from quartercar.dampers.laws.network import MixedNetwork, ParallelNetwork, SeriesNetwork
 
@@ -284,7 +285,7 @@ def test_free_runs_rank_the_networks_the_same_way(rng: np.random.Generator) -> N
         force = path.pressure(v) + friction * np.sign(v)
         records.append(Record({"velocity": Channel(v, "m/s"), "force": Channel(
             force * (1 + 0.01 * rng.standard_normal(v.size)), "N")}, sample_time=0.01))
-    esr = [kind.suited(Facts.of(records)).replace(smoothing=1e-6).fit(records).training.esr or 0.0
+    esr = [fit(kind.suited(Facts.of(records)).replace(smoothing=1e-6), records).training.esr or 0.0
            for kind in (SeriesNetwork, ParallelNetwork, MixedNetwork)]
     assert 0.0 < esr[0] < 0.6 * esr[1]  # the fast runs weigh most in newtons: log-force tells the two apart by far more
     assert 0.0 < esr[2] <= esr[0] * (1 + 1e-4)

@@ -11,6 +11,7 @@ from lpvid import InputError
 from lpvid.condition import resample
 from quartercar.dampers import Drive
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
 from quartercar.dampers.laws.bouc_wen import LORD, BoucWen, SpencerParameters
 
@@ -252,6 +253,6 @@ def test_the_published_set_on_the_measured_lord_damper(shared_data) -> None:
 def test_fitted_it_halves_the_error_of_the_published_set(shared_data) -> None:
     record = measured_random(shared_data)
     train, test = record.slice(0, 4006), record.slice(4006, record.n_samples)
-    found = BoucWen.suited(Facts.of([train])).fit([train], [test])
+    found = fit(BoucWen.suited(Facts.of([train])), [train], [test])
     assert found.held_out.esr < 0.026
     assert found.passivity.passive

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.hydraulics import (
     Laminar,
     Parallel,
@@ -221,7 +222,7 @@ def test_starts_are_near_the_truth(kind: type[NetworkDamper], asymmetric: bool, 
 def test_a_fit_recovers_the_network(kind: type[NetworkDamper], asymmetric: bool, rng: np.random.Generator) -> None:
     m = build(kind, asymmetric)
     r = record(m, 0.01, rng)
-    found = m.with_vector(np.array([p.default for p in m.parameters])).fit([r])
+    found = fit(m.with_vector(np.array([p.default for p in m.parameters])), [r])
     std = np.array([found.std[n] for n in m.names], dtype=float)
     assert np.all(np.abs(found.damper.vector - m.vector) < 4.5 * std)
     v = np.linspace(-2e-3, 2e-3, 50)

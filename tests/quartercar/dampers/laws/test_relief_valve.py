@@ -12,6 +12,7 @@ from lpvid import InputError, Record
 from quartercar.dampers import FitSettings
 from quartercar.dampers.bench.characteristic import characteristic_line
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
 from quartercar.dampers.laws.relief_valve_design import ReliefValveDesign, effective_compressibility
 
@@ -136,7 +137,7 @@ def test_parameters_are_recovered_from_the_series_of_amplitudes(rng: np.random.G
         records.append(Record({"velocity": drive.velocity, "force": force + 0.01 * force.std() * rng.normal(
             size=force.size)}, sample_time=drive.sample_time, units={"velocity": "m/s", "force": "N"}))
     settings = FitSettings(starts=3, polished=1, short_evaluations=6, evaluations=40, tolerance=1e-6)
-    found = ReliefValveOrifice().fit(records, settings=settings)
+    found = fit(ReliefValveOrifice(), records, settings=settings)
     assert found.covariance is not None and not found.undetermined
     assert np.abs((found.damper.vector - true.vector) / np.sqrt(np.diag(found.covariance))).max() < 4.5
     assert found.training.esr is not None and found.training.esr < 1.3e-4

@@ -12,6 +12,7 @@ from lpvid import InputError
 from lpvid.condition import resample
 from quartercar.dampers import Drive, FitSettings
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.wang_kamath import WangKamath
 
 
@@ -138,7 +139,7 @@ def test_recovered_from_its_own_simulation() -> None:
     channels = {"velocity": given.velocity, "current": given.current, "force": truth.response(given, truth.vector)}
     units = {"velocity": "m/s", "current": "A", "force": "N"}
     record = lpv.Record(channels, sample_time=given.sample_time, units=units)
-    found = WangKamath(degree=1, current_scale=2.0).fit([record], settings=FitSettings(starts=4, polished=1))
+    found = fit(WangKamath(degree=1, current_scale=2.0), [record], settings=FitSettings(starts=4, polished=1))
     assert found.damper.vector == pytest.approx(truth.vector, rel=1e-4)
 
 
@@ -182,5 +183,5 @@ def test_on_the_measured_lord_damper_it_is_mediocre(shared_data) -> None:
     found = lpv.read(shared_data / "mr_damper_random" / "estimation.csv", roles={"current": "voltage"})
     record = resample(found[0] if isinstance(found, list) else found, 500.8)
     train, test = record.slice(0, 4006), record.slice(4006, record.n_samples)
-    fitted = WangKamath.suited(Facts.of([train])).fit([train], [test])
+    fitted = fit(WangKamath.suited(Facts.of([train])), [train], [test])
     assert 0.03 < fitted.held_out.esr < 0.13

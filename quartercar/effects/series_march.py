@@ -1,0 +1,168 @@
+"""Elements in series with a simulation: the march along the law of the core."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Core, Remembered, Signals, most_kept
+from lpvid.toolkit import checks
+from quartercar.effects.corners import corners
+from quartercar.effects.series_law import Law, read_law
+
+STEEP = 3
+"""steps of the march from one sample to the next with air, play or a fluid that may tear, after a jump of the current
+and along a steep change of it; elsewhere 1"""
+CORNER = 6
+"""steps over an interval in which the velocity bends: the rule is of order two where it does not"""
+LAWS = 4
+"""laws that signals keep, so that the derivative after a run need not read its law again"""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """What lies in series with the law.
+
+    Attributes
+    ----------
+    compliance : float
+        1/k [m/N].
+    air_stroke, air_force : float
+        Deflection that compresses all the air [m]; pressure of it times piston area [N].
+    play : float
+        Total lost motion [m].
+    limit : float
+        Force of compression at which the fluid tears [N].
+    """
+
+    compliance: float = 0.0
+    air_stroke: float = 0.0
+    air_force: float = 1.0
+    play: float = 0.0
+    limit: float = np.inf
+
+    def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float]:
+        """For the kernels; `rest` is the force at rest, which acts beside the elements.
+
+        Parameters
+        ----------
+        rest : float
+            [N].
+
+        Returns
+        -------
+        tuple of six floats
+            Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], rest
+            [N].
+        """
+        floor = rest - float(min(self.limit, 1e300))
+        return float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor, rest
+
+    def deflection(self, force: np.ndarray) -> np.ndarray:
+        """(n,) deflection of spring, air and play under a force [m].
+
+        Parameters
+        ----------
+        force : (n,) array
+            Less that at rest [N].
+
+        Returns
+        -------
+        (n,) array
+        """
+        size = np.abs(force)
+        air = self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / 1.3))
+        return np.sign(force) * (self.compliance * size + self.play / 2 + air)
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesMarch:
+    """The march along the law of a core with elements in series; as a simulation it is `series.InSeries`.
+
+    Attributes
+    ----------
+    core : Core
+    elements : Elements
+    static : bool
+        Whether the core may be without memory, which is then tested at some of its samples.
+    """
+
+    core: Core
+    elements: Elements
+    static: bool = field(default=True)
+
+    def law(self, s: Signals, rigid: np.ndarray) -> Law:
+        """The law of the core, whose simulation along the signals is given; the last `LAWS` are kept.
+
+        Parameters
+        ----------
+        s : Signals
+        rigid : (n,) array
+            Force of the core [N].
+
+        Returns
+        -------
+        Law
+        """
+        def read() -> Law:
+            return read_law(self.core, s, rigid, self.elements.deflection(rigid), self.static)
+
+        if not isinstance(self.core, Remembered):
+            return read()
+        kept: OrderedDict = s.cached("laws", OrderedDict)
+        key = (self.core.key, self.elements, self.static)
+        law = kept.pop(key, None) or read()
+        kept[key] = law
+        with suppress(KeyError):  # several threads may share the signals
+            if len(kept) > most_kept(LAWS, s.n_samples):
+                kept.popitem(last=False)
+        return law
+
+    def steps(self, s: Signals, law: Law) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) steps up to each sample, and whether a short one precedes it.
+
+        Parameters
+        ----------
+        s : Signals
+        law : Law
+            Along these signals.
+
+        Returns
+        -------
+        parts : (n,) int array
+        short : (n,) bool array
+        """
+        sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
+        parts = np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1)
+        return np.where(corners(s).sharp, CORNER, parts), law.jumps | sudden
+
+    def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
+        """(n,) force; `trace`, as long as the march has stages or empty, is filled by the kernel.
+
+        Parameters
+        ----------
+        s : Signals
+            With velocity.
+        rigid : (n,) array
+            Force of the core [N].
+        law : Law
+            Along these signals.
+        trace : (stages, 5) array
+            (0, 5) for none.
+
+        Returns
+        -------
+        (n,) array
+            [N].
+        """
+        from quartercar.effects import _series_kernels as kernels
+
+        velocity = checks.read_only(np.ascontiguousarray(s["velocity"], dtype=float))
+        out, without, found = np.empty(s.n_samples), np.empty(s.n_samples), corners(s)
+        kernels.march(velocity, found.rise, found.place, law.speeds, law.nodes, law.rows, law.before, law.tilt,
+                      self.elements.numbers(law.rest), s.sample_time, trace, *self.steps(s, law), out)
+        kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
+        return rigid + (out - without)
