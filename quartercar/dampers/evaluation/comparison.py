@@ -209,10 +209,11 @@ def _constrained(suited: Sequence[Damper]) -> tuple[str, ...]:
 def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,
              progress: Callable[[str], None]) -> tuple[list[DamperFit], list[tuple[str, str]], bool]:
     """Fits, failures, and whether the work came to its end."""
-    jobs = [_job(d, data, settings) for d in suited]
+    order = _order(len(suited), settings)
+    jobs = [_job(suited[place], data, settings) for place in order]
 
     def stated(done: int, running: list[int], left: float | None) -> None:
-        names = ", ".join(suited[k].name for k in running)
+        names = ", ".join(suited[order[k]].name for k in running)
         about = "" if left is None else f", about {left:.0f} s left"
         progress(f"fitting {names} ({done} of {len(suited)} done{about})")
 
@@ -220,7 +221,8 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
                          costs=[_cost(d, r, s) for d, r, s in jobs], report_progress=stated)
     fits: list[DamperFit] = []
     failed: list[tuple[str, str]] = []
-    for damper, one in zip(suited, ended, strict=True):
+    for place, one in sorted(zip(order, ended, strict=True), key=lambda pair: pair[0]):
+        damper = suited[place]
         if one.stopped:
             failed.append((damper.name, one.stopped if settings.budget is None or one.stopped != "budget" else
                            f"not done within --budget {settings.budget:g} s"))
@@ -232,6 +234,15 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
             assert one.value is not None
             fits.append(one.value)
     return fits, failed, not any(one.stopped == "interrupted" for one in ended)
+
+
+def _order(count: int, settings: CompareSettings) -> list[int]:
+    """Places of the models, quick ones first, in the order of their fits: as they are where a budget may end the work.
+
+    Several processes without one begin with the slow fits, so that none is left alone with one of them at the end.
+    """
+    quick_first = settings.budget is not None or settings.workers == 1
+    return list(range(count) if quick_first else reversed(range(count)))
 
 
 _Job = tuple[Damper, tuple[Record, ...], FitSettings]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from lpvid import save
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import in_processes
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
 from quartercar.dampers.evaluation import comparison as module
 from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
@@ -386,6 +388,25 @@ def test_the_comparison_does_not_depend_on_the_number_of_processes() -> None:
     for mine, other in zip(one.rows, two.rows, strict=True):
         assert mine.damper.values == other.damper.values
         assert mine.held_out.total.esr == other.held_out.total.esr
+
+
+def test_slow_fits_come_first_where_several_processes_share_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None is left alone with a slow fit at the end; with a budget, or in one process, quick ones come first."""
+    queues: list[list[str]] = []
+
+    def here(function: Callable, items: Sequence[tuple], **_: object) -> list:
+        queues.append([damper.name for damper, *_ in items])
+        return in_processes(function, items, workers=1)
+
+    monkeypatch.setattr(module, "in_processes", here)
+    t = np.arange(1500) / 500
+    v = 0.1 * np.sin(12 * t) + 0.05 * np.sin(31 * t)
+    run = Record({"velocity": v, "force": 1500 * v}, sample_time=1 / 500, name="run")
+    settings = [CompareSettings(workers=1), CompareSettings(workers=2), CompareSettings(workers=2, budget=600.0)]
+    one, several, limited = (compare([run], ["narx-2", "linear"], settings=s) for s in settings)
+    assert queues == [["linear", "narx-2"], ["narx-2", "linear"], ["linear", "narx-2"]]
+    ranked = [[(r.name, r.held_out.total.esr) for r in found.rows] for found in (one, several, limited)]
+    assert ranked[0] == ranked[1] == ranked[2]
 
 
 def test_a_budget_leaves_out_what_is_not_done() -> None:
