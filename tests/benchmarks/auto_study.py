@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ import numpy as np
 from real_records import GROUPS, Group, Part, siblings, written
 
 import lpvid as lpv
+from lpvid._forks import processor_time
 from lpvid.cli.automatic import choose
 from lpvid.cli.structures import Request
 from lpvid.condition.preparing import decimation
@@ -129,10 +129,10 @@ def read(case: Case, folder: Path) -> Data:
 
 def by_auto(case: Case, data: Data, budget: float, everyone: bool = False) -> dict:
     """The command's choice and its figures."""
-    begun = time.process_time()
+    begun = processor_time()
     request = Request(case.input, (case.output,), case.schedule, "arx", {}, data.rate, True)
     choice, found = choose(request, data.training, data.held_out, lambda text: None, budget)
-    seconds = time.process_time() - begun
+    seconds = processor_time() - begun
     judged = found.held_out
     assert judged is not None
     return {"auto": judged.overall.free_run.fit_percent, "structure": choice.to_dict()["best"],
@@ -165,10 +165,10 @@ def by_all_hands(case: Case, data: Data, most: float) -> dict:
     """
     best: dict[str, float] = {}
     which: dict[str, str] = {}
-    begun, left = time.process_time(), 0
+    begun, left = processor_time(), 0
     tried = sorted(by_hand(case), key=lambda pair: KINDS.index(pair[0]))
     for kind, structure in tried:
-        if time.process_time() - begun > most:
+        if processor_time() - begun > most:
             left += 1
             continue
         try:
@@ -179,7 +179,7 @@ def by_all_hands(case: Case, data: Data, most: float) -> dict:
         fit = found.held_out.overall.free_run.fit_percent
         if fit is not None and fit > best.get(kind, -np.inf):
             best[kind], which[kind] = float(fit), structure.summary
-    return {"hand": best, "which": which, "hand_seconds": time.process_time() - begun, "hand_left": left}
+    return {"hand": best, "which": which, "hand_seconds": processor_time() - begun, "hand_left": left}
 
 
 def table(rows: Sequence[dict]) -> str:

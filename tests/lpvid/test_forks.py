@@ -17,7 +17,7 @@ import pytest
 from helpers.waiting import gone
 
 from lpvid import _forks, _threads
-from lpvid._forks import in_forks
+from lpvid._forks import in_forks, processor_time
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="forks are used on Linux")
 
@@ -46,6 +46,20 @@ def test_results_stand_in_their_order_and_come_from_so_many_processes(forking: i
     assert len({pid for _, pid in found[:forking]}) == forking
     os.close(read)
     os.close(write)
+
+
+def test_time_in_forks_counts(forking: int) -> None:
+    """Oracle: every item measures its own, wherever it is worked on; children are counted by clock ticks."""
+    begun = processor_time()
+
+    def work(item: int) -> float:
+        first = time.process_time()
+        while time.process_time() - first < 0.05:
+            pass
+        return time.process_time() - first
+
+    spent = sum(in_forks(work, range(4)))
+    assert processor_time() - begun > spent - 2 * forking / os.sysconf("SC_CLK_TCK")
 
 
 def test_what_the_caller_holds_is_referred_to(forking: int) -> None:

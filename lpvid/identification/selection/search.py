@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from time import process_time
 
 import numpy as np
 
+from lpvid._forks import processor_time
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX
 from lpvid.identification.prediction_error import PredictionError
@@ -64,7 +64,7 @@ class StructureSearch:
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
                  progress: Progress | None, budget: float | None = None) -> None:
         self.records, self.parts, self.limit, self.places, self.progress = records, parts, limit, places, progress
-        self.begun, self.budget, self.first_seconds = process_time(), budget, 0.0
+        self.begun, self.budget, self.first_seconds = processor_time(), budget, 0.0
         self.unscreened, self.unreached = 0, set[int]()
         self.left_out: list[str] = []
         self.screened: list[Screened] = []
@@ -175,8 +175,8 @@ class StructureSearch:
 
     @property
     def seconds(self) -> float:
-        """Processor time since the search began [s]: what else the machine does changes nothing."""
-        return process_time() - self.begun
+        """Processor time since the search began [s], forks included: what else the machine does changes nothing."""
+        return processor_time() - self.begun
 
     @property
     def best(self) -> tuple[Structure, Trial] | None:

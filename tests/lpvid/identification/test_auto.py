@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from time import process_time
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 import lpvid as lpv
+from lpvid import _threads
+from lpvid._forks import in_forks
 from lpvid.condition import folds
 from lpvid.identification.selection import auto
 from lpvid.identification.selection.every_kind import every_kind
@@ -159,6 +163,23 @@ def test_what_runs_worse_than_the_mean_is_taken_only_if_nothing_else_is() -> Non
     # Within a standard error and simpler: it would be preferred but for the rule.
     assert ranked[0].structure == good
     assert ranked[1].reason == "its free run is worse than the mean of the output"
+
+
+def test_a_budget_counts_what_forks_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stage's starts are shared with forks, more or fewer of them by what else the machine does."""
+    monkeypatch.setattr(_threads, "processors", lambda: 2)
+    monkeypatch.setattr(_threads, "_crew", _threads._Crew())
+    monkeypatch.setattr(_threads, "undisturbed", lambda: True)
+    search = StructureSearch([], [], 0.0, 1, None)
+
+    def work(item: int) -> float:
+        first = process_time()
+        while process_time() - first < 0.1:
+            pass
+        return process_time() - first
+
+    spent = sum(in_forks(work, range(2)))
+    assert search.seconds > 0.9 * spent
 
 
 @pytest.mark.slow
