@@ -8,8 +8,8 @@ angular frequency Ω. On a cell of width h the interpolant at the m + 1 Chebyshe
 for Bernstein's inequality bounds the derivatives, sup|F^(k)| ≤ Ω^k sup|F|; the interpolant is decided as above.
 
 Along an axis with both, F is a sum of s(p)w(p) with a polynomial s of degree d on each piece and a wave w. With the
-interpolant w' of w of degree m, sw' is a polynomial of degree d + m, which interpolation of that degree leaves as it is:
-it misses F by at most 1 + Λ times the bound above, with Σ sup|s| sup|w| for sup|F| and its Lebesgue constant Λ.
+interpolant w' of w of degree m, sw' is a polynomial of degree d + m, which interpolation of that degree leaves as it
+is: it misses F by at most 1 + Λ times the bound above, with Σ sup|s| sup|w| for sup|F| and its Lebesgue constant Λ.
 """
 
 from __future__ import annotations
