@@ -23,6 +23,8 @@ from lpvid.synthesis.progress import stage
 
 SHARES = (1e-6, 1e-4, 5e-4, 2e-3)
 """by which the certified bound may lie above the one found at points."""
+NEAR = 2
+"""How many of them are tried over the loop's own states before the storage function is written over its two blocks."""
 CELLS = {1: 96, 2: 14, 3: 6}
 """of the grid on which P(p) is sampled, by the number of its variables."""
 SCREEN = {1: 13, 2: 5, 3: 3}
@@ -58,15 +60,16 @@ def _chain(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     """What one way of writing the storage function down after the other shows."""
     states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
     if formula.variations.rated:
-        gammas = [bound * (1 + share) for share in SHARES]
+        gammas = [bound * (1 + share) for share in (*SHARES[:NEAR], SHARES[-1])]
         for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks):
             stage(f"certifying {bound:.4g} between grid points with {basis.size} functions")
             yield RatedGainCertificate.within(loop, matrices, basis, gammas, states)
         return
     box = box_of(driven(loop).readings, loop.box)
     yield _exact(formula, loop, box, bound, states)
-    yield proven(loop, bound, _proposals(formula, box), SHARES)
+    yield proven(loop, bound, _proposals(formula, box), SHARES[:NEAR])
     yield proven(loop, bound, _proposals(formula, box, LoopStorage.blocks), SHARES, states)
+    yield proven(loop, bound, _proposals(formula, box), SHARES[NEAR:])
 
 
 def _exact(formula: FeedbackLaw, loop: LPVStateSpace, box: Scheduling, bound: float, states: np.ndarray
