@@ -128,10 +128,14 @@ class RatedGainCertificate(StorageCertificate):
         """
         first: RatedGainCertificate | None = None
         for gamma in gammas:
-            made = cls.of(loop, matrices, basis, gamma, states)
+            if first is None:
+                first = made = cls.of(loop, matrices, basis, gamma, states)
+            else:  # what holds on the grid holds there for any larger gain
+                made = replace(first, gamma=gamma, between_grid=True)
+                whole = made._on_box(loop, driven(loop))
+                made = replace(made, margin=whole.margin) if whole.holds else None
             if made is not None and made.between_grid:
                 return made
-            first = first or made
         return first
 
     def to_dict(self) -> dict[str, Any]:
