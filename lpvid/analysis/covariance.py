@@ -111,7 +111,8 @@ def output_bound(system: LPVStateSpace, peak: bool, rate: Rate = None, basis: Ba
     best = OutputBound(peak, lower, math.inf, False, None)
     for own in storage_bases(plant, box, basis, highest=1):
         found = _searched(plant, box, own, peak, lower)
-        if found is not None and (found.upper < best.upper or best.storage is None):
+        if found is not None and (best.storage is None
+                                  or (found.between_grid, -found.upper) > (best.between_grid, -best.upper)):
             best = found
     return best
 

@@ -17,7 +17,7 @@ from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import ROUGHLY, StorageProposal, StorageSearch
-from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)
 RELAXED = (1e-2, 6e-2, 0.2)
@@ -91,11 +91,10 @@ class GainBounds:
             found = self._with(basis, box)
             if found is None:
                 continue
-            gained = best is None or found.gamma < best.gamma
             stalled = best is not None and basis.degree != 1 and found.gamma > (1 - ENOUGH) * best.gamma
-            if best is None or (gained and found.between_grid >= best.between_grid):
-                best = found
-            if stalled or best.gamma <= (1 + ENOUGH) * self.floor:
+            best = stronger(best, found)
+            near = stalled or best.gamma <= (1 + ENOUGH) * self.floor
+            if self.basis is None and near and best.between_grid:
                 break
         return best
 
@@ -108,22 +107,23 @@ class GainBounds:
         return self._frame
 
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
-        on_grid: GainCertificate | None = None
+        """The best over several samplings: a bound far above the solver's own is one that failed between its points."""
+        best: GainCertificate | None = None
         for density in DENSITIES:
             search = self._search(basis, box, density)
             if not search.affordable:
-                return on_grid
+                return best
             seen = False
-            for storage, gamma, outcome, solver in self._attempts(search, box):
+            for storage, gamma, outcome, solver, level in self._attempts(search, box):
                 seen = True
-                found = GainCertificate.of(self.system, storage, gamma, outcome, solver)
+                best = stronger(best, GainCertificate.of(self.system, storage, gamma, outcome, solver))
                 if outcome.between_grid:
-                    return found
-                if on_grid is None or found.gamma < on_grid.gamma:
-                    on_grid = found
+                    if gamma <= (1 + ENOUGH) * level:
+                        return best
+                    break
             if not seen or not box.names:
-                return on_grid
-        return on_grid
+                return best
+        return best
 
     def _search(self, basis: Basis, box: Scheduling, density: float) -> StorageSearch:
         pattern = tuple(r is None for r in box.rate)
@@ -133,17 +133,19 @@ class GainBounds:
                 self.system, box, basis, self.frame, lambda gamma: partial(BoundedReal, gamma=gamma), density)
         return self._searches[key]
 
-    def _attempts(self, search: StorageSearch, box: Scheduling) -> Iterator[tuple[Storage, float, Recheck, str]]:
-        """Everything that passes the re-check, as strongly as possible first."""
+    def _attempts(self, search: StorageSearch, box: Scheduling
+                  ) -> Iterator[tuple[Storage, float, Recheck, str, float]]:
+        """Everything that passes the re-check, as strongly as possible first, with the bound that the solver has."""
         for proposal in search.least(box):
             if not 0 < proposal.level < 1e9:
                 continue
-            yield from self._relaxed(search, box, proposal, BACK_OFF)
+            level = proposal.level * self.frame.gain
+            yield from ((*found, level) for found in self._relaxed(search, box, proposal, BACK_OFF))
             for share in RELAXED:
                 inner = next(search.roomiest(proposal.level * (1 + share), box, settings=ROUGHLY), None)
                 if inner is not None:
                     for between in blended(proposal, inner):
-                        yield from self._relaxed(search, box, between, (0.0,))
+                        yield from ((*found, level) for found in self._relaxed(search, box, between, (0.0,)))
             return
 
     def _relaxed(self, search: StorageSearch, box: Scheduling, proposal: StorageProposal, shares: tuple[float, ...]
@@ -154,6 +156,25 @@ class GainBounds:
             outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
+
+
+def stronger(best: GainCertificate | None, found: GainCertificate) -> GainCertificate:
+    """Of two certificates the one that holds between grid points, else the one of the lower bound.
+
+    Parameters
+    ----------
+    best : GainCertificate or None
+        So far.
+    found : GainCertificate
+
+    Returns
+    -------
+    GainCertificate
+        `best` where both are the same.
+    """
+    if best is None or (found.between_grid, -found.gamma) > (best.between_grid, -best.gamma):
+        return found
+    return best
 
 
 def blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
@@ -178,6 +199,10 @@ def storage_bases(system: Driven, box: Scheduling, basis: Basis | None = None, h
                   ) -> Iterator[Basis]:
     """Bases of storage functions from poor to rich: a constant, then polynomials in what may not jump.
 
+    Before a given basis come those that it contains: at the points where the inequalities are imposed a richer one does
+    at least as well, but it bends more between them and leaves the solver less room, so that what is certified may be
+    worse.
+
     Parameters
     ----------
     system : Driven
@@ -185,7 +210,7 @@ def storage_bases(system: Driven, box: Scheduling, basis: Basis | None = None, h
     box : Scheduling
         With the rates.
     basis : Basis, optional
-        The one to take instead.
+        The last one to take instead.
     highest : int, optional
         Degree; left out, by the number of variables.
 
@@ -195,7 +220,9 @@ def storage_bases(system: Driven, box: Scheduling, basis: Basis | None = None, h
         In discrete time polynomials of degree 1 also in variables that may jump.
     """
     if basis is not None:
-        yield usable(basis, box, system.sample_time is not None)
+        own = usable(basis, box, system.sample_time is not None)
+        yield from poorer(own)
+        yield own
         return
     yield Polynomial((), 0)
     bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
@@ -204,6 +231,32 @@ def storage_bases(system: Driven, box: Scheduling, basis: Basis | None = None, h
     most = (highest or HIGHEST.get(len(names), 1)) if bounded else 1
     for degree in range(1, most + 1) if names else ():
         yield Polynomial(names, degree).bound(box)
+
+
+def poorer(basis: Basis) -> Iterator[Basis]:
+    """Bases that one contains, of its own kind, the constant first.
+
+    Parameters
+    ----------
+    basis : Basis
+        A polynomial with all lower degrees, a Fourier basis with fewer harmonics; any other with the constant alone.
+
+    Yields
+    ------
+    Basis
+        With fewer functions.
+
+    Examples
+    --------
+    >>> [b.labels for b in poorer(Polynomial("p", 2))]
+    [('1',), ('1', 'p')]
+    """
+    if basis.size > 1:
+        yield Polynomial((), 0)
+    if isinstance(basis, Polynomial):
+        yield from (replace(basis, degree=degree) for degree in range(1, basis.degree))
+    if isinstance(basis, Fourier):
+        yield from (replace(basis, harmonics=harmonics) for harmonics in range(1, basis.harmonics))
 
 
 def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:

@@ -68,11 +68,13 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
         found = first_proven(_certified(plant, box, own, lower or 1.0))
         if found is None:
             continue
-        if best is None or (found.level < best.level and found.between_grid >= best.between_grid):
-            stalled = best is not None and own.degree != 1 and found.level > (1 - ENOUGH) * best.level
+        stalled = (best is not None and own.degree != 1 and
+                   (1 - ENOUGH) * best.level < found.level < best.level)
+        if best is None or (found.between_grid, -found.level) > (best.between_grid, -best.level):
             best = found
-            if stalled or best.level <= (1 + ENOUGH) * lower:
-                break
+        near = stalled or best.level <= (1 + ENOUGH) * lower
+        if basis is None and near and best.between_grid:
+            break
     return judged("h2-norm", best, lower, math.inf if best is None else best.level,
                   "no storage function was found that bounds the variance")
 

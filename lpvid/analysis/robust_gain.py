@@ -138,9 +138,10 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
     best: RobustCertificate | None = None
     for trial in storage_bases(whole.whole, box, basis, highest=1):
         found = _certified(whole, box, trial, nominal, points)
-        if found is not None and (best is None or found.gamma < best.gamma):
+        if found is not None and (best is None
+                                  or (found.between_grid, -found.gamma) > (best.between_grid, -best.gamma)):
             best = found
-        elif best is not None:
+        elif best is not None and basis is None:
             break
     seconds = time.perf_counter() - started
     if best is None:

@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.lmi.readings import Reading, reading_weights
 from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 Model = LPVTransferFunction | LPVStateSpace
 
@@ -170,7 +170,7 @@ def autonomous(model: Model) -> Driven:
     else:
         raise InputError("a stability certificate needs an LPV transfer function or state space",
                          got=type(model).__name__)
-    found = model.basis.readings()
+    found = _read(model.basis, coefficients[:-1])
     if any(r.frequency for r in found):
         raise InputError("a stability certificate needs a basis of polynomials or splines", got=model.basis.labels,
                          mend="use lpvid.decay_rate or lpvid.l2_gain, which also cover trigonometric dependence")
@@ -211,12 +211,22 @@ def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
                          mend="make one with lpv.realize(model, form=\"augmented\")")
     whole = np.block([[model.A, model.B], [model.C, model.D]])
     stacked = np.concatenate([whole, np.zeros((1, *whole.shape[1:]))])
-    found = tuple(r for r in model.basis.readings() if r.degree or r.frequency)
+    found = tuple(r for r in _read(model.basis, whole) if r.degree or r.frequency)
     found += tuple(Reading(name, 0, 0) for name in also if name not in [r.label for r in found])
     if model.sample_time is None and any(r.lag for r in found):
         raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
     return Driven(stacked, model.order, model.basis, found, model.sample_time, _digest(model, stacked, model.order),
                   tuple(s.name for s in model.filter_inputs), tuple(s.name for s in model.outputs))
+
+
+def _read(basis: Basis, coefficients: np.ndarray) -> tuple[Reading, ...]:
+    """What a basis reads, with the degrees that its coefficients use: a loop bilinear in two variables is written down
+    over all monomials of degree two, and Bernstein coefficients of degree two amplify rounding errors nine times."""
+    found = basis.readings()
+    if not isinstance(basis, Polynomial):
+        return found
+    used = basis.exponents[coefficients.any(axis=(1, 2))].max(axis=0, initial=0)
+    return tuple(replace(r, degree=min(r.degree, max(int(e), 1))) for r, e in zip(found, used, strict=True))
 
 
 def basis_ceilings(basis: Basis, limits: dict[str, tuple[float, float]]) -> np.ndarray:

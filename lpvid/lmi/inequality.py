@@ -229,6 +229,22 @@ def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None
     return _on_grid(problem, root, scale)
 
 
+def is_decidable(problem: LyapunovInequality) -> bool:
+    """Whether what lies between grid points can be decided at all.
+
+    Parameters
+    ----------
+    problem : LyapunovInequality
+
+    Returns
+    -------
+    bool
+        False where pieces of the storage function and of the system do not meet at known places.
+    """
+    points, moves = problem.storage.axes(problem.system.readings, problem.power)
+    return all(axis.decidable for axis in (*points, *moves))
+
+
 def budget_for(size: int) -> int:
     """How many matrices subdivision may examine: about a second's worth.
 

@@ -262,24 +262,6 @@ def storage_for(lyapunov: Basis) -> Basis:
     return lyapunov
 
 
-def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:
-    """The part of a box that a basis reads, in the order of its names (`Scheduling.part`).
-
-    Parameters
-    ----------
-    box : Scheduling
-        All variables.
-    names : tuple of str
-        The basis's own.
-
-    Returns
-    -------
-    Scheduling
-        Of these alone.
-    """
-    return box.part(names)
-
-
 def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
     """(N, M) values of a basis over some of a box's variables, at points over all of them.
 

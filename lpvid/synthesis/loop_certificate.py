@@ -6,9 +6,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
+from lpvid.analysis.bound import first_proven
 from lpvid.analysis.rated_certificate import RatedGainCertificate
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, certify_gain, recheck_gain
+from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, certify_gain, recheck_gain
+from lpvid.lmi.inequality import is_decidable
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
@@ -17,9 +19,12 @@ from lpvid.synthesis.controller_formula import FeedbackLaw
 from lpvid.synthesis.controller_table import dense
 from lpvid.synthesis.design_grid import columns
 from lpvid.synthesis.loop_check import LoopStorage
+from lpvid.synthesis.progress import stage
 
-SHARES = (1e-6, 1e-4, 2e-3)
+SHARES = (1e-6, 1e-4, 5e-4, 2e-3)
 """by which the certified bound may lie above the one found at points."""
+NEAR = 2
+"""How many of them are tried over the loop's own states before the storage function is written over its two blocks."""
 CELLS = {1: 96, 2: 14, 3: 6}
 """of the grid on which P(p) is sampled, by the number of its variables."""
 SCREEN = {1: 13, 2: 5, 3: 3}
@@ -47,15 +52,24 @@ def certificate_of(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
     GainCertificate, RatedGainCertificate or None
         The latter for a controller that reads the rates.
     """
+    return first_proven(c for c in _chain(formula, loop, bound) if c is not None)
+
+
+def _chain(formula: FeedbackLaw, loop: LPVStateSpace, bound: float
+           ) -> Iterator[GainCertificate | RatedGainCertificate | None]:
+    """What one way of writing the storage function down after the other shows."""
     states = formula.storage(formula.plant.plant.box.centre[None, :]).mix
     if formula.variations.rated:
-        gammas = [bound * (1 + share) for share in SHARES]
-        made = (RatedGainCertificate.within(loop, matrices, basis, gammas, states)
-                for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks))
-        return next((c for c in made if c is not None), None)
+        gammas = [bound * (1 + share) for share in (*SHARES[:NEAR], SHARES[-1])]
+        for basis, matrices in _proposals(formula, loop.box, LoopStorage.blocks):
+            stage(f"certifying {bound:.4g} between grid points with {basis.size} functions")
+            yield RatedGainCertificate.within(loop, matrices, basis, gammas, states)
+        return
     box = box_of(driven(loop).readings, loop.box)
-    return (_exact(formula, loop, box, bound, states) or proven(loop, bound, _proposals(formula, box), SHARES)
-            or proven(loop, bound, _proposals(formula, box, LoopStorage.blocks), SHARES, states))
+    yield _exact(formula, loop, box, bound, states)
+    yield proven(loop, bound, _proposals(formula, box), SHARES[:NEAR])
+    yield proven(loop, bound, _proposals(formula, box, LoopStorage.blocks), SHARES, states)
+    yield proven(loop, bound, _proposals(formula, box), SHARES[NEAR:])
 
 
 def _exact(formula: FeedbackLaw, loop: LPVStateSpace, box: Scheduling, bound: float, states: np.ndarray
@@ -78,6 +92,8 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
            shares: Sequence[float], states: np.ndarray | None = None, inverse: bool = False
            ) -> GainCertificate | None:
     """The first of some storage functions that proves a gain at most `shares` above a bound; else the best on a grid.
+
+    One that holds on a grid is given more room, up to the last share, before the next one is tried.
 
     loop : LPVStateSpace
         Closed loop w → z.
@@ -103,18 +119,22 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
     box = box_of(system.readings, loop.box)
     best: GainCertificate | None = None
     for basis, matrices in proposals:
+        if system.order and box.names:
+            stage(f"certifying {bound:.4g} between grid points with {basis.size} functions")
         storage = Storage(matrices, basis, box, system.sample_time)
+        decidable, judged = is_decidable(BoundedReal(system, storage, bound)), False
         for share in shares:
             gamma = bound * (1 + share)
-            if best is not None and gamma >= best.gamma and best.between_grid:
-                return best
             found = recheck_gain(system, storage, gamma, states=states, inverse=inverse)
             if found.holds and (best is None or found.between_grid > best.between_grid):
                 best = GainCertificate.of(system, storage, gamma, found, states=states, inverse=inverse)
-            if found.holds:
-                break
-        if best is not None and best.between_grid:
-            return best
+            if best is not None and best.between_grid:
+                return best
+            if found.holds and not judged:  # the most room: where that is not enough, no less is
+                most = bound * (1 + shares[-1])
+                judged = decidable and recheck_gain(system, storage, most, states=states, inverse=inverse).between_grid
+                if not judged:
+                    break
     return best
 
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.affine import block
+from lpvid.lmi.affine import block, combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
@@ -33,14 +33,14 @@ from lpvid.synthesis.bilinear import around_feedthrough
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.controller_table import rated_box, with_rates
 from lpvid.synthesis.criteria import Criterion
-from lpvid.synthesis.design_grid import columns, fitted, over, richer, storage_for, tensor
+from lpvid.synthesis.design_grid import columns, fitted, richer, storage_for, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Matrices
 from lpvid.synthesis.shaped_design import ShapedProblem, Values, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
+from lpvid.synthesis.shaped_loop import ShapedLoop, moves
 from lpvid.synthesis.shaped_program import APART, Shaped, Shaping, SignalCoordinates
 
 KEPT = 1.03
@@ -178,7 +178,7 @@ class _MovingObjectives(ShapedProblem):
             slopes = k[:, rows:, :order].reshape(len(k), len(moving), order, order)
             basis, matrices = with_rates(basis, matrices, slopes, moving)
             box = rated_box(box, moving)
-        return LPVStateSpace(*matrices, basis, None, over(box, basis.names), inputs=named(plant, plant.measurements),
+        return LPVStateSpace(*matrices, basis, None, box.part(basis.names), inputs=named(plant, plant.measurements),
                              outputs=named(plant, plant.controls))
 
     @property

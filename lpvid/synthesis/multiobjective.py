@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine, block, combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
@@ -31,7 +31,7 @@ from lpvid.synthesis.preconditioning import Preconditioned, balancing, precondit
 from lpvid.synthesis.projected_feedback import constant_feedback
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, combined
+from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import APART, Shaped, Shaping, SignalCoordinates
 from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.affine import Affine, combined
+from lpvid.lmi.affine import Affine
 from lpvid.scheduling import Basis, Scheduling
-
-__all__ = ["Matrix", "ShapedLoop", "combined", "moves"]
 
 Matrix = Affine | np.ndarray
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import subprocess
@@ -15,8 +16,10 @@ from helpers.gain_systems import random_stable, rotating, time_invariant, vanish
 
 import lpvid as lpv
 from lpvid.analysis.gain import Gain, l2_gain, l2_gains
-from lpvid.analysis.gain_bounds import GainBounds
+from lpvid.analysis.gain_bounds import GainBounds, stronger
 from lpvid.errors import InputError
+from lpvid.lmi import storage_search
+from lpvid.lmi.driven import driven
 from lpvid.lmi.native import Conic
 from lpvid.lmi.program import SOLVERS
 from lpvid.scheduling import Fourier, Polynomial, Spline
@@ -228,3 +231,38 @@ def _peak(model, p: float) -> float:
     points = 1j * w if model.sample_time is None else np.exp(1j * w)
     response = c @ np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a, b.astype(complex)) + d
     return float(np.linalg.norm(response, 2, axis=(1, 2)).max())
+
+
+def test_a_loop_reads_its_variables_with_the_degrees_that_it_uses():
+    """Bilinear in two variables, written down over all monomials of degree two: a degree of one in each."""
+    p, box = Polynomial(("p", "q"), 2), lpv.Scheduling(("p", "q"), (0.0, 0.0), (1.0, 1.0))
+    a = np.zeros((6, 1, 1))
+    a[0], a[p.labels.index("p*q")] = -2.0, 1.0
+    b = np.zeros((6, 1, 1))
+    b[0] = 1.0
+    bilinear = lpv.LPVStateSpace(a, b, b, 0 * b, p, None, box)
+    assert [r.degree for r in driven(bilinear).readings] == [1, 1]
+    a[p.labels.index("q^2")] = -0.5
+    assert [r.degree for r in driven(replace(bilinear, A=a)).readings] == [1, 2]
+    found = l2_gain(bilinear, trajectories=False)
+    assert found.between_grid and found.upper == pytest.approx(1.0, rel=1e-4)  # 1/(2 − pq) at p = q = 1
+
+
+def test_a_richer_basis_gives_no_larger_bound(monkeypatch):
+    """Also where the richer one gives none of its own: too many unknowns, or a solver that fails."""
+    model = vanishing()
+    bounds = [l2_gain(model, rate=0.5, basis=Polynomial("d" if d else (), d), trajectories=False) for d in range(3)]
+    assert all(b.upper <= a.upper * (1 + 1e-9) and b.between_grid for a, b in itertools.pairwise(bounds))
+    assert bounds[2].upper < 0.99 * bounds[1].upper
+    monkeypatch.setattr(storage_search, "MOST_UNKNOWNS", 6)  # two matrices of two states
+    large = l2_gain(model, rate=0.5, basis=Polynomial("d", 2), trajectories=False)
+    assert large.verdict == "certified" and large.upper == pytest.approx(bounds[1].upper, rel=1e-6)
+
+
+@pytest.mark.parametrize("better", [0, 1])
+def test_a_proof_on_the_whole_box_goes_before_a_lower_bound_on_a_grid(better):
+    found = l2_gain(vanishing(), rate=1.0, basis=Polynomial("d", 1), trajectories=False).certificate
+    whole, grid = replace(found, gamma=2.0), replace(found, gamma=1.0, between_grid=False)
+    assert stronger(*((whole, grid), (grid, whole))[better]) is whole
+    lower = replace(found, gamma=1.5)
+    assert stronger(whole, lower) is lower and stronger(None, grid) is grid

@@ -63,5 +63,36 @@ def test_moves_are_axes_too():
 def test_what_cannot_be_decided_is_not_claimed():
     one = scalar(lambda p, m: np.ones((len(p), max(len(m), 1))))
     assert everywhere(one, [Axis(0.0, 1.0, opaque=True)], []).holds is None
-    assert everywhere(one, [Axis(0.0, 1.0, 2, frequency=1.0)], []).holds is None
+    assert everywhere(one, [Axis(0.0, 1.0, 2, frequency=1.0)], []).holds is None  # nothing bounds what lies between
     assert everywhere(one, [Axis(0.0, 1.0, 300)], [], budget=100).holds is None
+
+
+@pytest.mark.parametrize(("lift", "holds"), [(1e-8, True), (-1e-8, False)])
+def test_a_spline_times_a_wave_is_decided(lift, holds):
+    """(p − ½)²(1 + cos(2p − 1 + π)) has its only zero at p = ½; a slope that jumps at 0.3 comes on top."""
+    def value(p, m):
+        return (p - 0.5) ** 2 * (1 - np.cos(2 * p - 1)) + 1e-3 * np.maximum(0.3 - p, 0.0) + 0.0 * p + lift
+
+    axis = Axis(-1.0, 2.0, 2, (0.3,), 2.0)
+    assert everywhere(scalar(value), [axis], [], ceiling=10.0, budget=50_000).holds is holds
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(-1, 1), min_size=8, max_size=8), st.integers(1, 3))
+def test_a_proven_bound_of_products_is_below_every_value(weights, frequency):
+    a, b = np.array(weights[:4]), np.array(weights[4:])
+
+    def value(p):
+        return (np.polynomial.polynomial.polyval(p, a) * np.cos(frequency * p)
+                + np.polynomial.polynomial.polyval(p, b) * np.sin(frequency * p))
+
+    lowest = float(value(np.linspace(-1, 1, 20_001)).min())
+    found = everywhere(scalar(lambda p, m: value(p) - lowest + 1e-3), [Axis(-1.0, 1.0, 3, (), float(frequency))], [],
+                       ceiling=20.0)
+    assert found.holds and found.bound <= 1e-3 + 1e-12
+
+
+def test_an_error_of_interpolation_is_no_failure():
+    """At a margin of 1e-9 waves whose sum of amplitudes may be 1e6 are neither proven nor disproven."""
+    wave = scalar(lambda p, m: 1 + np.cos(p) + 1e-9)
+    assert everywhere(wave, [Axis(0.0, 6.3, frequency=1.0)], [], ceiling=1e6).holds is None
