@@ -46,13 +46,24 @@ class StagedStructure(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
-    def input(self) -> str | tuple[str, ...]: ...
+    def input(self) -> str | tuple[str, ...]:
+        """Names of the channels that drive it."""
+        ...
+
     @property
-    def output(self) -> str | tuple[str, ...]: ...
+    def output(self) -> str | tuple[str, ...]:
+        """Names of the channels that it explains."""
+        ...
+
     @property
-    def stage(self) -> InputStage | str | None: ...
+    def stage(self) -> InputStage | str | None:
+        """Of the input; by name where it is to be fitted."""
+        ...
+
     @property
-    def schedule_filter(self) -> SchedulingStage | str | None: ...
+    def schedule_filter(self) -> SchedulingStage | str | None:
+        """Of the scheduling; by name where it is to be fitted."""
+        ...
 
     @property
     def start(self) -> int:

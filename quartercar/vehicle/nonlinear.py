@@ -35,7 +35,7 @@ class QuarterCar(CarAssembly):
     ----------
     parameters : CarParameters
         Its `damping` is that of the passive car and counts only where there is no `damper`.
-    damper : Damper or None
+    damper : a damper or None
         Any model of `quartercar.dampers`, in its own sense whatever the polarity of its records.
     stops : BumpStops or None
     coil : Coil

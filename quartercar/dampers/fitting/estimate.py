@@ -39,7 +39,7 @@ class Estimate(Generic[D]):
 
     Attributes
     ----------
-    damper : Damper
+    damper : D
         With the estimated values.
     covariance : (P, P) array or None
         Of the parameters in the order of `damper.names`, SI; NaN in the rows and columns of parameters held at a bound;
