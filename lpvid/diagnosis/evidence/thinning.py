@@ -116,9 +116,10 @@ def length_of(signals: Sequence[Signals]) -> float:
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
 
-    In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part shows
-    nothing elsewhere. Between two of them the channels lead over smoothly, in a time that counts for nothing; each
-    holds what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
+    In each part of a record, the stretch in which the inputs move most or that in which they reach farthest: a current
+    that jumps once in a part shows nothing elsewhere, nor does a stop that is met at the end of the stroke, where
+    nothing moves. Between two of them the channels lead over smoothly, in a time that counts for nothing; each holds
+    what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
 
     Parameters
     ----------
@@ -182,19 +183,24 @@ def _cut(s: Signals, last: int) -> Signals:
 
 
 def _liveliest(s: Signals, count: int, size: int) -> list[int]:
-    """First samples of so many stretches, one in each part of equal length; the start-up does not count."""
-    moved = np.zeros(s.n_samples)
+    """First samples of so many stretches, one in each part of equal length; the start-up does not count.
+
+    The one in which the inputs move most or the one in which they reach farthest, by what is more unlike other parts.
+    """
+    moved, reached = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
-        step = np.diff(values, prepend=values[:1]) ** 2
-        moved += step / max(float(step.mean()), 1e-300)
-    activity, head = np.concatenate([[0.0], np.cumsum(moved)]), round(START_UP / s.sample_time)
+        for of, square in ((moved, np.diff(values, prepend=values[:1]) ** 2), (reached, (values - values.mean()) ** 2)):
+            of += square / max(float(square.mean()), 1e-300)
+    head = round(START_UP / s.sample_time)
     edges = np.linspace(0, s.n_samples, count + 1).round().astype(int)
-    out = []
-    for a, b in pairwise(edges):
-        last = min(max(b - size, a), s.n_samples - size)
-        begins = np.arange(a, last + 1)
-        out.append(int(begins[np.argmax(activity[begins + size] - activity[begins + head])]))
-    return out
+    parts = [np.arange(a, min(max(b - size, a), s.n_samples - size) + 1) for a, b in pairwise(edges)]
+    unlike, firsts = [], []
+    for sums in (np.concatenate([[0.0], np.cumsum(of)]) for of in (moved, reached)):
+        inside = [sums[begins + size] - sums[begins + head] for begins in parts]
+        firsts.append([int(begins[np.argmax(w)]) for begins, w in zip(parts, inside, strict=True)])
+        most = np.array([w.max() for w in inside])
+        unlike.append(most / max(float(np.median(most)), 1e-300))
+    return [firsts[int(np.argmax(ratios))][k] for k, ratios in enumerate(zip(*unlike, strict=True))]
 
 
 def _quiet(s: Signals, factor: int) -> bool:

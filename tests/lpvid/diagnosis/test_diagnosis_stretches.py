@@ -56,6 +56,15 @@ def test_a_jump_of_the_current_is_in_a_stretch():
     assert jumped[0] - begun >= round(START_UP * RATE)
 
 
+def test_the_ends_of_the_stroke_are_in_a_stretch():
+    """They are reached once, slowly: where the inputs move most nothing meets a stop."""
+    s, t = moving(40000), np.arange(40000) / RATE
+    x = s["displacement"] + 0.03 * np.exp(-(((t - 33.0) / 0.6) ** 2))
+    far = in_turn([s.replace(displacement=x, velocity=np.gradient(x, 1 / RATE))])
+    (found,) = stretched(far)
+    assert found["displacement"].max() > 0.95 * x.max()
+
+
 def test_blocks_keep_away_from_the_joints():
     (found,) = stretched(in_turn([moving(20000)]))
     blocks = Blocks.of([found])
