@@ -17,6 +17,7 @@ from quartercar.controllers.contract import Controller
 from quartercar.dampers import Identified
 from quartercar.rides.simulation import Ride, RideSettings, drive, without_run
 from quartercar.roads.ride_roads import RideRoad
+from quartercar.vehicle.assembly import CarAssembly
 from quartercar.vehicle.nonlinear import QuarterCar
 
 FIGURES: Mapping[str, tuple[str, Callable[[Ride], float]]] = {
@@ -436,11 +437,11 @@ def joined(first: RideComparison, second: RideComparison) -> RideComparison:
     return RideComparison(tuple(rows), first.seeds, first.reference, _notes(rows[0].rides[0].run.car, rows))
 
 
-def _notes(car: QuarterCar, rows: Sequence[LawRow]) -> tuple[str, ...]:
+def _notes(car: CarAssembly, rows: Sequence[LawRow]) -> tuple[str, ...]:
     return (*_unmoved(car), *_extrapolating(rows), *_estimating(rows))
 
 
-def _unmoved(car: QuarterCar) -> Iterator[str]:
+def _unmoved(car: CarAssembly) -> Iterator[str]:
     """A damper whose characteristic does not read the command: its laws have nothing to act with."""
     damper = car.damper
     if damper is not None and isinstance(damper, Identified) and "current" not in damper.reads:
