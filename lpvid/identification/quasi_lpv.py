@@ -38,6 +38,9 @@ class QuasiLPV(Structure):
     input's recent past: bounded for every bounded input, whatever the data were (`QuasiLPVModel.output_bound`). All
     memory beyond the input lags then lives in the scheduling variable.
 
+    With na > 0 the equations of the prior are scaled by the error of one step over the spread of the output, without
+    which they would outweigh the data wherever these are good; with na = 0 they are not.
+
     Parameters
     ----------
     na : int
@@ -223,13 +226,24 @@ class QuasiLPV(Structure):
             mirror = np.eye(m)[::-1] if hats else np.diag((-1.0) ** np.arange(m))
             for keep, sign in ((constant, 1.0), (np.eye(e * r) - constant, -1.0)):
                 blocks.append(np.sqrt(self.oddness) * 0.5 * np.kron(np.eye(m) + sign * mirror, keep @ unit))
-        rows = np.vstack(blocks)
+        rows = np.vstack(blocks) * (self._share_of_noise(problem) if self.na else 1.0)
         extra = model.kappa.size + problem.filter_scales.size
         scales = np.tile(float(np.std(np.concatenate(problem.outputs))) / size, m * e)
         trial = np.full(model.kappa.size, float(np.std(problem.outputs[0])) * 0.1 / size[self.na])
         own = problem.filter_scales
         return np.concatenate([scales, trial, own]), Prior(np.hstack([rows, np.zeros((len(rows), extra))]),
                                                            np.zeros(len(rows)))
+
+    @staticmethod
+    def _share_of_noise(problem: QuasiProblem) -> float:
+        """Error of one step over the output's size: what makes one equation of the prior as much as one sample.
+
+        A sample counts with the square of its error, an equation of the prior with that of a contribution, which is of
+        the output's size: with linear lags, whose coefficients are near −2 and 1 at a high rate, a million samples
+        where the noise is a thousandth. Without lags the free run's error is a fair share of the output.
+        """
+        spread = float(np.std(np.concatenate(problem.outputs)))
+        return max(problem.one_step_error() / spread, float(np.sqrt(np.finfo(float).eps)))
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
