@@ -141,7 +141,7 @@ def test_parameters_are_recovered_without_bias(rng: np.random.Generator) -> None
 
 
 def van_der_pol(seed: int, n: int, amplitude: float, noise: float, period: float = 0.05) -> lpv.Record:
-    """ÿ − (1 − y²)ẏ + y = u by differences: y(k) = Σ aᵢ(y(k−1)) y(k−i) + T² u(k−1) with aᵢ of degree 2, in the model set."""
+    """ÿ − (1 − y²)ẏ + y = u by differences: y(k) = Σ aᵢ(y(k−1)) y(k−i) + T² u(k−1), aᵢ of degree 2, in the model."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-amplitude, amplitude, n // 8 + 1), 8)[:n]
     y = np.full(n, 0.5)
