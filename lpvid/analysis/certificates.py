@@ -20,7 +20,7 @@ from lpvid.lmi.driven import Driven, Model, autonomous
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, dependent, frozen_rates
 from lpvid.lmi.storage import Storage
-from lpvid.model.adaptable import checked_model
+from lpvid.model.adaptable import checked_matrices
 from lpvid.scheduling import Polynomial, Scheduling
 
 _range = range  # `range` is an argument of the public function
@@ -91,7 +91,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     >>> certify_stability(model).verdict
     'certified'
     """
-    checked_model(model, "a stability certificate is for a model")
+    checked_matrices(model, "a stability certificate is for a model")
     scheduling = requested_box(model.box, rate, range)
     found = certificate_for(model, scheduling)
     if found is not None:

@@ -19,7 +19,7 @@ from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import autonomous
 from lpvid.lmi.search import frozen_rates
 from lpvid.lmi.storage import Storage
-from lpvid.model.adaptable import checked_model
+from lpvid.model.adaptable import checked_matrices
 from lpvid.scheduling import Scheduling
 
 WIDEST = 16.0
@@ -157,7 +157,7 @@ def largest_range(model: Model, rate: Rate = None, range: Range = None, *, towar
     (True, 'frozen')
     """
     _checks.one_of(towards, ("centre", "upper", "lower"), "towards")
-    checked_model(model, "a certificate is for a model")
+    checked_matrices(model, "a certificate is for a model")
     start = requested_box(model.box, rate, range)
     if not np.any(start.half_width > 0):
         raise InputError("a largest range needs a scheduling variable that moves", got="none")
@@ -181,7 +181,7 @@ def largest_rate(model: Model, range: Range = None) -> LargestRate:
     -------
     LargestRate
     """
-    checked_model(model, "a certificate is for a model")
+    checked_matrices(model, "a certificate is for a model")
     box = requested_box(model.box, None, range)
     found = certificate_for(model, box)
     if found is not None and found.between_grid:

@@ -12,7 +12,7 @@ from lpvid.analysis.crossings import Crossing, LineSearch, search
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
-from lpvid.model.adaptable import checked_model
+from lpvid.model.adaptable import checked_matrices
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ def critical_scheduling(model: Model, variable: str | Sequence[str] | None = Non
     >>> [(round(c.value, 9), c.direction, c.crossing) for c in critical_scheduling(model).values]
     [(-2.0, 'to-stable', '+1'), (6.0, 'to-unstable', '-1')]
     """
-    checked_model(model, "critical scheduling values are those of a model")
+    checked_matrices(model, "critical scheduling values are those of a model")
     models = family(model)
     return CriticalScheduling(tuple(_along(models, model.box.names, line)
                                     for line in lines(model, variable, at, direction)))

@@ -11,7 +11,7 @@ from lpvid.analysis.critical import CriticalScheduling, critical_scheduling
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability_margin
 from lpvid.codec import Encoded
 from lpvid.lmi.certificate import tensor
-from lpvid.model.adaptable import checked_model
+from lpvid.model.adaptable import checked_matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def frozen_stability(model: Model, points: int | None = None) -> FrozenStability
     >>> result.stable, result.max_modulus, result.at
     (True, 0.75, {'current': -1.0})
     """
-    checked_model(model, "frozen stability is that of a model")
+    checked_matrices(model, "frozen stability is that of a model")
     models, box = family(model), model.box
     count = len(box.names)
     if points is None:

@@ -11,7 +11,7 @@ from lpvid import _checks
 from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
-from lpvid.model.adaptable import checked_model
+from lpvid.model.adaptable import checked_matrices
 
 DEEPEST = 14
 FIXED = 1e-3
@@ -197,7 +197,7 @@ def pole_locus(model: Model, variable: str | None = None, points: int = 201,
     >>> pole_locus(model, points=3).poles.real.ravel()
     array([0.75, 0.5 , 0.25])
     """
-    checked_model(model, "a pole locus is that of a model")
+    checked_matrices(model, "a pole locus is that of a model")
     line = one_line(model, variable, at, direction)
     p = grid_along(line, points, range)
     models = family(model)

@@ -13,10 +13,11 @@ import numpy as np
 from lpvid import _checks
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.frozen import pole_margins
+from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import storage_bases
 from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, places, recheck_robust, uncertain
-from lpvid.analysis.uncertain_blocks import PSD, Block
+from lpvid.analysis.uncertain_blocks import PSD, Block, Dynamic
 from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block, block_diagonal, combined
@@ -50,8 +51,9 @@ class RobustGain(Coded):
     upper : float
         Certified; infinite where nothing could be certified.
     lower : float
-        Reached at a fixed scheduling and frequency by a drawn uncertainty; 0 where nothing is certified, for the loop
-        may then be unstable.
+        Reached at a fixed scheduling and frequency, without uncertainty or by one that was drawn; infinite where an
+        admissible uncertainty was found with which the loop is unstable. Constants are tried, and of a single `Dynamic`
+        block the worst system; delays that destabilise are not sought.
     certificate : RobustCertificate or None
         What `lpvid.verify` re-checks.
     why, mend : str
@@ -60,7 +62,7 @@ class RobustGain(Coded):
 
     verdict: str
     upper: float = field(metadata=null(math.inf))
-    lower: float
+    lower: float = field(metadata=null(math.inf))
     certificate: RobustCertificate | None
     why: str = ""
     mend: str = ""
@@ -68,7 +70,10 @@ class RobustGain(Coded):
 
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.why or (self.certificate.claim if self.certificate else '')}"]
-        if self.certificate is not None:
+        if self.certificate is None:
+            lines.append(f"  at least {self.lower:.6g}, by an uncertainty that was drawn or by none"
+                         if math.isfinite(self.lower) else "  an uncertainty was found with which the loop is unstable")
+        else:
             lines.append(f"  at least {self.lower:.6g}, by an uncertainty that was drawn; margin "
                          f"{self.certificate.margin:.3g}, re-checked with numpy")
         return "\n".join(lines + ([f"  mend: {self.mend}"] if self.mend else []))
@@ -143,14 +148,14 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
             best = found
         elif best is not None and basis is None:
             break
+    lower = _lower(bare, points, nominal)
     seconds = time.perf_counter() - started
     if best is None:
-        return RobustGain("not certified", math.inf, 0.0, None, "no storage function and multipliers were found that "
+        return RobustGain("not certified", math.inf, lower, None, "no storage function and multipliers were found that "
                           "bound the gain for every uncertainty", "smaller bounds, further poles of the filters, a "
                           "rate bound with basis=…, or a narrower range", seconds)
-    lower = min(_reached(bare, points, nominal), best.gamma)
-    return RobustGain("certified" if best.between_grid else "certified on a grid only", best.gamma, lower, best,
-                      seconds=time.perf_counter() - started)
+    return RobustGain("certified" if best.between_grid else "certified on a grid only", best.gamma,
+                      min(lower, best.gamma), best, seconds=seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +291,46 @@ def _moved(template: Storage, points: np.ndarray, shifts: np.ndarray, discrete: 
     return found
 
 
+def _lower(system: Uncertain, points: np.ndarray, nominal: _Nominal) -> float:
+    """What the worst case is at least: p = 0 is admissible, and so are the uncertainties that are drawn.
+
+    A gain at one frequency counts whether or not the loop is stable: where it is not, the worst case is infinite.
+    """
+    if _destabilised(system, points):
+        return math.inf
+    discrete = nominal.sample_time is not None
+    still = max(h_infinity_norm(m, discrete)[0] for m in zip(*nominal.matrices(points), strict=True))
+    return max(still, _reached(system, points, nominal))
+
+
+def _destabilised(system: Uncertain, points: np.ndarray) -> bool:
+    """Whether the loop is unstable at a fixed scheduling with a constant that was drawn, or a worst `Dynamic`."""
+    base, blocks = system.base, system.blocks
+    a, b, c, d = (x[: len(points)] for x in base.matrices(points))
+    p, _, q, _ = places(base, blocks)
+    discrete = base.sample_time is not None
+    c, b, d = c[:, q], b[:, :, p], d[:, q][:, :, p]
+    if len(blocks) == 1 and isinstance(blocks[0], Dynamic):  # the small gain theorem is exact for a full block
+        return any(h_infinity_norm(m, discrete)[0] * blocks[0].bound >= 1 for m in zip(a, b, c, d, strict=True))
+    generator = np.random.default_rng(1)
+    for _ in _range(DRAWS):
+        delta = diagonal(*(_constant(x, generator) for x in blocks))
+        try:
+            loop = a + b @ np.linalg.solve(np.eye(len(p)) - delta @ d, delta @ c)
+        except np.linalg.LinAlgError:
+            return True
+        if loop.shape[1] and pole_margins(loop, discrete).max() >= 0:
+            return True
+    return False
+
+
+def _constant(block: Block, generator: np.random.Generator) -> np.ndarray:
+    """(p, q) real gain that the block allows: at zero frequency; the real part of a `Dynamic` is no larger."""
+    return block.draw(0j, generator).real
+
+
 def _reached(system: Uncertain, points: np.ndarray, nominal: _Nominal) -> float:
-    """Largest gain at fixed scheduling and frequency of drawn uncertainties; the loop is known to be stable."""
+    """Largest gain at fixed scheduling and frequency of drawn uncertainties."""
     generator = np.random.default_rng(0)
     a = nominal.matrices(points)[0]
     discrete = system.base.sample_time is not None
@@ -307,7 +350,11 @@ def _reached(system: Uncertain, points: np.ndarray, nominal: _Nominal) -> float:
         for _ in _range(DRAWS):
             delta = diagonal(*(b.draw(s, generator) for b in system.blocks))
             inner = np.eye(len(p)) - delta @ g[:, q][:, :, p]
-            loop = g[:, z][:, :, w] + g[:, z][:, :, p] @ np.linalg.solve(inner, delta @ g[:, q][:, :, w])
+            try:
+                closed = np.linalg.solve(inner, delta @ g[:, q][:, :, w])
+            except np.linalg.LinAlgError:  # a pole of the loop on the limit
+                return math.inf
+            loop = g[:, z][:, :, w] + g[:, z][:, :, p] @ closed
             best = max(best, float(np.linalg.norm(loop, 2, axis=(1, 2)).max()))
     return best
 

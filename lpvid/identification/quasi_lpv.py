@@ -38,6 +38,10 @@ class QuasiLPV(Structure):
     input's recent past: bounded for every bounded input, whatever the data were (`QuasiLPVModel.output_bound`). All
     memory beyond the input lags then lives in the scheduling variable.
 
+    With na > 0 the equations of the prior are scaled by the error of one step over the spread of the output, without
+    which they would outweigh the data wherever these are good; with na = 0 they are not. A second search then starts
+    from the end of one under the unscaled prior, and the one with the least cost is returned.
+
     Parameters
     ----------
     na : int
@@ -182,15 +186,32 @@ class QuasiLPV(Structure):
                               stage)
         problem = QuasiProblem.of(records, model, isinstance(self.schedule_filter, str))
         scales, prior = self._prior(problem)
-        start = problem.one_step(prior)
-        found = minimise(problem, prior, start, scales, max_iterations=self.max_iterations, tolerance=self.tolerance)
-        if found is None and self.na:  # a start that runs: without feedback through the linear lags
-            calm = start.copy()
-            theta = calm[: model.theta.size].reshape(shape)
-            theta[:, :, : self.na] *= 0.5
-            found = minimise(problem, prior, calm, scales, max_iterations=self.max_iterations,
-                             tolerance=self.tolerance)
-        return None if found is None else (problem, found)
+        if self.na:
+            ends = self._with_lags(problem, prior, scales)
+        else:
+            ends = [self._search(problem, prior, scales, problem.one_step(prior))]
+        runs = [end for end in ends if end is not None]
+        return (problem, min(runs, key=lambda end: end.trial.cost)) if runs else None
+
+    def _with_lags(self, problem: QuasiProblem, prior: Prior, scales: np.ndarray) -> list[FreeRunSearchEnd | None]:
+        """Searches from the data's one step, and from the end under the prior in units of the output.
+
+        The former is near where the data are good; where noise hides the lags its free run is far off or none, and the
+        strong prior leads to calm models first.
+        """
+        model, start = problem.model, problem.one_step(prior)
+        strong = Prior(prior.rows / self._share_of_noise(problem), prior.values)
+        before = problem.one_step(strong)
+        calm = self._search(problem, strong, scales, before)
+        if calm is None:  # a start that runs: without feedback through the linear lags
+            before[: model.theta.size].reshape(model.theta.shape)[:, :, : self.na] *= 0.5
+            calm = self._search(problem, strong, scales, before)
+        ends = [self._search(problem, prior, scales, start)]
+        return ends if calm is None else [*ends, self._search(problem, prior, scales, calm.trial.x)]
+
+    def _search(self, problem: QuasiProblem, prior: Prior, scales: np.ndarray,
+                start: np.ndarray) -> FreeRunSearchEnd | None:
+        return minimise(problem, prior, start, scales, max_iterations=self.max_iterations, tolerance=self.tolerance)
 
     def _range(self, records: Sequence[Record], kappa: np.ndarray) -> Scheduling:
         """Range of the scheduling variable along the measured training data."""
@@ -223,13 +244,24 @@ class QuasiLPV(Structure):
             mirror = np.eye(m)[::-1] if hats else np.diag((-1.0) ** np.arange(m))
             for keep, sign in ((constant, 1.0), (np.eye(e * r) - constant, -1.0)):
                 blocks.append(np.sqrt(self.oddness) * 0.5 * np.kron(np.eye(m) + sign * mirror, keep @ unit))
-        rows = np.vstack(blocks)
+        rows = np.vstack(blocks) * (self._share_of_noise(problem) if self.na else 1.0)
         extra = model.kappa.size + problem.filter_scales.size
         scales = np.tile(float(np.std(np.concatenate(problem.outputs))) / size, m * e)
         trial = np.full(model.kappa.size, float(np.std(problem.outputs[0])) * 0.1 / size[self.na])
         own = problem.filter_scales
         return np.concatenate([scales, trial, own]), Prior(np.hstack([rows, np.zeros((len(rows), extra))]),
                                                            np.zeros(len(rows)))
+
+    @staticmethod
+    def _share_of_noise(problem: QuasiProblem) -> float:
+        """Error of one step over the output's size: what makes one equation of the prior as much as one sample.
+
+        A sample counts with the square of its error, an equation of the prior with that of a contribution, which is of
+        the output's size: with linear lags, whose coefficients are near −2 and 1 at a high rate, a million samples
+        where the noise is a thousandth. Without lags the free run's error is a fair share of the output.
+        """
+        spread = float(np.std(np.concatenate(problem.outputs)))
+        return max(problem.one_step_error() / spread, float(np.sqrt(np.finfo(float).eps)))
 
     def to_dict(self) -> dict:
         """Plain data for JSON.

@@ -101,6 +101,32 @@ class QuasiProblem(FreeRunProblem):
         model = self.model
         gram, right = prior.rows.T @ prior.rows, prior.rows.T @ prior.values
         gram, right = gram[: model.theta.size, : model.theta.size], right[: model.theta.size]
+        for x, y in self._equations():
+            gram, right = gram + x.T @ x, right + x.T @ y
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        theta = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+        stage = model.scheduling_stage
+        lag = stage.vector if self.free_filter and stage is not None else np.zeros(0)
+        return np.concatenate([theta, model.kappa, lag])
+
+    def one_step_error(self) -> float:
+        """Standard deviation of the least squares of one step without a prior.
+
+        Returns
+        -------
+        float
+            In the unit of the output.
+        """
+        size = self.model.theta.size
+        free = Prior(np.zeros((0, size)), np.zeros(0))
+        theta = self.one_step(free)[:size]
+        squares = [float(np.sum((y - x @ theta) ** 2)) for x, y in self._equations()]
+        left = sum(len(y) - self.model.start for y in self.outputs) - size
+        return float(np.sqrt(sum(squares) / max(left, 1)))
+
+    def _equations(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Per record the (n, θ) regressors on measured outputs and the (n,) outputs that they shall give."""
+        model = self.model
         weights = np.ones(1) if model.on == "input" else model.kappa
         for u, y, p, rows in zip(self.inputs, self.outputs, self.scheduling, self.measured_rows(), strict=True):
             phi, _, drive = model.arrays(u, self.filtered(model, p))
@@ -110,12 +136,7 @@ class QuasiProblem(FreeRunProblem):
             low, high = model.range
             own = model.own.evaluate(np.clip(rho, low, high)[:, None])
             x = np.einsum("nm,ne,nr->nmer", own, phi, rows)[model.start:].reshape(len(y) - model.start, -1)
-            gram, right = gram + x.T @ x, right + x.T @ y[model.start:]
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        theta = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        stage = model.scheduling_stage
-        lag = stage.vector if self.free_filter and stage is not None else np.zeros(0)
-        return np.concatenate([theta, model.kappa, lag])
+            yield x, y[model.start:]
 
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
         """Errors of the free run and their Jacobian, record by record.

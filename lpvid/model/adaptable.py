@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from lpvid import _checks
+from lpvid.errors import InputError
 from lpvid.model.lft import LFTModel
-from lpvid.model.quasi import SelfScheduled
+from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 
@@ -77,6 +78,45 @@ def checked_model(noun: object, what: str) -> None:
     holds = isinstance(getattr(noun, "model", None), kinds)
     _checks.instance(noun, kinds, what, "give its .model" if holds else
                      "give the .model of an identification or a realisation, or a damper that was fitted")
+
+
+def checked_matrices(noun: object, what: str) -> None:
+    """Refuse what is no LPV transfer function or state space, and name the one that it can be turned into.
+
+    Parameters
+    ----------
+    noun : object
+    what : str
+        A whole phrase, as for `checked_model`.
+
+    Raises
+    ------
+    InputError
+        With what to give instead.
+
+    Examples
+    --------
+    >>> from lpvid.model.signals import Signal
+    >>> from lpvid.scheduling import Spline
+    >>> own = QuasiLPVModel([[[0.0, -1.0]], [[0.0, 1.0]]], Spline("y", 1, 1, (-1.0, 1.0)), 0, (1,), (0,), 0.1,
+    ...                     (Signal("u"),), (Signal("y"),), "trial", [1.0])
+    >>> checked_matrices(own, "frozen stability is that of a model")
+    Traceback (most recent call last):
+    lpvid.errors.InputError: frozen stability is that of a model over a measured scheduling: got QuasiLPVModel...
+    """
+    checked_model(noun, what)
+    for kind, mend in _TURNED.items():
+        if isinstance(noun, kind):
+            raise InputError(f"{what} over a measured scheduling", got=type(noun).__name__, mend=mend)
+
+
+_TURNED = {
+    QuasiLPVModel: "give its .embedding(), whose scheduling rho is free in the range of its own",
+    SelfScheduled: "save it and take lpvid stability, which states what bounds its output",
+    LFTModel: "give lpvid.from_lft(…).model",
+    Adaptable: "give its .to_linear_model()",
+}
+"""what has no matrices over a basis, and what to give instead; the narrower kind first."""
 
 
 def acting(model: Acting | Adaptable, sample_time: float) -> Acting:

@@ -152,7 +152,9 @@ class Basis(Coded, ABC):
             A basis that is neither piecewise polynomial nor a Fourier basis.
         """
         raise InputError("a stability certificate needs a basis of polynomials, splines or sines",
-                         got=type(self).__name__, why="its pieces carry the statement between grid points")
+                         got=type(self).__name__, why="its pieces carry the statement between grid points",
+                         mend="turn the state space (lpvid.realize for a transfer function) into one by "
+                              "lpvid.to_gridded")
 
     def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of every function over intervals of the variables: exact for monomials, safe for the others.

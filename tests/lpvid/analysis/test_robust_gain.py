@@ -89,6 +89,37 @@ def test_slope_is_worth_more_than_a_sector():
     assert beyond.verdict == "not certified" and "range" in beyond.mend
 
 
+def test_what_is_not_certified_still_has_a_lower_bound():
+    """Largest gains are those without uncertainty: 1/(s+1)³ at rest, 1/(2ζ√(1 − ζ²)) of the oscillator with ζ = 0.1."""
+    cube = system([[-1.0, 0, 0], [1, -1, 0], [0, 1, -1]], [[-1.0, 1.0], [0, 0], [0, 0]], [[0, 0, 1.0], [0, 0, 1.0]])
+    shaky = system([[0, 1.0], [-1, -0.2]], [[0, 0], [-1, 1.0]], [[1.0, 0], [1.0, 0]])
+    for loop, block, least in ((cube, lpv.Sector("p", "q", 0, 7.9), 1.0),
+                               (shaky, lpv.Sector("p", "q", 0, 5.0), 1 / (0.2 * np.sqrt(0.99)))):
+        found = lpv.robust_gain(loop, block, poles=(1.0,))
+        assert found.verdict == "not certified"
+        assert least * (1 - 1e-9) <= found.lower < np.inf
+        assert f"at least {found.lower:.6g}" in repr(found)
+
+
+@pytest.mark.parametrize("block", [lpv.Parametric("p", "q", 1.0), lpv.Parametric("p", "q", 1.2, moving=True),
+                                   lpv.Sector("p", "q", 0, 1.1), lpv.Lipschitz("p", "q", 1.01),
+                                   lpv.Dynamic("p", "q", 1.0)])
+def test_an_admissible_uncertainty_that_destabilises_makes_the_worst_case_infinite(block):
+    """1/(s + 1 − δ) is unstable from δ = 1 on."""
+    found = lpv.robust_gain(LAG, block)
+    assert found.verdict == "not certified" and found.lower == np.inf
+    assert "unstable" in repr(found)
+    assert type(found).from_dict(json.loads(json.dumps(found.to_dict()))).lower == np.inf
+
+
+def test_neglected_dynamics_destabilise_from_the_small_gain_on():
+    """The largest gain from p to q is 1/(2ζ√(1 − ζ²)), ζ = 0.2, at its resonance, where no constant is the worst."""
+    limit = 0.4 * np.sqrt(0.96)
+    assert lpv.robust_gain(OSCILLATOR, lpv.Dynamic("p", "q", 1.001 * limit)).lower == np.inf
+    below = lpv.robust_gain(OSCILLATOR, lpv.Dynamic("p", "q", 0.9 * limit))
+    assert 1 / limit <= below.lower <= below.upper < np.inf
+
+
 @pytest.mark.seconds
 def test_a_simulated_nonlinearity_keeps_the_bound():
     """Runs of the loop with a saturation in the sector, over random inputs: ‖z‖ ≤ γ‖w‖ in every one."""
