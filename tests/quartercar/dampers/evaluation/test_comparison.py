@@ -423,7 +423,7 @@ def test_rows_are_the_same_by_forks() -> None:
         assert mine.held_out == rows[mine.name].held_out and other.time_per_simulated_second > 0
 
 
-MEASURED = {"guo": 0.5, "guo-15": 2.3, "force-map": 11.5, "extended-bouc-wen": 8.9, "bouc-wen": 2.0,
+MEASURED = {"guo-15": 2.3, "force-map": 11.5, "extended-bouc-wen": 8.9, "bouc-wen": 2.0,
             "relief-valve": 9.2, "quasi-lpv": 8.9, "lpv-arx": 8.9}
 """processor seconds of fits to 20 s at 512 Hz, docs/scaling.md"""
 
