@@ -29,7 +29,7 @@ STRETCH = 512
 """samples of a stretch, where training data are thinned"""
 SAMPLED = 5e-4
 """seconds of a fit by sample: narx-3 2e-4 (600 s), of quasi-lpv, compliance and lpv-arx 9e-4. These and the
-following: 30 s at 512 Hz, one processor, `tests/benchmarks/fit_times.py`; they weigh the estimate of the time that is left"""
+following: 30 s at 512 Hz, one processor, `tests/benchmarks/fit_times.py`; they weigh the time that is left"""
 LAW, STEP, IMPLICIT_STEP = 2.5e-8, 2e-7, 1.2e-5
 """seconds by simulated sample and parameter: guo 2e-9 (600 s), guo-15 and extended-bouc-wen 2e-8, force-map 3e-8 of
 a formula; bouc-wen 2e-7 of an integration; relief-valve 1.2e-5 of one of more than `SMALL` states"""
