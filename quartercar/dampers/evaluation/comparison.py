@@ -9,14 +9,14 @@ import numpy as np
 
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
-from lpvid.toolkit import checks, in_processes
+from lpvid.toolkit import checks, in_forks, in_processes
 from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.compared import Compared, Comparison
 from quartercar.dampers.evaluation.scoring import score, stretches, time_per_simulated_second
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.families import DynamicDamper
+from quartercar.dampers.families import DynamicDamper, LawDamper
 from quartercar.dampers.fitting import DamperFit, FitSettings, fit
 from quartercar.dampers.preparing import Prepared, prepare
 
@@ -27,6 +27,12 @@ SETTLED = 0.01
 lowers the cost by the share δ²/N"""
 STRETCH = 512
 """samples of a stretch, where training data are thinned"""
+SAMPLED = 5e-4
+"""seconds of a fit by sample: narx-3 2e-4 (600 s), of quasi-lpv, compliance and lpv-arx 9e-4. These and the
+following: 30 s at 512 Hz, one processor, `tests/benchmarks/fit_times.py`; they weigh the time that is left"""
+LAW, STEP, IMPLICIT_STEP = 2.5e-8, 2e-7, 1.2e-5
+"""seconds by simulated sample and parameter: guo 2e-9 (600 s), guo-15 and extended-bouc-wen 2e-8, force-map 3e-8 of
+a formula; bouc-wen 2e-7 of an integration; relief-valve 1.2e-5 of one of more than `SMALL` states"""
 QUICK = FitSettings()
 """for models without states, whose free run is a formula"""
 SLOW = FitSettings(starts=10, polished=2, evaluations=50, short_evaluations=10, short_samples=1500)
@@ -136,7 +142,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
                          got="; ".join(f"{name}: {why}" for name, why in refused) or "no model was named")
     progress("comparing")
     first = max(d.start for d in dampers)
-    rows = [_compared(d, f, data, first) for d, f in zip(dampers, [*fits, *([None] * len(given))], strict=True)]
+    rows = _rows(dampers, [*fits, *([None] * len(given))], data, first, settings.workers)
     rows.sort(key=lambda row: np.inf if row.held_out.total.esr is None else row.held_out.total.esr)
     return Comparison(tuple(rows), tuple(refused), data, first, (*data.notes, *notes, *_thinned(fits, data)), complete)
 
@@ -267,17 +273,18 @@ def _fitted(job: _Job) -> DamperFit:
 
 
 def _cost(damper: Damper, records: Sequence[Record], effort: FitSettings) -> float:
-    """Work of a fit in simulated samples: of every start on shortened data, and of the best on all.
+    """Seconds that a fit may take, from what it simulates: every start on shortened data, and the best on all.
 
-    A law's free run is a formula, an integration takes some tens of operations a sample, an implicit one a system of
-    equations.
+    A law that is linear in all of its parameters is fitted by one regression, from one start.
     """
-    count, samples = max(len(damper.parameters), 1), sum(r.n_samples for r in records)
+    count, samples, states = max(len(damper.parameters), 1), sum(r.n_samples for r in records), damper.integrated_states
+    if states is None:
+        return SAMPLED * samples
+    if isinstance(damper, LawDamper) and len(damper.linear) == count:
+        return LAW * samples * count**2
     simulated = (effort.starts * effort.short_evaluations * min(effort.short_samples, samples)
-                 + effort.polished * effort.evaluations * samples) * (count + 1)
-    if damper.integrated_states is None:
-        return float(samples * count**2)
-    return float(simulated * max(10 * damper.integrated_states, 1))
+                 + effort.polished * effort.evaluations * samples)
+    return (LAW if not states else STEP if states <= SMALL else IMPLICIT_STEP) * simulated * (count + 1)
 
 
 def _affordable(damper: Damper, settings: CompareSettings) -> int:
@@ -301,6 +308,16 @@ def _thinned(fits: Sequence[DamperFit], data: Prepared) -> tuple[str, ...]:
     return ("fitted to stretches spread over the training data, to save time: "
             + ", ".join(f"{name} {share:.0%}" for name, share in seen) + " (figures are on all of them; --thorough "
             "fits to all)",)
+
+
+def _rows(dampers: Sequence[Damper], fits: Sequence[DamperFit | None], data: Prepared, first: int,
+          workers: int | None) -> list[Compared]:
+    """A row for each damper, by forks where several processes may work."""
+    pairs = list(zip(dampers, fits, strict=True))
+    if workers == 1:
+        return [_compared(damper, found, data, first) for damper, found in pairs]
+    held = [*dampers, *(f for found in fits if found is not None for f in (found, found.passivity))]
+    return in_forks(lambda pair: _compared(*pair, data, first), pairs, held)
 
 
 def _compared(damper: Damper, found: DamperFit | None, data: Prepared, first: int) -> Compared:

@@ -179,8 +179,18 @@ def map_run(x, v, uf, knots, nodes, table, gas):
 
 
 @njit()
-def map_columns(v, uf, knots, nodes, table, out, slope):
-    """Weights of the table's entries into out (n, nodes·knots) and ∂F/∂u_f into slope (n,)."""
+def put(out, k, column, value):
+    """Write into row k, where the column is one that is asked for."""
+    if column >= 0:
+        out[k, column] = value
+
+
+@njit()
+def map_columns(v, uf, knots, nodes, table, places, out, slope):
+    """Weights of the table's entries into out (n, columns) of zeros, and ∂F/∂u_f into slope (n,).
+
+    places (nodes·knots,): column of every entry, −1 for one that is not asked for.
+    """
     size = knots.size
     last = size - 2
     for k in range(v.size):
@@ -189,14 +199,14 @@ def map_columns(v, uf, knots, nodes, table, out, slope):
             j += 1
         w = (v[k] - knots[j]) / (knots[j + 1] - knots[j])
         if nodes.size < 2:
-            out[k, j] = 1.0 - w
-            out[k, j + 1] = w
+            put(out, k, places[j], 1.0 - w)
+            put(out, k, places[j + 1], w)
             continue
         i, weight = place(nodes, uf[k])
-        out[k, i * size + j] = (1.0 - weight) * (1.0 - w)
-        out[k, i * size + j + 1] = (1.0 - weight) * w
-        out[k, (i + 1) * size + j] = weight * (1.0 - w)
-        out[k, (i + 1) * size + j + 1] = weight * w
+        put(out, k, places[i * size + j], (1.0 - weight) * (1.0 - w))
+        put(out, k, places[i * size + j + 1], (1.0 - weight) * w)
+        put(out, k, places[(i + 1) * size + j], weight * (1.0 - w))
+        put(out, k, places[(i + 1) * size + j + 1], weight * w)
         if nodes[0] < uf[k] < nodes[-1]:
             low = table[i, j] + w * (table[i, j + 1] - table[i, j])
             high = table[i + 1, j] + w * (table[i + 1, j + 1] - table[i + 1, j])

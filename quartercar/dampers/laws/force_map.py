@@ -130,19 +130,20 @@ class ForceMap(SemiActiveDamper):
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
         from quartercar.dampers.laws._semi_active_kernels import map_columns
 
-        n, size = drive.n_samples, len(self.knots)
-        weights, slope = np.zeros((n, self.rows * size)), np.zeros(n)
-        map_columns(drive.velocity, self._followed(drive, vector), np.array(self.knots), np.array(self.nodes),
-                    self.table(vector), weights, slope)
-        zero = self.knots.index(0.0)
-        table = np.delete(weights, [r * size + zero for r in range(self.rows)], axis=1)
-        gas = np.column_stack([drive.displacement, np.ones(n)])[:, 0 if self.spring else 1:]
-        affine = np.hstack([table, gas])
-        out = np.empty((n, len(columns)))
+        n, size, zero = drive.n_samples, len(self.knots), self.knots.index(0.0)
+        entries = [r * size + j for r in range(self.rows) for j in range(size) if j != zero]
+        gas = (drive.displacement, np.ones(n))[0 if self.spring else 1:]
+        places = np.full(self.rows * size, -1)
         for i, j in enumerate(columns):
-            if j < self._affine:
-                out[:, i] = affine[:, j]
-            else:
+            if j < len(entries):
+                places[entries[j]] = i
+        out, slope = np.zeros((n, len(columns))), np.zeros(n)
+        map_columns(drive.velocity, self._followed(drive, vector), np.array(self.knots), np.array(self.nodes),
+                    self.table(vector), places, out, slope)
+        for i, j in enumerate(columns):
+            if len(entries) <= j < self._affine:
+                out[:, i] = gas[j - len(entries)]
+            elif j >= self._affine:
                 moved = vector.astype(complex)
                 moved[j] += 1e-30j
                 out[:, i] = slope * np.imag(self._followed(drive, moved)) / 1e-30

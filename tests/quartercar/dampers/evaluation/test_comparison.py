@@ -15,6 +15,7 @@ from lpvid.toolkit import in_processes
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
 from quartercar.dampers.evaluation import comparison as module
 from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
+from quartercar.dampers.facts import Facts
 from quartercar.dampers.polarity import polarity_of
 
 RATE = 500.0
@@ -407,6 +408,36 @@ def test_slow_fits_come_first_where_several_processes_share_them(monkeypatch: py
     assert queues == [["linear", "narx-2"], ["narx-2", "linear"], ["linear", "narx-2"]]
     ranked = [[(r.name, r.held_out.total.esr) for r in found.rows] for found in (one, several, limited)]
     assert ranked[0] == ranked[1] == ranked[2]
+
+
+def test_rows_are_the_same_by_forks() -> None:
+    """Scores, fits and flags of several processes are those of one; a row refers to the fit that stood in its place."""
+    found = compare([guo_record()], ["linear", "guo", Linear(values={"damping": 900.0})])
+    rows = {row.name: row for row in found.rows}
+    fits = [row.fit for row in found.rows]
+    dampers = [row.damper for row in found.rows]
+    one, several = (module._rows(dampers, fits, found.data, found.first, workers) for workers in (1, 2))
+    for mine, other, fit in zip(one, several, fits, strict=True):
+        assert other.fit is fit and (fit is None or other.passivity is fit.passivity)
+        assert (mine.training, mine.held_out, mine.flags) == (other.training, other.held_out, other.flags)
+        assert mine.held_out == rows[mine.name].held_out and other.time_per_simulated_second > 0
+
+
+MEASURED = {"guo-15": 2.3, "force-map": 11.5, "extended-bouc-wen": 8.9, "bouc-wen": 2.0,
+            "relief-valve": 9.2, "quasi-lpv": 8.9, "lpv-arx": 8.9}
+"""processor seconds of fits to 20 s at 512 Hz, docs/scaling.md"""
+
+
+def test_the_work_of_a_fit_is_weighed_as_it_was_measured() -> None:
+    """Within a factor of four: by samples alone, narx and quasi-lpv counted as a 3000th of a line through zero."""
+    x, v, i = motion(10_240, 0)
+    record = Record({"displacement": x, "velocity": v, "current": i, "force": 900 * v + 300 * i * np.tanh(20 * v)},
+                    sample_time=1 / RATE, units=UNITS, name="run")
+    data = prepare([record], [record])
+    suited, _ = module._suited(["linear", *MEASURED], Facts.of(data.training, data.polarity))
+    expected = {d.name: module._cost(*module._job(d, data, module.CompareSettings())) for d in suited}
+    assert expected.pop("linear") < 0.1 * min(expected.values())  # one regression
+    assert {n: m for n, m in MEASURED.items() if not 0.25 < expected[n] / m < 4} == {}
 
 
 def test_a_budget_leaves_out_what_is_not_done() -> None:

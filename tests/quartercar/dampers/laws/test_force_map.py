@@ -176,3 +176,17 @@ def test_stepped_sample_by_sample_it_gives_the_same_force_and_looks_at_nothing_l
     assert np.array_equal(part, whole[:700])
     stepper.reset()
     assert stepper(x[0], v[0], u[0]) == stepped[0]
+
+
+@pytest.mark.parametrize("damper", [ForceMap(nodes=(0.0, 1.0, 2.0)), ForceMap(nodes=(0.0, 2.0), spring=False),
+                                    ForceMap()], ids=["three rows", "no spring", "no current"])
+def test_columns_stand_where_they_are_asked_for(damper: ForceMap) -> None:
+    """In any order, and without those that are not: the force is what the linear ones add up to."""
+    rng = np.random.default_rng(3)
+    drive = Drive(1 / 512, 0.4 * rng.standard_normal(300), 0.01 * rng.standard_normal(300), rng.uniform(-0.2, 2.5, 300))
+    vector = damper.vector
+    whole = damper.sensitivity(drive, vector, range(vector.size))
+    for columns in ([], [0], rng.permutation(vector.size).tolist(), range(damper._affine, vector.size)):
+        np.testing.assert_array_equal(damper.sensitivity(drive, vector, list(columns)), whole[:, list(columns)])
+    affine = slice(None, damper._affine)
+    np.testing.assert_allclose(whole[:, affine] @ vector[affine], damper.response(drive, vector), atol=1e-9)
