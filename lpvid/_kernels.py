@@ -220,8 +220,8 @@ def predict_ss(A, B, C, D, f, g, K, phi, u, x0, y, horizon, out):
     states = np.zeros((n + 1, nx))
     copy_values(x0, states[0])
     for k in range(n):
-        e = y[k] - _output(C, D, g, phi[k], states[k], u[k])
-        copy_values(_advance(A, B, f, phi[k], states[k], u[k]), states[k + 1])
+        e = y[k] - _affine(C, D, g, phi[k], states[k], u[k])
+        copy_values(_affine(A, B, f, phi[k], states[k], u[k]), states[k + 1])
         for q in range(phi.shape[1]):
             w = phi[k, q]
             for i in range(nx):
@@ -231,39 +231,24 @@ def predict_ss(A, B, C, D, f, g, K, phi, u, x0, y, horizon, out):
         first = max(k - horizon + 1, 0)
         x = states[first].copy()
         for t in range(first, k):
-            x = _advance(A, B, f, phi[t], x, u[t])
-        copy_values(_output(C, D, g, phi[k], x, u[k]), out[k])
+            x = _affine(A, B, f, phi[t], x, u[t])
+        copy_values(_affine(C, D, g, phi[k], x, u[k]), out[k])
 
 
 @njit()
-def _advance(A, B, f, phi, x, u):
+def _affine(A, B, f, phi, x, u):
+    """A(p)x + B(p)u + f(p) of a state space, or C(p)x + D(p)u + g(p)."""
     new = np.zeros(A.shape[1])
     for q in range(phi.size):
         w = phi[q]
         if w != 0.0:
             for i in range(new.size):
                 s = f[q, i]
-                for j in range(new.size):
+                for j in range(x.size):
                     s += A[q, i, j] * x[j]
                 for j in range(u.size):
                     s += B[q, i, j] * u[j]
                 new[i] += w * s
-    return new
-
-
-@njit()
-def _output(C, D, g, phi, x, u):
-    new = np.zeros(C.shape[1])
-    for q in range(phi.size):
-        w = phi[q]
-        if w != 0.0:
-            for o in range(new.size):
-                s = g[q, o]
-                for j in range(x.size):
-                    s += C[q, o, j] * x[j]
-                for j in range(u.size):
-                    s += D[q, o, j] * u[j]
-                new[o] += w * s
     return new
 
 

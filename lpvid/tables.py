@@ -209,7 +209,7 @@ def tables_of(value: object, what: str) -> list[Mapping[str, Any]]:
     return [expect_table(entry, f"{what}[{k}]") for k, entry in enumerate(value)]
 
 
-def kind_of(table: object, kinds: Mapping[str, T], where: str, key: str = "kind") -> tuple[T, dict[str, Any]]:
+def kind_of(table: object, kinds: Mapping[str, T], where: str) -> tuple[T, dict[str, Any]]:
     """What the key ``kind`` of a table names, and the rest of the table.
 
     Parameters
@@ -220,8 +220,6 @@ def kind_of(table: object, kinds: Mapping[str, T], where: str, key: str = "kind"
         What there is, by name.
     where : str
         Place of the table in the file, for messages.
-    key : str
-        That holds the name.
 
     Returns
     -------
@@ -233,10 +231,10 @@ def kind_of(table: object, kinds: Mapping[str, T], where: str, key: str = "kind"
         No name, or one that is not among them.
     """
     rest = dict(expect_table(table, where))
-    name = rest.pop(key, None)
+    name = rest.pop("kind", None)
     if not isinstance(name, str):
-        raise InputError(f"{where} needs a {key}", got=repr(name), mend=f"choose one of {', '.join(kinds)}")
-    return kinds[_checks.known_name(name, list(kinds), f"{key} of {where}")], rest
+        raise InputError(f"{where} needs a kind", got=repr(name), mend=f"choose one of {', '.join(kinds)}")
+    return kinds[_checks.known_name(name, list(kinds), f"kind of {where}")], rest
 
 
 # -- values ------------------------------------------------------------------------------------------------------------

@@ -206,13 +206,13 @@ def _best(system: Driven, box: Scheduling, frozen: float) -> tuple[Storage, Rech
             return _sharpened(system, box, frozen, (lyapunov, outcome, solver))
         if outcome.holds and (on_grid is None or outcome.margin > on_grid[1].margin):
             on_grid = (lyapunov, outcome, solver)
-    return None if on_grid is None else (*on_grid, _decay(system, box, on_grid[0], frozen, on_grid[1]))
+    return None if on_grid is None else (*on_grid, _decay(system, on_grid[0], frozen, on_grid[1]))
 
 
 def _sharpened(system: Driven, box: Scheduling, frozen: float, found: tuple[Storage, Recheck, str]
                ) -> tuple[Storage, Recheck, str, float]:
     """Ask the solver for faster decay where a certificate promises much less than the frozen poles."""
-    decay = _decay(system, box, found[0], frozen, found[1])
+    decay = _decay(system, found[0], frozen, found[1])
     low, high = decay, -frozen
     for _ in _range(3):
         if low > 0.6 * high or not 0 < system.order <= 8:
@@ -226,10 +226,10 @@ def _sharpened(system: Driven, box: Scheduling, frozen: float, found: tuple[Stor
                 found, low, decay = (better[0], outcome, better[1]), target, target
                 continue
         high = target
-    return (*found, max(decay, _decay(system, box, found[0], frozen, found[1])))
+    return (*found, max(decay, _decay(system, found[0], frozen, found[1])))
 
 
-def _decay(system: Driven, box: Scheduling, lyapunov: Storage, frozen: float, outcome: Recheck) -> float:
+def _decay(system: Driven, lyapunov: Storage, frozen: float, outcome: Recheck) -> float:
     """The largest α [1/s], to 3 %, at which the re-check still holds as strongly; never more than the frozen rate."""
     if not system.order:
         return -math.log(1e-3) / system.sample_time if system.sample_time else 0.0

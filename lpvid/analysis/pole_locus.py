@@ -204,7 +204,7 @@ def pole_locus(model: Model, variable: str | None = None, points: int = 201,
     poles, rough = _tracked(models, line, p)
     meetings = _meetings(models, line, p, poles)
     fixed = _fixed(poles, models.sample_time)
-    notes = [f.text(line.label) for f in fixed] + _ringing(poles, models.sample_time, fixed)
+    notes = [f.text(line.label) for f in fixed] + _ringing(poles, models.sample_time)
     notes += [f"two real poles {'become a complex pair' if m.becomes == 'pair' else 'come out of a complex pair'} "
               f"at {line.label} = {line.text(m.value)}" for m in meetings[:4]]
     notes += [f"{len(meetings) - 4} more meetings of real poles"] if len(meetings) > 4 else []
@@ -367,7 +367,7 @@ def _fixed(poles: np.ndarray, sample_time: float | None) -> tuple[FixedPole, ...
     return tuple(listed)
 
 
-def _ringing(poles: np.ndarray, sample_time: float | None, fixed: tuple[FixedPole, ...]) -> list[str]:
+def _ringing(poles: np.ndarray, sample_time: float | None) -> list[str]:
     if sample_time is None or poles.shape[1] == 0:
         return []
     negative = (np.real(poles) < -1e-6) & (np.abs(np.imag(poles)) <= 1e-9 * np.maximum(np.abs(poles), 1e-300))

@@ -295,8 +295,8 @@ class RobustCertificate(StorageCertificate):
         return recheck_robust(subject, self.storage, self.multipliers, self.gamma)
 
 
-def recheck_robust(system: Uncertain, storage: Storage, parts: Sequence[Sequence[np.ndarray]], gamma: float, *,
-                   budget: int | None = None) -> Recheck:
+def recheck_robust(system: Uncertain, storage: Storage, parts: Sequence[Sequence[np.ndarray]],
+                   gamma: float) -> Recheck:
     """Check that multipliers are admissible and that with a storage function they prove a gain.
 
     Parameters
@@ -309,8 +309,6 @@ def recheck_robust(system: Uncertain, storage: Storage, parts: Sequence[Sequence
         For each block the matrices that its `unknowns` name.
     gamma : float
         The gain from w to z that is claimed.
-    budget : int, optional
-        How many cells the check between grid points may look at; as for `recheck_inequality`.
 
     Returns
     -------
@@ -331,4 +329,4 @@ def recheck_robust(system: Uncertain, storage: Storage, parts: Sequence[Sequence
             if kind == PSD and np.linalg.eigvalsh(matrix)[0] < (rounding if len(matrix) > 1 else 0.0):
                 return Recheck(False, False, math.nan, "a multiplier is not positive semidefinite")
     weight = diagonal(system.multiplier(parts), np.eye(len(system.outputs)) / gamma)
-    return recheck_inequality(RobustBound(system.whole, storage, weight, system.uncertain, gamma), budget=budget)
+    return recheck_inequality(RobustBound(system.whole, storage, weight, system.uncertain, gamma))

@@ -100,7 +100,7 @@ class _Cycle:
         return np.clip(self.centre + self.amplitude * wave, box.lower, box.upper)
 
 
-def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase, seed: int = 0) -> WorstCase:
+def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase) -> WorstCase:
     """The moving scheduling with the largest gain found, or `frozen` where none beats it.
 
     Periodic triangles within the rate bounds, squares where a variable may jump; the worst input of each is found by
@@ -114,8 +114,6 @@ def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase, seed: i
     box : Scheduling
         Of the readings.
     frozen : WorstCase
-    seed : int
-        Of the random variations.
 
     Returns
     -------
@@ -127,7 +125,7 @@ def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase, seed: i
         return frozen
     if any(r.lag for r in system.readings):
         return frozen  # readings at several times do not move independently
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     cycles = _cycles(system, box)
     gain, best = -1.0, cycles[0]
     for _ in range(4):

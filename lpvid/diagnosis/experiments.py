@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -31,9 +30,6 @@ class ExperimentProposal:
     description: str
     names: tuple[str, ...]
     advice: tuple[str, ...] = ()
-
-
-Planner = Callable[[Diagnosis], ExperimentProposal | None]
 
 
 def open_questions(found: Diagnosis) -> tuple[str, ...]:

@@ -13,6 +13,8 @@ from lpvid.export.step_program import StepProgram
 
 SAMPLES = 200
 """samples of the reference data of a self-test"""
+MEMORY = 0.7
+"""pole, in z, of the low pass behind a random trajectory of a self-test"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +150,7 @@ class Exporter:
     flow: Callable[[Any, Options], Any] = lambda noun, options: None
 
 
-def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: float = 0.7) -> np.ndarray:
+def smooth_noise(samples: int, columns: int, rng: np.random.Generator) -> np.ndarray:
     """(n, columns) low-passed noise within ±1: a random trajectory that visits the whole range.
 
     Parameters
@@ -157,8 +159,6 @@ def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: f
         Length and number of the trajectories.
     rng : numpy.random.Generator
         Source of the white noise.
-    memory : float
-        Pole of the first-order low pass in z, in [0, 1).
 
     Returns
     -------
@@ -168,7 +168,7 @@ def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: f
     raw = rng.standard_normal((samples + 50, columns))
     out = np.zeros_like(raw)
     for k in range(1, len(raw)):
-        out[k] = memory * out[k - 1] + (1 - memory) * raw[k]
+        out[k] = MEMORY * out[k - 1] + (1 - MEMORY) * raw[k]
     out = out[50:]
     return out / np.maximum(np.abs(out).max(axis=0, initial=0.0), 1e-300)
 

@@ -24,6 +24,8 @@ BLOCKS_PER_PARAMETER = 5
 """fewest blocks for each parameter."""
 SHORTEST = 10
 """shortest block [samples]."""
+LARGEST_LAG = 200
+"""largest lag of a residual's memory that is looked at [samples], and at most a fiftieth of the samples."""
 
 
 SINGULAR = 1e-12
@@ -290,23 +292,21 @@ def block_length(memory: int, samples: int, parameters: int) -> int | None:
     return length if length >= max(memory, SHORTEST) else None
 
 
-def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
+def residual_memory(residuals: Sequence[np.ndarray]) -> int:
     """Lag from which on the residual's autocorrelation stays within its 95 % band (Bartlett's) for ten lags.
 
     Parameters
     ----------
     residuals : sequence of (n,) arrays
         One per record; their means are taken off.
-    longest : int
-        Largest lag that is looked at, and at most a fiftieth of the samples.
 
     Returns
     -------
     int
-        [samples]; 1 for residuals that are zero or too short, `longest` where the band is never kept.
+        [samples]; 1 for residuals that are zero or too short, the largest lag where the band is never kept.
     """
     n = sum(len(e) for e in residuals)
-    longest = min(longest, max(n // 50, 1))
+    longest = min(LARGEST_LAG, max(n // 50, 1))
     centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
     if not centred:
         return 1

@@ -112,7 +112,7 @@ class RefinedIV(ThroughARX):
                 _refuse_coupling(singles, fitted.output)
         if all(s.fallen_back for s in singles) and len(singles) == 1:
             return whole.replace(notes=(*whole.notes, *singles[0].notes))
-        return _assembled(bound, records, whole, singles)
+        return _assembled(bound, whole, singles)
 
     def _single(self, records: Sequence[Record], fitted: ARX, output: str, whole: Identification) -> _Single:
         own = replace(fitted, output=(output,))
@@ -209,8 +209,7 @@ def _refuse_coupling(singles: Sequence[_Single], outputs: Sequence[str]) -> None
                              mend="raise na and nb, or use ARX or OutputError, which couple outputs")
 
 
-def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identification,
-               singles: Sequence[_Single]) -> Identification:
+def _assembled(structure: RefinedIV, whole: Identification, singles: Sequence[_Single]) -> Identification:
     """One model and one covariance from the outputs' own."""
     from scipy.linalg import block_diag
 

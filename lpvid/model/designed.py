@@ -46,7 +46,7 @@ def role_of(model: Any) -> str:
     return str(getattr(model, "metadata", {}).get(KEY, ""))
 
 
-def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) -> None:
+def warn_outside(model: Any, p: np.ndarray, record: str) -> None:
     """State which scheduling variables leave the box that a model was designed for, how far, and for how long.
 
     Warns
@@ -62,8 +62,6 @@ def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) ->
         Along the record, in the units of the box.
     record : str
         Name of the record, for the message.
-    stacklevel : int
-        Frames between the warning and the caller that it points to.
     """
     role, box = role_of(model), model.box
     if not role or not len(p):
@@ -85,5 +83,5 @@ def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) ->
             f"{'; '.join(described)}. There, no bound and no stability was shown. Mend: hold the scheduling at "
             "the ends of its range, or design for a wider one",
             ExtrapolationWarning,
-            stacklevel=stacklevel,
+            stacklevel=3,
         )

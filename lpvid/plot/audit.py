@@ -12,6 +12,8 @@ from lpvid.record import Record
 
 MOST_CHANNELS = 6
 MOST_RECORDS = 6
+LONGEST_NAME = 16
+"""characters of a channel's name beside an axis"""
 
 
 def channel_traces(record: Record, channels: Sequence[str] | None = None, ax: Ax = None) -> Drawn:
@@ -134,5 +136,5 @@ def _density(record: Record, name: str) -> tuple[np.ndarray, np.ndarray] | None:
     return f, np.sqrt(power)
 
 
-def _short(name: str, most: int = 16) -> str:
-    return name if len(name) <= most else name[: most - 1] + "…"
+def _short(name: str) -> str:
+    return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"

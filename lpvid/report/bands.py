@@ -22,7 +22,7 @@ RUN = 4000
 """Samples of the free run whose band is worked out, at most."""
 
 
-def response_section(found: Identification, shown: Sequence[Comparison], seed: int = 0,
+def response_section(found: Identification, shown: Sequence[Comparison],
                      others: Mapping[str, object] | None = None) -> tuple[Section, ...]:
     """Bode plots and step responses at scheduling values that occur; none for a model that schedules itself.
 
@@ -31,8 +31,6 @@ def response_section(found: Identification, shown: Sequence[Comparison], seed: i
     found : Identification
     shown : sequence of Comparison
         The scheduling values are taken from them.
-    seed : int
-        Of the draws behind the bands.
     others : mapping of str to model, optional
         Further models of the same plant, laid over this one at the middle value.
 
@@ -43,7 +41,7 @@ def response_section(found: Identification, shown: Sequence[Comparison], seed: i
     model = found.model
     if not shown or not isinstance(model, LINEAR):
         return ()
-    drawn = drawn_from(_cloud(found), seed)
+    drawn = drawn_from(_cloud(found))
     places, stated = scheduling_places(model.box, shown)
     longest = max(c.record.n_samples for c in shown)
     items = frozen_figures(model, drawn, places, stated, longest)
@@ -57,7 +55,7 @@ def response_section(found: Identification, shown: Sequence[Comparison], seed: i
     return (Section("Frequency and step response", tuple(items)),)
 
 
-def sureness(found: Identification, shown: Sequence[Comparison], seed: int = 0) -> tuple[Section, ...]:
+def sureness(found: Identification, shown: Sequence[Comparison]) -> tuple[Section, ...]:
     """A section with 95 % bands, or none where the parameters' covariance is not known.
 
     Parameters
@@ -65,8 +63,6 @@ def sureness(found: Identification, shown: Sequence[Comparison], seed: int = 0) 
     found : Identification
     shown : sequence of Comparison
         The first one's free run is drawn with its band; the scheduling values are taken from all.
-    seed : int
-        Of the draws.
 
     Returns
     -------
@@ -75,7 +71,7 @@ def sureness(found: Identification, shown: Sequence[Comparison], seed: int = 0) 
     if not shown:
         return ()
     with single_thread():
-        drawn = drawn_from(_cloud(found), seed)
+        drawn = drawn_from(_cloud(found))
         if not drawn:
             return ()
         items: list[Item] = [Paragraph(f"Bands of {DRAWS} models drawn from the covariance of the parameters "

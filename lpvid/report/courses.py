@@ -111,7 +111,7 @@ def channel_panels(record: Record, channels: Sequence[str], height: int = LOW) -
 
 
 def signal_traces(time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray]], caption: str,
-                  roles: Sequence[str] = ("measured", *OTHERS), height: int = 150) -> Traces:
+                  roles: Sequence[str] = ("measured", *OTHERS)) -> Traces:
     """Signals by the label of their panel and their name, all on one clock; a name has one colour throughout.
 
     Parameters
@@ -122,8 +122,6 @@ def signal_traces(time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray
     caption : str
     roles : sequence of str
         Colours in the order in which names come up.
-    height : int
-        Of each panel [pixel].
 
     Returns
     -------
@@ -132,7 +130,7 @@ def signal_traces(time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray
     """
     names = list(dict.fromkeys(n for signals in panels.values() for n in signals))
     colour = {n: roles[i % len(roles)] for i, n in enumerate(names)}
-    drawn = tuple(Panel(stated, tuple(Curve(n, time, v, colour[n]) for n, v in signals.items()), height=height)
+    drawn = tuple(Panel(stated, tuple(Curve(n, time, v, colour[n]) for n, v in signals.items()), height=150)
                   for stated, signals in panels.items())
     return Traces(drawn, caption)
 

@@ -116,36 +116,28 @@ def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], lo
                       f"Step response{words}{stage}", f"Step response of {output.name}")]
 
 
-def drawn_models(model: Linear, seed: int = 0, count: int = DRAWS) -> list[Linear]:
+def drawn_models(model: Linear) -> list[Linear]:
     """Models drawn from the covariance that a model carries; none where it carries none that is of use.
 
     Parameters
     ----------
     model : LPVTransferFunction or LPVStateSpace
         With or without a covariance in its metadata.
-    seed : int
-        Of the draws.
-    count : int
-        Models to draw.
 
     Returns
     -------
     list of LPVTransferFunction or LPVStateSpace
         Empty where the covariance is missing, zero, not finite, or cannot be drawn from.
     """
-    return drawn_from(ParameterCloud.of(model), seed, count)
+    return drawn_from(ParameterCloud.of(model))
 
 
-def drawn_from(cloud: ParameterCloud | None, seed: int = 0, count: int = DRAWS) -> list:
+def drawn_from(cloud: ParameterCloud | None) -> list:
     """Models drawn from a normal law of their parameters.
 
     Parameters
     ----------
     cloud : ParameterCloud, optional
-    seed : int
-        Of the draws.
-    count : int
-        Models to draw.
 
     Returns
     -------
@@ -158,7 +150,7 @@ def drawn_from(cloud: ParameterCloud | None, seed: int = 0, count: int = DRAWS) 
     if cloud is None or not np.all(np.isfinite(cloud.covariance)) or not np.any(cloud.covariance):
         return []
     try:
-        return list(cloud.draw(np.random.default_rng(seed), count))
+        return list(cloud.draw(np.random.default_rng(0), DRAWS))
     except InputError:
         return []
 

@@ -189,15 +189,13 @@ def _locus_notes(found: Sequence[PoleLocus]) -> list[str]:
     return [f"along {locus.variable}: {note}" for locus in found for note in locus.notes]
 
 
-def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:
+def locus_items(model: Model | SelfScheduled) -> list[Item]:
     """Figures of the frozen poles, for other reports; none for a model that schedules itself.
 
     Parameters
     ----------
     model : LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
         One without scheduling has its poles in a single figure.
-    seed : int
-        Of the models drawn from the covariance of the parameters.
 
     Returns
     -------
@@ -208,7 +206,7 @@ def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
         return [PageFigure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
-    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, _drawn(model, seed))]
+    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, _drawn(model, 0))]
 
 
 def stability_page(study: StabilityStudy, name: str) -> Page:

@@ -109,10 +109,10 @@ def moves(box: Scheduling, basis: Basis, point: np.ndarray, sample_time: float |
         rate = box.rate[i]
         step = np.inf if rate is None else rate * sample_time
         low, high = max(box.lower[i], point[i] - step), min(box.upper[i], point[i] + step)
-        ends.append(np.unique(_ends(basis, box.names[i], low, high)))
+        ends.append(np.unique(_ends(basis, low, high)))
     return [basis.evaluate(np.array(p)[None])[0] for p in itertools.product(*ends)]
 
 
-def _ends(basis: Basis, name: str, low: float, high: float) -> Sequence[float]:
+def _ends(basis: Basis, low: float, high: float) -> Sequence[float]:
     """Where a function of one variable on [low, high] must be looked at: an affine one at its ends."""
     return [low, high] if basis.degree == 1 else np.linspace(low, high, 5).tolist()

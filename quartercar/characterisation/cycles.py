@@ -133,7 +133,7 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
     marks = _crossings(x, turning_points(x, _threshold(x)))
     found: list[Block] = []
     enough = MOST_OF * (1.0 - SAME_SPEED) * x.size
-    for group in _alike(marks, run):
+    for group in _alike(marks):
         whole = marks[group[-1] + 1][0] - marks[group[0]][0]
         if len(group) >= FEWEST or whole > enough:
             block = _block(run, [(marks[k], marks[k + 1]) for k in group])
@@ -201,7 +201,7 @@ def _crossing(x: np.ndarray, k: int, level: float) -> float:
     return float(k) if step == 0 else k - 1 + float((level - x[k - 1]) / step)
 
 
-def _alike(marks: list[tuple[float, float, float]], run: RecordPiece) -> list[list[int]]:
+def _alike(marks: list[tuple[float, float, float]]) -> list[list[int]]:
     """Groups of consecutive cycles with like period and amplitude; cycle k goes from mark k to k + 1."""
     cycles = [(b[0] - a[0], 0.5 * (a[1] + b[1])) for a, b in pairwise(marks)]
     groups: list[list[int]] = []

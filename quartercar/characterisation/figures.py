@@ -109,11 +109,11 @@ def _zero(ax: Axes) -> None:
     ax.axhline(0, color=INK, linewidth=0.7, zorder=1)
 
 
-def _spread_over(blocks: Sequence[Block], most: int = MOST_CURVES) -> list[Block]:
+def _spread_over(blocks: Sequence[Block]) -> list[Block]:
     ordered = sorted(blocks, key=lambda b: b.peak)
-    if len(ordered) <= most:
+    if len(ordered) <= MOST_CURVES:
         return ordered
-    return [ordered[k] for k in np.unique(np.linspace(0, len(ordered) - 1, most).round().astype(int))]
+    return [ordered[k] for k in np.unique(np.linspace(0, len(ordered) - 1, MOST_CURVES).round().astype(int))]
 
 
 def _steady(found: Readings) -> list[Block]:

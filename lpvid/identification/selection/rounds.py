@@ -86,7 +86,7 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
     yield Round("output error of other bases and stages", _others(search, leader))
     yield Round("refined instruments", _instruments(search))
     yield Round("state space by prediction error", _state_spaces(search))
-    yield Round("more orders and terms", _richer(search, leader), True)
+    yield Round("more orders and terms", _richer(search), True)
     yield Round("scheduled on its own output", _own_output(leader, damper, scheduled), True)
     yield Round("around the best", _around(search.simplest(OutputError)))
     yield Round("around the least error", _around(next((s for s, _ in search.ranked_among(OutputError)), None)))
@@ -248,7 +248,7 @@ def _more_states(search: StructureSearch) -> tuple[Structure, ...]:
                  if 1 <= n <= _most_states(best))
 
 
-def _richer(search: StructureSearch, leader: ARX) -> tuple[Structure, ...]:
+def _richer(search: StructureSearch) -> tuple[Structure, ...]:
     """More lags, affine terms of the other kind, lagged or not, a richer basis."""
     best = search.simplest(OutputError)
     if not isinstance(best, OutputError):
