@@ -205,4 +205,7 @@ def _refine(boxes: np.ndarray, axes: int) -> np.ndarray:
 
 
 def _along(matrix: np.ndarray, values: np.ndarray, axis: int) -> np.ndarray:
-    return np.moveaxis(np.tensordot(matrix, values, axes=(1, axis)), 0, axis)
+    """The matrix applied along one axis, by products of blocks as they lie in memory: nothing is transposed."""
+    before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])
+    made = matrix @ values.reshape(before, values.shape[axis], after)
+    return made.reshape(*values.shape[:axis], len(matrix), *values.shape[axis + 1 :])
