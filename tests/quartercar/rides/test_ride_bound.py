@@ -125,7 +125,7 @@ def test_two_commands_against_all_of_them():
     assert np.all((found.command >= 0) & (found.command <= 2))
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_limits_that_can_be_met_are_met():
     """On the bump a sequence with 8 % less tyre load than SH-ADD and no more energy given exists."""
     car, road = build_car(), Bump()
