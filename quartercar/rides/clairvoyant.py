@@ -26,6 +26,9 @@ NOTHING = 1e-6
 GIVEN_WEIGHT, FIGURE_WEIGHT = 0.2, 2.0
 """of the quadratic term of a limit of the energy given, of a figure, at first; they double with every round. From
 0.2, 2, 10 for both on 4 s of ISO C: objective .893, .896, .898, least tyre load .842, .811, .816 of passive"""
+FURTHER = 8
+"""rounds more, at most, from a start that has met no point within the limits: the excess is about the multiplier's
+error over the weight, so that 2⁸ times the weight makes of an excess of a few per cent one below `HELD`"""
 OUT_OF_BOUNDS = 1e3
 """value of a car that leaves all bounds; the objective of one that does not is of order one"""
 MEMORY = 20
@@ -44,7 +47,7 @@ class Effort:
     iterations : int
         L-BFGS-B iterations from each start, over all rounds.
     rounds : int
-        Updates of the limits' multipliers.
+        Updates of the limits' multipliers; up to `FURTHER` more where the limits have not been met by then.
     polish : int
         Further iterations from the best of the starts.
     """
@@ -188,7 +191,9 @@ class _Search:
         multipliers = dict.fromkeys(self.problem.limits, 0.0)
         weights = {n: GIVEN_WEIGHT if n == "given" else FIGURE_WEIGHT for n in multipliers}
         rounds = self.effort.rounds if multipliers else 1
-        for _ in range(rounds):
+        for done in range(rounds + (FURTHER if multipliers else 0)):
+            if done >= rounds and self.best is not None:
+                break
             found = minimize(self._value, x, (multipliers, weights), jac=True, method="L-BFGS-B",
                              bounds=[(0.0, 1.0)] * x.size,
                              options={"maxiter": max(iterations // rounds, 1), "maxcor": MEMORY, "ftol": 1e-8,

@@ -19,7 +19,7 @@ from quartercar.rides.config import build_car
 from quartercar.rides.relaxation import relaxed_bound
 from quartercar.rides.simulation import drive
 from quartercar.rides.tuning import Objective
-from quartercar.roads.ride_roads import IsoRoad, RideRoad
+from quartercar.roads.ride_roads import Bump, IsoRoad, RideRoad
 from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 SHORT = IsoRoad("C", 20.0, 1.0)
@@ -123,6 +123,19 @@ def test_two_commands_against_all_of_them():
     for name, signal in again.signals.items():
         np.testing.assert_allclose(found.run[name], signal, rtol=0, atol=1e-7 * max(np.abs(signal).max(), 1e-6))
     assert np.all((found.command >= 0) & (found.command <= 2))
+
+
+@pytest.mark.seconds
+def test_limits_that_can_be_met_are_met():
+    """On the bump a sequence with 8 % less tyre load than SH-ADD and no more energy given exists."""
+    car, road = build_car(), Bump()
+    rode = drive(car, road, [SkyhookAccelerationDriven()], [0])[0]
+    limits = {"tyre_load": 0.92 * rode.figures.tyre_load, "given": energy_limit(rode.passivity)}
+    posed = CurrentSequenceProblem(car, road, 0, 1 / 512, rode.figures, Objective(1.0, 0.0), limits)
+    found = best_currents(posed, {"sh-add": rode.run["command"]}, Effort(60, 4, 0))
+    assert found.figures.tyre_load <= limits["tyre_load"] * (1 + 2 * HELD)
+    assert found.passivity.negative_energy <= limits["given"] * (1 + 2 * HELD)
+    assert found.figures.comfort < 0.96 * rode.figures.comfort
 
 
 def test_where_the_current_changes_nothing_the_certificate_closes():
