@@ -223,8 +223,6 @@ def test_the_autopilot_can_be_run_at_one_kilohertz():
     assert _peak(found) <= found.gamma_verified * (1 + 1e-6) <= 0.159  # published: 0.197
     assert lpv.verify(found.certificate, found.closed_loop).between_grid
     points = found.controller.box.grid(3)
-    assert max(np.abs(found.controller.frozen_poles(p)).max() for p in points) < 100
-    assert any("stand for their static gain" in note for note in found.notes)
     for p in points:
         a, b, c, d = _held(case, found.controller, p, 1e-3)
         assert np.abs(np.linalg.eigvals(a)).max() < 1
