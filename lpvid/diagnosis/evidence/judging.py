@@ -10,13 +10,13 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.rivals import LAGGING, LISTED, akin, nearer
-from lpvid.diagnosis.evidence.search import SetSearch, posterior
+from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
-from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
+from lpvid.diagnosis.spectra import noisier
 
 NAMED, SURE = 2 / 3, 0.75
 """calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
@@ -24,6 +24,8 @@ twice what a missing one does; and from which it is sure, so that a story of suc
 (docs/diagnosis_boards.md: right and wrong names by this number)"""
 FORM = 0.95
 """share of the weight of its component from which a special form is reported in its place"""
+LISTED = 0.05
+"""weight of the sets without a cause that hold a rival, from which it is listed"""
 NOTABLE, BESIDE = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
 left, from which it is named where little is left (diagnosis_real)"""
@@ -364,7 +366,7 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
             continue
         kind = w.kinds[w.effects.index(other)]
         left = [_without_noise(v) if other.path in LAGGING else max(v.fit.cost, 1e-300) for v in (w, best)]
-        against = max(0.5 * samples * np.log(left[0] / left[1]), nearer(best, w, noise=True))
+        against = 0.5 * samples * np.log(left[0] / left[1])
         if kind not in best.kinds and against < -np.log(LISTED):
             found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
     return tuple(found)
@@ -379,8 +381,17 @@ def _described_too(search: SetSearch, sets: Sequence[tuple[Weighed, float]], bes
 
 
 def _without_noise(w: Weighed) -> float:
-    """Squared error of a set less what the noise of the sensors of motion makes of it."""
-    return max(w.fit.cost - float(np.sum(w.noise_carried**2)), 1e-12 * w.fit.cost, 1e-300)
+    """Squared error of a set less what the noise of the sensors of motion makes of it: what as much again changes."""
+    problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
+
+    def find() -> float:
+        rng = np.random.default_rng(0)
+        changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
+                   for s in problem.signals]
+        carried = float(np.sum(np.minimum(problem.stack(changes) ** 2, EXPLODED)))
+        return max(w.fit.cost - carried, 1e-12 * w.fit.cost, 1e-300)
+
+    return w.fit.cached("without noise", find)
 
 
 def _holds(*names: str) -> Finding:

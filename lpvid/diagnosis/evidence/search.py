@@ -15,7 +15,6 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, independent, share_of
 from lpvid.diagnosis.evidence.priors import inclusion, of_misfit
-from lpvid.diagnosis.evidence.rivals import LAGGING, akin, settled
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
@@ -42,6 +41,8 @@ LOOKED, POINTS = 14, 4
 baseline alone, and points at which each is looked at"""
 MISSED = 2 * USUAL
 """root mean square of an error, over the output's, that a good law may leave: twice the usual"""
+LAGGING = ("motion", "force", "all")
+"""paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
 HOPELESS = 20.0
 """log-evidence by which a set with one effect more may stay behind the best one, as its look promises, and is refitted
 all the same: a refit may find more than first order does"""
@@ -468,6 +469,21 @@ class SetSearch:
                 return
 
 
+def akin(one: Effect, other: Effect) -> bool:
+    """Whether two effects are next of kin: other components of one family, or lags on the way of motion and force.
+
+    Parameters
+    ----------
+    one, other : Effect
+
+    Returns
+    -------
+    bool
+    """
+    return one.component != other.component and (one.family == other.family
+                                                 or (one.path in LAGGING and other.path in LAGGING))
+
+
 def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
 
@@ -513,8 +529,6 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
     """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first.
 
-    Where sets are judged, next of kin share theirs by the error where they differ (`rivals.settled`).
-
     Parameters
     ----------
     search : SetSearch
@@ -531,6 +545,4 @@ def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
         scores = np.array([search.evidence(w, kept) for w in every])
         relative = np.exp(scores - scores.max())
         weights += relative / relative.sum() / len(shares)
-    if search.shares:
-        weights = settled(every, weights)
     return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])

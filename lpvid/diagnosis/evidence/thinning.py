@@ -116,9 +116,8 @@ def length_of(signals: Sequence[Signals]) -> float:
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
 
-    In each part of a record, the stretch in which the inputs move most or that in which they reach farthest: a current
-    that jumps once in a part shows nothing elsewhere, nor does a stop that is met at the end of the stroke, where
-    nothing moves. Between two of them the channels lead over smoothly, in a time that counts for nothing; each holds
+    In each part of a record, the stretch in which the inputs move most, a current that jumps once in a part shows
+    nothing elsewhere; in one of them that in which they reach farthest, where a stop is met and nothing moves. Between two of them the channels lead over smoothly, in a time that counts for nothing; each holds
     what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
 
     Parameters
@@ -185,7 +184,8 @@ def _cut(s: Signals, last: int) -> Signals:
 def _liveliest(s: Signals, count: int, size: int) -> list[int]:
     """First samples of so many stretches, one in each part of equal length; the start-up does not count.
 
-    The one in which the inputs move most or the one in which they reach farthest, by what is more unlike other parts.
+    In each the one in which the inputs move most; in the part with the farthest reach of all that with it, unless it
+    moves there as no other part does.
     """
     moved, reached = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
@@ -200,7 +200,10 @@ def _liveliest(s: Signals, count: int, size: int) -> list[int]:
         firsts.append([int(begins[np.argmax(w)]) for begins, w in zip(parts, inside, strict=True)])
         most = np.array([w.max() for w in inside])
         unlike.append(most / max(float(np.median(most)), 1e-300))
-    return [firsts[int(np.argmax(ratios))][k] for k, ratios in enumerate(zip(*unlike, strict=True))]
+    out, far = firsts[0], int(np.argmax(unlike[1]))
+    if unlike[1][far] > unlike[0][far]:
+        out[far] = firsts[1][far]
+    return out
 
 
 def _quiet(s: Signals, factor: int) -> bool:

@@ -11,10 +11,9 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
 from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
-from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
 from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import noisier
 
 ROOM = 10.0
 """scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
@@ -24,8 +23,6 @@ ABSENT = 1e-6
 """change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
 TINY = 1e-300
 """curvature, of parameters in their own units, below which nothing answers to one"""
-LOUD = EXPLODED**0.25
-"""change of an output beyond which its square is that of an explosion"""
 NORMAL = 1.96
 """standard errors on either side of a 95 % interval"""
 
@@ -112,19 +109,6 @@ class Weighed:
     def changes(self) -> tuple[float, ...]:
         """Per effect, what it changes in the output as it stands, the others in place, as a share of its rms."""
         return tuple(change_by(self.data.problem, self.fit, e) / self.data.discrepancy.force for e in self.effects)
-
-    @property
-    def noise_carried(self) -> np.ndarray:
-        """(N,) change of the output where the sensors of motion have as much noise again."""
-        problem, composition, vector = self.data.problem, self.fit.composition, self.fit.vector
-
-        def find() -> np.ndarray:
-            rng = np.random.default_rng(0)
-            changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
-                       for s in problem.signals]
-            return np.nan_to_num(problem.stack(changes)).clip(-LOUD, LOUD)
-
-        return self.fit.cached("noise carried", find)
 
     @cached_property
     def at_bounds(self) -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,16 @@ def test_a_jump_of_the_current_is_in_a_stretch():
     assert jumped.size == 1
     begun = max(first for first, _ in found.pieces if first <= jumped[0])
     assert jumped[0] - begun >= round(START_UP * RATE)
+
+
+def test_a_current_that_jumps_in_every_part_jumps_in_most_stretches():
+    """One stretch at most is given to the farthest reach."""
+    s, t = moving(40000), np.arange(40000) / RATE
+    current = np.random.default_rng(1).uniform(0.0, 2.0, int(t[-1] / 4) + 1)[(t / 4).astype(int)]
+    (found,) = stretched(in_turn([replace(s, channels={**s.channels, "current": current})]))
+    jumped = [np.abs(np.diff(found["current"][first + round(START_UP * RATE): last])).max() > 0.01
+              for first, last in found.pieces]
+    assert sum(jumped) >= len(jumped) - 1
 
 
 def test_the_ends_of_the_stroke_are_in_a_stretch():
