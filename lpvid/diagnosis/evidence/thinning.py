@@ -116,9 +116,10 @@ def length_of(signals: Sequence[Signals]) -> float:
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
 
-    In each part of a record, the stretch in which the inputs move most, a current that jumps once in a part shows
-    nothing elsewhere; in one of them that in which they reach farthest, where a stop is met and nothing moves. Between two of them the channels lead over smoothly, in a time that counts for nothing; each holds
-    what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
+    In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part shows
+    nothing elsewhere. In one of them that in which they reach farthest, where a stop is met and nothing moves.
+    Between two of them the channels lead over smoothly, in a time that counts for nothing; each holds what came
+    before it, of which heat is built up. A run along one record costs a fraction of runs along many.
 
     Parameters
     ----------

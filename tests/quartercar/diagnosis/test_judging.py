@@ -18,6 +18,7 @@ import real_causes
 import real_records
 from real_answers import Answer
 
+from lpvid.diagnosis.evidence.priors import FACTOR, MISFIT
 from quartercar.effects import CATALOGUE
 
 ANSWER = Answer("any", "linear", ("friction", "elastic"), {"a": 0.01}, "a", {"elastic": ("pre-sliding",)},
@@ -27,6 +28,14 @@ ANSWER = Answer("any", "linear", ("friction", "elastic"), {"a": 0.01}, "a", {"el
 def row(*named: str, rivals: tuple[tuple[str, ...], ...] = (), **other: object) -> dict:
     return {"outcome": "answered", "verdict": "explained", "named": list(named), "rivals": [list(r) for r in rivals],
             "parameters": {}} | other
+
+
+def test_the_prior_of_what_a_law_leaves_is_that_of_the_fits_by_hand() -> None:
+    """Median and spread over the groups, of the best structure that was fitted by hand to each."""
+    least = {a.group: min(b.esr for b in real_answers.ANSWERS if b.group == a.group) for a in real_answers.ANSWERS}
+    left = np.sqrt(list(least.values()))
+    assert len(left) == 15
+    assert (MISFIT, FACTOR) == pytest.approx((np.median(left), np.std(np.log(left))), rel=0.02)
 
 
 class TestMarks:
