@@ -35,7 +35,7 @@ def test_the_prior_of_what_a_law_leaves_is_that_of_the_fits_by_hand() -> None:
     least = {a.group: min(b.esr for b in real_answers.ANSWERS if b.group == a.group) for a in real_answers.ANSWERS}
     left = np.sqrt(list(least.values()))
     assert len(left) == 15
-    assert (MISFIT, FACTOR) == pytest.approx((np.median(left), np.std(np.log(left))), rel=0.02)
+    assert pytest.approx((np.median(left), np.std(np.log(left))), rel=0.02) == (MISFIT, FACTOR)
 
 
 class TestMarks:
