@@ -24,6 +24,8 @@ DRY_EXPONENT = 0.3
 lower end of what is plausible of a restriction"""
 ALL_OF_IT = 0.05
 """by how much the share that passes a valve may differ from 1 and be all of it"""
+ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
+"""quantiles of the speed at which the onset of an orifice is looked at"""
 
 
 class HydraulicEffect(Effect):
@@ -172,11 +174,15 @@ class SeriesOrifice(HydraulicEffect):
                 EffectParameter("onset", "m/s", "v_o, speed from which flow passes it", 0.05, (0.0, 2.0), (0.0, 20.0),
                                 (0.02, 0.05, 0.1)))
 
+    def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        """From the slowest speeds on it is a turbulent loss, less what the law's viscous share and friction take up."""
+        return ("quadratic-loss",) if float(values[1]) < speed_quantiles(signals, (ONSETS[0],))[0] else ()
+
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         top = speed_quantiles(signals, (1.0,))[0]
         spread = np.mean([s.output.std() for s in signals])
         out = []
-        for onset in speed_quantiles(signals, (0.1, 0.35, 0.6, 0.8, 0.92)):
+        for onset in speed_quantiles(signals, ONSETS):
             rest = max(top - onset, 1e-3 * top)
             out.append(np.array([0.2 * spread / max(rest**2, 1e-12), onset]))
         return out

@@ -21,7 +21,7 @@ from quartercar.baselines.damper import DamperBaseline
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
-from quartercar.effects.hydraulics import ValveDynamics
+from quartercar.effects.hydraulics import QuadraticLoss, SeriesOrifice, ValveDynamics
 from quartercar.effects.laws import CubicSpring
 from quartercar.effects.measurement import DisplacementDelay, OneSidedFilter
 from quartercar.effects.structure import FixtureResonance
@@ -139,6 +139,14 @@ def test_air_without_pressure_is_play() -> None:
     for pressure, others, comes_to in ((1e-3, (Backlash(), EntrainedAir()), "backlash"),
                                        (50.0, (Backlash(), SeriesCompliance()), "series-compliance")):
         assert component_of(EntrainedAir(), np.array([2e-4, pressure]), (s,), others) == comes_to
+
+
+def test_an_orifice_from_the_slowest_speeds_on_is_a_turbulent_loss() -> None:
+    """What it has beside one is linear in the speed and of its sign, which any law takes up."""
+    s, known = inputs(np.ones(SAMPLES)), (QuadraticLoss(), SeriesOrifice())
+    low, high = np.quantile(np.abs(s["velocity"]), (0.05, 0.4))
+    assert component_of(SeriesOrifice(), np.array([5e3, low]), (s,), known) == "quadratic-loss"
+    assert component_of(SeriesOrifice(), np.array([5e3, high]), (s,), known) == "series-orifice"
 
 
 def test_a_resonance_beyond_half_the_rate_is_listed_with_what_comes_late() -> None:
