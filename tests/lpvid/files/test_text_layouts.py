@@ -210,6 +210,34 @@ def test_a_first_row_without_a_sample_is_no_header(tmp_path, first):
     assert record["displacement"][-1] == pytest.approx(0.029)
 
 
+@pytest.mark.parametrize("above", ["Start,End\n10:12:13,10:13:00\n", "Time,Operator\n10:12:13,Miller\n",
+                                   "Start,End\n2026-11-26T10:12:13,2026-11-26T10:13:00\nRig,3\n", "Start,End\n,10:13:00\n"])
+@pytest.mark.parametrize("header", ["time [s],force [N]\n", "time,force\ns,N\n"], ids=["in one row", "in two"])
+def test_stamps_in_a_preamble_are_no_samples(tmp_path, above, header):
+    path = tmp_path / "run.csv"
+    path.write_text(above + header + "".join(f"{k / 500},{k}\n" for k in range(30)))
+    record, = lpv.read(path)
+    assert list(record.channels) == ["force"]
+    assert record.n_samples == 30
+    assert record.sample_time == pytest.approx(1 / 500, rel=1e-9)
+
+
+@pytest.mark.parametrize("above", ["Start,End\n10:12:13,10:13:00\n", "Rate,Rows\n500,40\n"])
+def test_a_row_in_a_preamble_above_stamps_is_no_sample(tmp_path, above):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{above}time,force [N]\n" + "".join(f"{s},1\n" for s in DATES))
+    record, = lpv.read(path)
+    assert list(record.channels) == ["force"]
+    assert record.n_samples == 40
+
+
+def test_an_odd_row_below_the_first_stays_a_fault(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time,force [N]\n" + "".join(f"{s},1\n" for s in [DATES[0], "noon", *DATES[2:]]))
+    with pytest.raises(InputError, match="holds text 'noon' in row 2"):
+        lpv.read(path)
+
+
 def test_a_line_below_the_data_is_named_as_such(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text(PLAIN + rows() + "End of test\n")
