@@ -211,7 +211,8 @@ def test_a_first_row_without_a_sample_is_no_header(tmp_path, first):
 
 
 @pytest.mark.parametrize("above", ["Start,End\n10:12:13,10:13:00\n", "Time,Operator\n10:12:13,Miller\n",
-                                   "Start,End\n2026-11-26T10:12:13,2026-11-26T10:13:00\nRig,3\n", "Start,End\n,10:13:00\n"])
+                                   "Start,End\n2026-11-26T10:12:13,2026-11-26T10:13:00\nRig,3\n",
+                                   "Start,End\n,10:13:00\n"])
 @pytest.mark.parametrize("header", ["time [s],force [N]\n", "time,force\ns,N\n"], ids=["in one row", "in two"])
 def test_stamps_in_a_preamble_are_no_samples(tmp_path, above, header):
     path = tmp_path / "run.csv"
