@@ -134,9 +134,11 @@ QUANTITIES = {"displacement": ("m", "rad"), "position": ("m", "rad"), "velocity"
 """SI units that a channel or role of this name can have, linear or rotary, or derived from a motion
 without a unit; a current may be given as its command."""
 
-_ACCELERATION = re.compile(r"(?<![^\W_])(acc|accel\w*|acceler\w*|beschl\w*)(?![^\W_])")
+_ACCELERATION = re.compile(r"((?<![^\W_])(acc|beschl)|accel(eration|erometer)?s?|beschleunigung(en)?)(?![^\W\d_])")
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _MASS = re.compile(r"mass|weight|gewicht|load|ladung|last(?![^\W_])")
-"""Words in names of channels, in lower case; German compounds such as Zuladung or Radlast count."""
+"""Words in names of channels, in lower case; German compounds such as Zuladung or Radlast count. Of an acceleration
+only whole words and ends of words do: accelerated masses, accelerators and accumulators are none."""
 _ALIASES = {"–": "-", "sec": "s", "Sec": "s", "C°": "degC", "F°": "degF"}
 _RUN_TOGETHER = re.compile(r"(?<![A-Za-z])([kMm]?N)(mm|m|s)(?![A-Za-z])")
 """Nm and Ns: engineers mean newton metre and newton second; pint reads a yarn number, or nothing."""
@@ -346,15 +348,49 @@ def contradicts(name: str, si_unit: str, source_unit: str | None = None) -> tupl
     ('m/s^2', 'rad/s^2', '1/s^2')
     >>> contradicts("z body", "kg", "g")[0], contradicts("payload", "kg", "g"), contradicts("z body", "kg", "kg")
     ('m/s^2', (), ())
+    >>> contradicts("accelerated mass", "kg", "kg"), contradicts("massAcc", "kg", "g")[0]
+    ((), 'm/s^2')
     """
     expected = QUANTITIES.get(name.casefold(), ())
-    grams = (source_unit or "").strip() in ("g", "mg") and not _MASS.search(name.casefold())
-    if si_unit == "kg" and not expected and (grams or _ACCELERATION.search(name.casefold())):
-        expected = QUANTITIES["acceleration"]
+    if si_unit == "kg" and not expected:
+        mass, acceleration = bool(_MASS.search(name.casefold())), _says_acceleration(name)
+        if (acceleration or not mass) if _grams_or_gravity(source_unit) else (acceleration and not mass):
+            expected = QUANTITIES["acceleration"]
     return expected if si_unit and expected and si_unit not in expected else ()
 
 
-def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "") -> str:
+def _says_acceleration(name: str) -> bool:
+    return bool(_ACCELERATION.search(_CAMEL.sub(" ", name).casefold()))
+
+
+def _grams_or_gravity(source_unit: str | None) -> bool:
+    return (source_unit or "").strip() in ("g", "mg")
+
+
+def in_doubt(name: str, source_unit: str | None) -> bool:
+    """Whether a unit may be grams or gravity, and the channel's name says neither mass nor acceleration.
+
+    Parameters
+    ----------
+    name : str
+        Channel, in upper or lower case.
+    source_unit : str or None
+        As the header writes it.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> in_doubt("specimen", "g"), in_doubt("payload", "g"), in_doubt("wheel acc", "g"), in_doubt("specimen", "kg")
+    (True, False, False, False)
+    """
+    said = name.casefold() in QUANTITIES or _MASS.search(name.casefold()) or _says_acceleration(name)
+    return _grams_or_gravity(source_unit) and not said
+
+
+def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", doubt: str = "") -> str:
     """What to write instead of a unit that contradicts its channel's name.
 
     Parameters
@@ -365,11 +401,16 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "") 
         Of `contradicts`.
     role : str
         In which the channel is used; empty where its own name is contradicted.
+    doubt : str
+        The unit as the header writes it where `in_doubt`; empty otherwise.
 
     Returns
     -------
     str
     """
+    if doubt:
+        return f"[{doubt}] may be grams or gravity: write [{doubt}_0] for multiples of gravity, or name the channel " \
+               "as a mass"
     if si_unit == "kg" and "m/s^2" in expected:
         return "write [g_0] for multiples of 9.80665 m/s^2: [g] is the gram; a mass in [kg]"
     if role:

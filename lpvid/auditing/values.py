@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 from lpvid.condition.resampling import true_runs
-from lpvid.units import contradiction_mend, contradicts
+from lpvid.units import contradiction_mend, contradicts, in_doubt
 
 
 def missing(view: View) -> Iterator[Finding]:
@@ -82,9 +82,12 @@ def units(view: View) -> Iterator[Finding]:
                           f"unit '{channel.source_unit}' is not known; the channel is a pure number",
                           "correct the unit in the header; the channel cannot be used until then")
         elif expected := contradicts(name, channel.unit, channel.source_unit):
+            source = channel.source_unit or channel.unit
+            doubt = source.strip() if in_doubt(name, source) else ""
+            said = "says neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
             yield Finding("unit-contradicts-name", view.name, name, "fault",
-                          f"the unit is '{channel.source_unit or channel.unit}', '{name}' calls for {expected[0]}",
-                          contradiction_mend(channel.unit, expected))
+                          f"the unit is '{source}', '{name}' {said}",
+                          contradiction_mend(channel.unit, expected, doubt=doubt))
         elif channel.source_unit is None and not channel.unit:
             yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",
                           f"write the header as 'name [unit]', or --role '{name}={name} [UNIT]'")

@@ -14,7 +14,7 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.timebase import JITTER_LIMIT
-from lpvid.units import contradiction_mend, contradicts
+from lpvid.units import contradiction_mend, contradicts, in_doubt
 
 RATE_TOLERANCE = 1e-3
 """relative difference of the sampling periods of two records that still counts as one rate."""
@@ -97,11 +97,14 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
     found.append((contradicts(name, channel.unit, channel.source_unit), "name"))
     for expected, caller in found:
         if expected:
-            raise InputError(f"record '{record.name}', channel '{name}' has a unit of another quantity",
-                             got=f"'{name} [{channel.source_unit or channel.unit}]'",
-                             why=f"its {caller} calls for {expected[0]}",
-                             mend=contradiction_mend(channel.unit, expected, caller.removeprefix("role ").strip("'")
-                                                     if caller != "name" else ""))
+            source = channel.source_unit or channel.unit
+            doubt = source.strip() if caller == "name" and in_doubt(name, source) else ""
+            calls = "says neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
+            role = caller.removeprefix("role ").strip("'") if caller != "name" else ""
+            raise InputError(f"record '{record.name}', channel '{name}' has a unit of "
+                             f"{'two meanings' if doubt else 'another quantity'}", got=f"'{name} [{source}]'",
+                             why=f"its {caller} {calls}",
+                             mend=contradiction_mend(channel.unit, expected, role, doubt))
 
 
 def _refuse_time(record: Record) -> None:

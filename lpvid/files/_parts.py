@@ -37,19 +37,28 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
     line, row, midnights = layout.data_line, 0, layout.midnights()
     with path.open(encoding=layout.encoding, newline=None) as stream:
         lines = islice(stream, layout.data_line - 1, None)
-        while row < first:  # blank lines are no rows
-            text = next(lines, None)
-            if text is None:
+        while row < first:
+            block = list(islice(lines, min(first - row, rows)))
+            if not block:
                 return
-            if midnights and text.strip():
-                _columns([text], replace(layout, data_line=line), where, row, midnights)
-            line, row = line + 1, row + bool(text.strip())
+            row += _passed(block, replace(layout, data_line=line), where, midnights)
+            line += len(block)
         while block := list(islice(lines, rows)):
             columns = _columns(block, replace(layout, data_line=line), where, row, midnights)
             line += len(block)
             if columns[0].values.size:
                 row += columns[0].values.size
                 yield ColumnTable(csv._without_trailing(columns))
+
+
+def _passed(block: list[str], layout: Any, where: str, midnights: Mapping[int, Any]) -> int:
+    """Rows of a block of lines that is passed over, of which times of day alone are read, to carry them on."""
+    if not midnights:
+        return sum(1 for _ in csv._content(block))
+    rows = [cells for _, cells in csv._rows(block, layout, where)]
+    for place, midnight in midnights.items():
+        midnight.on(layout.parsed(place, [cells[place] for cells in rows])[0])
+    return len(rows)
 
 
 def _columns(block: list[str], layout: Any, where: str, row: int, midnights: Mapping[int, Any]) -> list[Column]:

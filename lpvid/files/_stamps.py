@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,21 +75,40 @@ class Stamps:
         return values, [i for i, ok in enumerate(good) if not ok and not _missing(cells[i])]
 
 
+@dataclass(frozen=True)
+class _Jump:
+    """A step of more than half a day: its place from the block's first row on, the reading before it, its sign."""
+
+    place: int
+    before: float
+    back: bool
+
+    def undone(self, place: int, reading: float, period: float) -> bool:
+        """Whether a reading goes on where the clock was, with a pause at most as long as the rows between."""
+        rows = place - self.place + 1
+        return 0.0 <= reading - self.before <= 2 * rows * period
+
+
 class Midnight:
     """Times of day carried on over midnight, block after block of one column.
 
     A clock of 24 h that steps back by more than half a day has stepped forward by less than half a day. A smaller step
-    back stays one: a fault of the clock.
+    back stays one: a fault of the clock. So is a step of more than half a day that a later one the other way undoes, by
+    going on where the clock was: not before, and after a pause no longer than the rows between them. What stands
+    between them then runs backward; over the end of a block it is the row after them that does.
 
     Examples
     --------
     >>> carry = Midnight()
     >>> carry.on(np.array([0.0, 0.5])), carry.on(np.array([1.0 - 86400, 1.5 - 86400]))
     (array([0. , 0.5]), array([1. , 1.5]))
+    >>> Midnight().on(np.array([0.0, 1.0, -50000.0, 3.0]))                      # one row of 0:00 among those of 13:53
+    array([ 0.e+00,  1.e+00, -5.e+04,  3.e+00])
     """
 
     def __init__(self) -> None:
         self._last, self._days = np.nan, 0
+        self._jump: _Jump | None = None
 
     def on(self, values: np.ndarray) -> np.ndarray:
         """The next block's seconds, rising over midnight.
@@ -108,11 +127,29 @@ class Midnight:
         if not seen.size:
             return values
         known = values[seen]
-        days = self._days + np.cumsum(np.diff(known, prepend=self._last) < -DAY / 2)
+        days = self._days + np.cumsum(self._turns(known))
         self._last, self._days = float(known[-1]), int(days[-1])
         carried = values.copy()
         carried[seen] = known + DAY * days
         return carried
+
+    def _turns(self, known: np.ndarray) -> np.ndarray:
+        """Days that each reading adds to those before it: 1 at a midnight."""
+        steps = np.abs(np.diff(known, prepend=self._last))
+        period = np.nanmedian(steps) if known.size > 1 else steps[0]
+        turns = np.zeros(known.size, dtype=int)
+        for k in np.flatnonzero(steps > DAY / 2):
+            before = float(known[k - 1]) if k else self._last
+            jump, back = self._jump, bool(known[k] < before)
+            if jump is None or jump.back == back or not jump.undone(int(k), float(known[k]), float(period)):
+                turns[k], self._jump = back, _Jump(int(k), before, back)
+                continue
+            if jump.place >= 0:
+                turns[jump.place] -= 1  # no midnight, or a row of the evening before
+            turns[k], self._jump = back - (jump.place < 0), None
+        if self._jump is not None:
+            self._jump = replace(self._jump, place=self._jump.place - known.size)
+        return turns
 
 
 def instant(cell: str) -> Instant | None:

@@ -145,7 +145,23 @@ def _heads(layout: _Layout, lines: Sequence[tuple[int, str]]) -> bool:
     if not rows or not all(layout.names) or any(len(row) != len(layout.names) for row in rows):
         return False
     stated = any(is_time_name(name) or unit is not None for name, unit in map(headed, layout.names))
-    return any(map(_is_sample, rows[0])) and (stated or _is_row(rows[0]))
+    return any(map(_is_sample, rows[0])) and (stated or _is_row(rows[0])) and _goes_on(rows[0], rows[1:])
+
+
+def _goes_on(row: list[str], below: Iterable[list[str]]) -> bool:
+    """Whether the next row that holds samples alone has numbers and stamps in the same places, or stands right below.
+
+    A preamble may hold a row of stamps of its own: ``Start,End`` and ``10:12:13,10:13:00`` above the header.
+    """
+    for k, other in enumerate(below):
+        if len(other) == len(row) and _is_row(other):
+            return k == 0 or not any(_differ(*pair) for pair in zip(row, other, strict=True))
+    return True
+
+
+def _differ(cell: str, other: str) -> bool:
+    """Whether one cell is a number and the other a stamp."""
+    return any(is_number(one) and instant(two) is not None for one, two in ((cell, other), (other, cell)))
 
 
 def _is_row(cells: Sequence[str]) -> bool:
@@ -185,13 +201,22 @@ def _above_numbers(lines: Sequence[tuple[int, str]], candidates: list[_Layout]) 
                 above = [[c.strip() for c in layout.split(line)] for _, line in lines[max(k - 2, 0):k]]
             except csv.Error:
                 break
-            if len(row) < 2 or not _is_row(row):
+            if len(row) < 2 or not _is_row(row) or not _goes_on(row, _readable(layout, lines[k + 1:])):
                 continue
             names, line = _with_units(above, len(row)), lines[k - 1][0]
             if names is None:
                 break
             return replace(layout, names=tuple(names), header_line=line, data_line=lines[k][0])
     return None
+
+
+def _readable(layout: _Layout, lines: Sequence[tuple[int, str]]) -> Iterator[list[str]]:
+    """Cells of each line as far as they can be read; the line that ends them is named where the file is read."""
+    try:
+        for _, line in lines:
+            yield layout.data_cells(line)
+    except csv.Error:
+        return
 
 
 def _with_units(above: list[list[str]], n: int) -> list[str] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -151,15 +152,33 @@ def test_an_acceleration_in_g_is_not_one_in_grams(name):
 
 
 @pytest.mark.parametrize("name, unit", [("acceleration sprung", "g"), ("acc z", "g"), ("Beschleunigung", "g"),
-                                        ("ACC_FL", "mg"), ("z body", "g"), ("sprung acceleration", "kg")])
+                                        ("ACC_FL", "mg"), ("z body", "g"), ("sprung acceleration", "kg"),
+                                        ("massAcc", "g"), ("payload acceleration", "g"), ("loadAcc2", "g"),
+                                        ("Aufbaubeschleunigung", "kg"), ("bodyAccel", "kg")])
 def test_grams_are_masses_only_where_the_name_says_so(name, unit):
     assert "m/s^2" in contradicts(name, "kg", unit)
 
 
 @pytest.mark.parametrize("name, unit", [("payload", "g"), ("mass of oil", "g"), ("Zuladung", "g"), ("Radlast", "g"),
-                                        ("z body", "kg"), ("accumulator mass", "g")])
+                                        ("z body", "kg"), ("accumulator mass", "g"), ("accelerated mass", "kg"),
+                                        ("accelerated mass", "g"), ("accelerator pedal", "kg"), ("acc mass", "kg"),
+                                        ("mass_acceleration_channel", "kg")])
 def test_masses_stay_masses(name, unit):
     assert contradicts(name, "kg", unit) == ()
+
+
+@pytest.mark.parametrize("unit", ["g", "mg"])
+def test_a_name_that_says_neither_mass_nor_acceleration_is_told_so(unit):
+    import lpvid as lpv
+
+    t = np.arange(400) / 200
+    columns = {"time [s]": t, f"specimen [{unit}]": np.sin(20 * t), "force [N]": np.cos(20 * t)}
+    mend = rf"\[{unit}\] may be grams or gravity: write \[{unit}_0\].*name the channel as a mass"
+    with pytest.raises(InputError, match="two meanings.*neither mass nor acceleration.*" + mend):
+        lpv.identify(columns, lpv.ARX(na=1, nb=1, nk=0, input="specimen", output="force"))
+    finding, = (f for f in lpv.audit(columns).findings if f.name == "unit-contradicts-name")
+    assert "neither mass nor acceleration" in finding.evidence
+    assert re.search(mend, finding.mend)
 
 
 def test_a_unit_that_contradicts_the_role_names_header_role_and_mend():

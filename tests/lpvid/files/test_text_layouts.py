@@ -7,6 +7,7 @@ import lpvid as lpv
 from lpvid.condition import segments
 from lpvid.errors import InputError
 from lpvid.files import _parts
+from lpvid.files._stamps import Midnight
 from lpvid.files.streaming import read_chunks
 
 TIMES = np.arange(40) / 500
@@ -137,6 +138,59 @@ def test_chunks_that_begin_after_midnight_know_of_it(tmp_path):
     np.testing.assert_allclose(late.columns[0].values, TIMES[25:35], atol=1e-9)
 
 
+def clock(k):
+    """Time of day of a number of milliseconds."""
+    return f"{k // 3_600_000 % 24:02d}:{k // 60_000 % 60:02d}:{k // 1000 % 60:02d}.{k % 1000:03d}"
+
+
+@pytest.mark.parametrize("hour, wrong", [(13, "00:00:00.000"), (23.9, "00:00:00.000"), (1, "23:00:00.000"),
+                                         (10, "00:00:00.000")])
+def test_one_wrong_time_of_day_is_no_midnight(tmp_path, hour, wrong):
+    """A step of more than half a day that the next row undoes is a fault of that row; the rest stays where it is."""
+    path = tmp_path / "run.csv"
+    stamps = [clock(round(hour * 3_600_000) + 2 * k) for k in range(40)]
+    stamps[20] = wrong
+    path.write_text("time,displacement [mm],force [kN]\n" + rows(stamps=stamps))
+    record, = lpv.read(path)
+    np.testing.assert_allclose(np.delete(record.times, 20), np.delete(TIMES, 20), atol=1e-9)
+    with pytest.raises(InputError, match="time runs backward in row 21"):
+        segments([record], ("force",))
+
+
+@pytest.mark.parametrize("place", [10, 20, 21])
+def test_a_wrong_time_of_day_shifts_nothing_wherever_blocks_end(place):
+    for wrong in (-46_800.0, 40_000.0):
+        values = np.arange(40.0) - (0.0 if wrong < 0 else 40_000.0)
+        values[20] = wrong
+        carry = Midnight()
+        carried = np.concatenate([carry.on(values[:place]), carry.on(values[place:])])
+        np.testing.assert_array_equal(np.delete(carried, 20), np.delete(values, 20))
+        assert (np.diff(carried) < 0).any()
+
+
+def test_a_long_pause_after_midnight_is_a_gap():
+    """Sessions over midnight, at noon, in the evening and the next morning."""
+    minutes = np.arange(10) / 60
+    starts = np.array([23.9, 37.0, 47.0, 58.0])[:, None] + minutes
+    hours = starts.ravel()
+    np.testing.assert_allclose(Midnight().on(3600 * (hours % 24)) / 3600, hours)
+
+
+def test_rows_before_the_first_are_passed_over_in_blocks(tmp_path, monkeypatch):
+    """Of the rows before, only stamps are parsed, once for a block; comments and blank lines are no rows."""
+    path = tmp_path / "run.csv"
+    lines = [f"{clock(36_000_000 + 10 * k)},{k}" for k in range(2000)]
+    path.write_text("\n".join(["time,force [kN]", *lines[:5], "# a comment", "", *lines[5:]]) + "\n")
+    late = next(iter(_parts.reader(path)(path, 500, 1500, None)))
+    np.testing.assert_array_equal(late.columns[1].values, np.arange(1500, 2000))
+    np.testing.assert_allclose(late.columns[0].values, 0.01 * np.arange(1500, 2000), atol=1e-9)
+    blocks = []
+    monkeypatch.setattr(_parts, "_passed", lambda block, *a, _passed=_parts._passed: blocks.append(len(block)) or
+                        _passed(block, *a))
+    next(iter(_parts.reader(path)(path, 500, 1500, None)))
+    assert len(blocks) < 6
+
+
 def test_text_in_the_first_row_is_no_header(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text(PLAIN + rows().replace("0.000,0.0000", "0.000,off", 1))
@@ -154,6 +208,35 @@ def test_a_first_row_without_a_sample_is_no_header(tmp_path, first):
     assert np.isnan(record["force"][0])
     assert record["force"][-1] == 58.0
     assert record["displacement"][-1] == pytest.approx(0.029)
+
+
+@pytest.mark.parametrize("above", ["Start,End\n10:12:13,10:13:00\n", "Time,Operator\n10:12:13,Miller\n",
+                                   "Start,End\n2026-11-26T10:12:13,2026-11-26T10:13:00\nRig,3\n",
+                                   "Start,End\n,10:13:00\n"])
+@pytest.mark.parametrize("header", ["time [s],force [N]\n", "time,force\ns,N\n"], ids=["in one row", "in two"])
+def test_stamps_in_a_preamble_are_no_samples(tmp_path, above, header):
+    path = tmp_path / "run.csv"
+    path.write_text(above + header + "".join(f"{k / 500},{k}\n" for k in range(30)))
+    record, = lpv.read(path)
+    assert list(record.channels) == ["force"]
+    assert record.n_samples == 30
+    assert record.sample_time == pytest.approx(1 / 500, rel=1e-9)
+
+
+@pytest.mark.parametrize("above", ["Start,End\n10:12:13,10:13:00\n", "Rate,Rows\n500,40\n"])
+def test_a_row_in_a_preamble_above_stamps_is_no_sample(tmp_path, above):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{above}time,force [N]\n" + "".join(f"{s},1\n" for s in DATES))
+    record, = lpv.read(path)
+    assert list(record.channels) == ["force"]
+    assert record.n_samples == 40
+
+
+def test_an_odd_row_below_the_first_stays_a_fault(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time,force [N]\n" + "".join(f"{s},1\n" for s in [DATES[0], "noon", *DATES[2:]]))
+    with pytest.raises(InputError, match="holds text 'noon' in row 2"):
+        lpv.read(path)
 
 
 def test_a_line_below_the_data_is_named_as_such(tmp_path):
