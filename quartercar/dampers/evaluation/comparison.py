@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
-from lpvid.toolkit import checks, in_forks, in_processes
+from lpvid.toolkit import checks, in_forks, in_processes, processors
 from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.contract import Damper
