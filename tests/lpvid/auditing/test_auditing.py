@@ -346,7 +346,7 @@ def test_the_band_that_follows_needs_three_segments(rng: np.random.Generator) ->
 @pytest.mark.parametrize("noise", [0.0, 2.0])
 def test_a_fast_part_beside_strong_lines_is_followed_to_its_end(noise: float, rng: np.random.Generator) -> None:
     """2 % of a slow motion, up to 20 Hz (a filter of second order, so a little beyond): not what the lines leak."""
-    assert 18 < follows(view(strut(rng, 0.02, noise), None))
+    assert follows(view(strut(rng, 0.02, noise), None)) > 18
 
 
 def test_unrelated_noise_has_no_band_that_follows(rng: np.random.Generator) -> None:
