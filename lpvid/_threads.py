@@ -163,5 +163,10 @@ class found_once(Generic[R]):
 
 
 def processors() -> int:
-    """Processors that this process may use."""
+    """Processors that this process may use.
+
+    Returns
+    -------
+    int
+    """
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

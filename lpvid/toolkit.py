@@ -7,6 +7,7 @@
   kernels inside the function that calls them.
 - ``single_thread``, ``found_once``, ``in_processes``, ``in_forks``, ``Beside``: one BLAS thread inside a block, a value
   that threads share, a function over items on several processes or forks, one call beside the caller's own work.
+  ``processors``: how many of them the machine has for this process.
 - ``ReadOnlyState``: a frozen noun whose mappings and arrays stay read-only through pickle and copy.
 - ``Shown``: a noun that draws itself and has a card in a notebook.
 
@@ -27,13 +28,13 @@ from lpvid._forks import in_forks
 from lpvid._pickling import ReadOnlyState
 from lpvid._processes import Beside, in_processes
 from lpvid._shown import Shown
-from lpvid._threads import found_once, single_thread
+from lpvid._threads import found_once, processors, single_thread
 
 if TYPE_CHECKING:
     from lpvid._compiling import copy_values, njit
 
 __all__ = ["Beside", "ReadOnlyState", "Shown", "checks", "copy_values", "found_once", "in_forks", "in_processes",
-           "njit", "single_thread"]
+           "njit", "processors", "single_thread"]
 
 
 def __getattr__(name: str) -> Any:

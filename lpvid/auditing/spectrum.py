@@ -135,13 +135,19 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
 
 
 def follows(view: View) -> float:
-    """Frequency [Hz] up to which the force follows the motion, 0 where it follows nowhere.
+    """Frequency [Hz] up to which the force follows the motion, at least; 0 where it follows nowhere.
 
     A slow motion may have 99 % of its power, and of the force's, in a small part of the band in which it excites the
     force. There the two are coherent: over K independent segments the coherence of unrelated signals exceeds
     1 − a^(1/(K − 1)) with probability a (Carter 1987), and of the whole spectrum with `CHANCE`. Of segments with a
-    Hann window that overlap by half, 0.53 of their number are independent. The frequencies count from the lowest one
-    that follows to the first that does not: hum in both sensors stands apart from them.
+    Hann window that overlap by half, 0.53 of their number are independent; fewer than three tell nothing. The
+    frequencies count from the lowest one that follows to the first that does not: hum in both sensors stands apart
+    from them.
+
+    What the window leaks of a strong line is coherent too, up to any frequency where there is little noise. So the band
+    ends with the last of these frequencies at which the motion has power of its own: above what all others leak there
+    and above the floor at the top of the spectrum. A line is seen up to one bin beyond the bin nearest to it, hence
+    1.5 bins are taken off.
 
     Parameters
     ----------
@@ -154,18 +160,53 @@ def follows(view: View) -> float:
     """
     if view.stroke is None or view.period is None:
         return 0.0
-    from scipy.signal import coherence
+    from scipy.signal import coherence, welch
 
     _, velocity, force = view.stroke
     size = min(1024, max(velocity.size // 16, 16))
-    frequency, shared = coherence(velocity, force, 1 / view.period, nperseg=size)
     independent = 0.53 * (2 * velocity.size / size - 1)
+    if independent < 3:
+        return 0.0
+    frequency, shared = coherence(velocity, force, 1 / view.period, nperseg=size)
+    power = welch(velocity, 1 / view.period, nperseg=size)[1]
     above = shared[1:] > 1 - (CHANCE / shared[1:].size) ** (1 / (independent - 1))
     if not above.any():
         return 0.0
     first = int(np.argmax(above))
     last = above.size if above[first:].all() else first + int(np.argmin(above[first:]))
-    return float(frequency[1:][last - 1])
+    own = power > np.maximum(_leaked(power, size), _floor(power, independent))
+    seen = np.flatnonzero(own[1 + first:1 + last])
+    return max(first + int(seen[-1]) - 0.5, 0.0) * float(frequency[1]) if seen.size else 0.0
+
+
+def _leaked(power: np.ndarray, size: int) -> np.ndarray:
+    """(f,) the most that a Hann window of `size` samples leaks into each bin from all others but its two neighbours.
+
+    A line at most half a bin beside bin j, which has the amplitude a there, has a |W(d + δ)| / |W(δ)| in the bin d
+    further on, W the window's transform and |δ| ≤ 1/2. The amplitudes of all bins are added, on the circle of the
+    frequencies of a sampled signal, negative ones among them.
+    """
+    from scipy.signal import get_window
+
+    fine = 16
+    shape = np.abs(np.fft.fft(get_window("hann", size), fine * size))
+    offset = np.arange(-fine // 2, fine // 2 + 1)
+    spread = (shape[(fine * np.arange(size)[:, None] + offset) % shape.size] / shape[np.abs(offset)]).max(axis=1)
+    spread[[0, 1, -1]] = 0.0
+    both = np.minimum(np.arange(size), size - np.arange(size))
+    amplitude = np.fft.ifft(np.fft.fft(np.sqrt(power[both])) * np.fft.fft(spread)).real
+    return amplitude[:power.size] ** 2
+
+
+def _floor(power: np.ndarray, independent: float) -> float:
+    """Power that no bin of white noise exceeds, but with `CHANCE`: its level is the median of the top fifth.
+
+    The mean over K segments of the power of noise has a chi-square distribution of 2K degrees of freedom.
+    """
+    from scipy.stats import chi2
+
+    level = float(np.median(power[-max(power.size // 5, 1):]))
+    return level * float(chi2.isf(CHANCE / power.size, 2 * independent)) / (2 * independent)
 
 
 def _filled(view: View, name: str) -> float:

@@ -106,3 +106,19 @@ def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, with
         finally:
             parent.kill()
         assert len(workers) == 2 and all(gone(pid) for pid in workers)
+
+
+@pytest.mark.parametrize("awaited", [0, 1])
+def test_an_interruption_keeps_what_is_done_and_is_raised_where_nothing_is(awaited: int) -> None:
+    """One worker sleeps on the slow item, the other is done with the quick one: Ctrl-C comes then, or at once."""
+
+    def interrupt(done: int, running: list[int], left: float | None) -> None:
+        if done >= awaited:
+            raise KeyboardInterrupt
+
+    if not awaited:
+        with pytest.raises(KeyboardInterrupt):
+            in_processes(time.sleep, [600.0, 600.0], workers=2, report_progress=interrupt)
+        return
+    slow, quick = in_processes(time.sleep, [600.0, 0.0], workers=2, report_progress=interrupt)
+    assert slow.stopped == "interrupted" and not quick.stopped and quick.error is None

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
-from lpvid.toolkit import checks, in_forks, in_processes
+from lpvid.toolkit import checks, in_forks, in_processes, processors
 from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.contract import Damper
@@ -243,12 +243,15 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
 
 
 def _order(count: int, settings: CompareSettings) -> list[int]:
-    """Places of the models, quick ones first, in the order of their fits: as they are where a budget may end the work.
+    """Places of the models, quick ones first, in the order of their fits.
 
-    Several processes without one begin with the slow fits, so that none is left alone with one of them at the end.
+    Several processes begin with the slowest fits, so that none is left alone with one of them at the end, but for one
+    process that takes the quick ones in order: an interruption finds some of them done. Where a budget may end the
+    work, all take the quick ones first.
     """
-    quick_first = settings.budget is not None or settings.workers == 1
-    return list(range(count) if quick_first else reversed(range(count)))
+    workers = min(settings.workers or processors(), count)
+    slow = 0 if settings.budget is not None else max(workers - 1, 0)
+    return [*reversed(range(count - slow, count)), *range(count - slow)]
 
 
 _Job = tuple[Damper, tuple[Record, ...], FitSettings]

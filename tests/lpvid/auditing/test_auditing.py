@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -312,6 +313,40 @@ def test_the_rate_keeps_the_band_in_which_the_motion_excites_the_force(rng: np.r
     assert not audit(strut(rng, 0.02)).of("oversampled")
     (slow,) = audit(strut(rng, 0.0)).of("oversampled")
     assert slow.value < 5  # tones at 0.4 and 0.93 Hz, with the lobes of a window of 2 s
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize(("line", "n", "most"), [(1.0, 40000, 1.5), (10.0, 40000, 10.8), (10.0, 2000, 16.1)])
+def test_a_line_is_followed_up_to_itself_not_as_far_as_its_window_leaks(line: float, n: int, most: float, noise: float,
+                                                                        rng: np.random.Generator) -> None:
+    """Side lobes are coherent in velocity and force: without noise a sine of 1 Hz was "followed up to 1000 Hz"."""
+    v = 0.3 * np.sin(2 * np.pi * line * np.arange(n) / 2000)
+    sine = Record({"velocity": v + noise * rng.normal(size=n), "force": 1500 * v + 5e3 * noise * rng.normal(size=n)},
+                  sample_time=1 / 2000, units={"velocity": "m/s", "force": "N"})
+    assert follows(view(sine, None)) <= line
+    (finding,) = audit(sine).of("oversampled")
+    assert finding.value < most
+
+
+@pytest.mark.parametrize("n", [64, 100, 300])
+def test_a_short_sine_gets_an_advice(n: int, rng: np.random.Generator) -> None:
+    """At 100 samples it "followed up to 375 Hz", which silenced the finding."""
+    v = np.sin(2 * np.pi * 10 * np.arange(n) / 2000) + 1e-3 * rng.normal(size=n)
+    sine = Record({"velocity": v, "force": 1500 * v + 5 * rng.normal(size=n)}, sample_time=1 / 2000,
+                  units={"velocity": "m/s", "force": "N"})
+    assert follows(view(sine, None)) < 2000 / 16
+
+
+def test_the_band_that_follows_needs_three_segments(rng: np.random.Generator) -> None:
+    """Two signals of one segment are coherent whatever they are."""
+    few = SimpleNamespace(period=0.01, stroke=(np.zeros(23), *rng.normal(size=(2, 23))))
+    assert follows(few) == 0.0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_a_fast_part_beside_strong_lines_is_followed_to_its_end(noise: float, rng: np.random.Generator) -> None:
+    """2 % of a slow motion, up to 20 Hz (a filter of second order, so a little beyond): not what the lines leak."""
+    assert follows(view(strut(rng, 0.02, noise), None)) > 18
 
 
 def test_unrelated_noise_has_no_band_that_follows(rng: np.random.Generator) -> None:

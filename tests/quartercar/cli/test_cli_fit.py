@@ -120,6 +120,16 @@ def test_a_voltage_stands_in_and_it_says_so(files, tmp_path):
 
 
 @pytest.mark.seconds
+def test_an_interruption_before_any_model_is_done_ends_with_one_line(files, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("quartercar.dampers.evaluation.comparison.in_processes", interrupted)
+    result = run(files[0], "--models", "linear", "--out", tmp_path / "out", code=130)
+    assert result.stderr.splitlines()[-1] == "interrupted: nothing was written"
+    assert "Traceback" not in result.output and not (tmp_path / "out").exists()
+
+
 def test_reversed_polarity_comes_first_and_flip_mends_it(files, tmp_path):
     turned = measured(tmp_path / "t-psi.csv", 0, sign=-1.0)
     shown = run(turned, "--models", "guo").stdout

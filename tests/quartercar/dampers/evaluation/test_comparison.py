@@ -391,8 +391,11 @@ def test_the_comparison_does_not_depend_on_the_number_of_processes() -> None:
         assert mine.held_out.total.esr == other.held_out.total.esr
 
 
-def test_slow_fits_come_first_where_several_processes_share_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """None is left alone with a slow fit at the end; with a budget, or in one process, quick ones come first."""
+def test_one_of_several_processes_takes_the_quick_fits_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others begin with the slowest: none is left alone with one at the end, and Ctrl-C finds quick ones done.
+
+    With a budget, or in one process, quick ones come first.
+    """
     queues: list[list[str]] = []
 
     def here(function: Callable, items: Sequence[tuple], **_: object) -> list:
@@ -404,10 +407,19 @@ def test_slow_fits_come_first_where_several_processes_share_them(monkeypatch: py
     v = 0.1 * np.sin(12 * t) + 0.05 * np.sin(31 * t)
     run = Record({"velocity": v, "force": 1500 * v}, sample_time=1 / 500, name="run")
     settings = [CompareSettings(workers=1), CompareSettings(workers=2), CompareSettings(workers=2, budget=600.0)]
-    one, several, limited = (compare([run], ["narx-2", "linear"], settings=s) for s in settings)
-    assert queues == [["linear", "narx-2"], ["narx-2", "linear"], ["linear", "narx-2"]]
+    one, several, limited = (compare([run], ["narx-2", "power-law", "linear"], settings=s) for s in settings)
+    by_effort = ["linear", "power-law", "narx-2"]
+    assert queues == [by_effort, ["narx-2", "linear", "power-law"], by_effort]
     ranked = [[(r.name, r.held_out.total.esr) for r in found.rows] for found in (one, several, limited)]
     assert ranked[0] == ranked[1] == ranked[2]
+
+
+@pytest.mark.parametrize(("workers", "order"), [(1, [0, 1, 2, 3]), (2, [3, 0, 1, 2]), (3, [3, 2, 0, 1]),
+                                                (9, [3, 2, 1, 0])])
+def test_the_slowest_fits_begin_on_all_processes_but_one(workers: int, order: list[int]) -> None:
+    assert module._order(4, CompareSettings(workers=workers)) == order
+    assert module._order(4, CompareSettings(workers=workers, budget=9.0)) == [0, 1, 2, 3]
+    assert module._order(0, CompareSettings(workers=workers)) == []
 
 
 def test_rows_are_the_same_by_forks() -> None:
