@@ -93,8 +93,8 @@ class GainBounds:
                 continue
             stalled = best is not None and basis.degree != 1 and found.gamma > (1 - ENOUGH) * best.gamma
             best = stronger(best, found)
-            near = stalled or best.gamma <= (1 + ENOUGH) * self.floor
-            if self.basis is None and near and best.between_grid:
+            reached = best.gamma <= (1 + ENOUGH) * self.floor
+            if best.between_grid and (reached or (stalled and self.basis is None)):
                 break
         return best
 
@@ -292,9 +292,12 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
         if (reading.degree or reading.frequency) and box.rate[box.names.index(reading.name)] is None:
             raise InputError(f"the storage function depends on '{reading.name}', whose rate has no bound",
                              why="in continuous time it could jump", mend=f"give a rate for '{reading.name}'")
-        if reading.breaks and reading.degree < 2:
+        i = box.names.index(reading.name)
+        jumps = reading.jumps(box.lower[i], box.upper[i])
+        if jumps:
             raise InputError(f"the storage function has a slope that jumps in '{reading.name}'",
-                             got="a spline of order 1", mend="use a spline of order 2 or 3")
+                             got=", ".join(f"{k:.6g}" for k in jumps[:3]),
+                             mend="use splines of order 2 or higher, with simple knots over the whole box")
     return bound
 
 
