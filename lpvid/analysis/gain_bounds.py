@@ -87,7 +87,8 @@ class GainBounds:
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         best: GainCertificate | None = None
-        for basis in storage_bases(self.system, box, self.basis):
+        bases = list(storage_bases(self.system, box, self.basis))
+        for basis in bases if self.basis is None else reversed(bases):  # a given one first: it may be all that it takes
             found = self._with(basis, box)
             if found is None:
                 continue
@@ -279,12 +280,16 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
     Raises
     ------
     InputError
-        It reads something else, or, in continuous time, a variable without a rate bound or with a slope that jumps.
+        It reads something else, or at a delay, or, in continuous time, a variable without a rate bound or with a slope
+        that jumps inside the box.
     """
     for name in basis.names:
         if name not in box.names:
             raise InputError("the storage function depends on a variable that the model does not read", got=name,
                              mend=f"choose among {', '.join(box.names) or 'none'}")
+    if any(basis.lags):
+        raise InputError("the storage function reads a variable at a delay", got=basis.labels,
+                         mend="let it read p(k), without Shifted")
     bound = basis.bound(box)
     if discrete:
         return bound
