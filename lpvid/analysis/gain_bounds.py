@@ -87,14 +87,15 @@ class GainBounds:
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         best: GainCertificate | None = None
-        for basis in storage_bases(self.system, box, self.basis):
+        bases = list(storage_bases(self.system, box, self.basis))
+        for basis in bases if self.basis is None else reversed(bases):  # a given one first: it may be all that it takes
             found = self._with(basis, box)
             if found is None:
                 continue
             stalled = best is not None and basis.degree != 1 and found.gamma > (1 - ENOUGH) * best.gamma
             best = stronger(best, found)
-            near = stalled or best.gamma <= (1 + ENOUGH) * self.floor
-            if self.basis is None and near and best.between_grid:
+            reached = best.gamma <= (1 + ENOUGH) * self.floor
+            if best.between_grid and (reached or (stalled and self.basis is None)):
                 break
         return best
 
@@ -279,12 +280,16 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
     Raises
     ------
     InputError
-        It reads something else, or, in continuous time, a variable without a rate bound or with a slope that jumps.
+        It reads something else, or at a delay, or, in continuous time, a variable without a rate bound or with a slope
+        that jumps inside the box.
     """
     for name in basis.names:
         if name not in box.names:
             raise InputError("the storage function depends on a variable that the model does not read", got=name,
                              mend=f"choose among {', '.join(box.names) or 'none'}")
+    if any(basis.lags):
+        raise InputError("the storage function reads a variable at a delay", got=basis.labels,
+                         mend="let it read p(k), without Shifted")
     bound = basis.bound(box)
     if discrete:
         return bound
@@ -292,9 +297,12 @@ def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
         if (reading.degree or reading.frequency) and box.rate[box.names.index(reading.name)] is None:
             raise InputError(f"the storage function depends on '{reading.name}', whose rate has no bound",
                              why="in continuous time it could jump", mend=f"give a rate for '{reading.name}'")
-        if reading.breaks and reading.degree < 2:
+        i = box.names.index(reading.name)
+        jumps = reading.jumps(box.lower[i], box.upper[i])
+        if jumps:
             raise InputError(f"the storage function has a slope that jumps in '{reading.name}'",
-                             got="a spline of order 1", mend="use a spline of order 2 or 3")
+                             got=", ".join(f"{k:.6g}" for k in jumps[:3]),
+                             mend="use splines of order 2 or higher, with simple knots over the whole box")
     return bound
 
 

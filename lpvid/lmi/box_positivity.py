@@ -201,12 +201,17 @@ def _decided(evaluate: Evaluate, points: Sequence[Axis], moves: Sequence[Axis], 
         rounding += ceiling * missed * math.prod(constants) / min(constants)
     found = bernstein.positive(bernstein.coefficients(np.concatenate(parts), len(axes)), len(axes), above=rounding,
                                budget=budget, sharpness=sharpness)
-    # a value at a node is off by its own rounding alone: above that, it shows no failure
-    holds = None if found.holds is False and found.bound > error else found.holds
+    holds = found.holds
+    if holds is False and found.bound > -rounding:
+        # a corner of a halved cell is a value of the interpolant; one of F itself is off by its own rounding alone
+        nodes_lowest = min(float(np.linalg.eigvalsh(part)[..., 0].min()) for part in parts)
+        holds = None if nodes_lowest > error else False
     return bernstein.Positivity(holds, found.bound - rounding, found.work)
 
 
 def _placed(cells: list, unit: np.ndarray) -> np.ndarray:
-    """(cells, nodes, axes) nodes of the unit cube moved into each cell."""
+    """(cells, nodes, axes) nodes of the unit cube moved into each cell, and not past its end by rounding: there another
+    piece begins, and the slope of a spline ends."""
     ends = np.array(cells, dtype=float).reshape(len(cells), unit.shape[1], 2)
-    return ends[:, None, :, 0] + unit[None] * (ends[:, :, 1] - ends[:, :, 0])[:, None, :]
+    placed = ends[:, None, :, 0] + unit[None] * (ends[:, :, 1] - ends[:, :, 0])[:, None, :]
+    return np.minimum(placed, ends[:, None, :, 1])

@@ -251,6 +251,8 @@ def malformed(storage: Storage, system: Driven) -> str:
     box, basis, matrices = storage.box, storage.basis, storage.matrices
     if box.names != tuple(r.label for r in system.readings) or not set(basis.names) <= set(box.names):
         return "the certificate names other scheduling variables than the model reads"
+    if any(basis.lags):
+        return "the certificate's storage function reads a variable at a delay"
     if matrices.shape != (basis.size, system.order, system.order):
         return "matrices and basis of the certificate do not fit the model"
     if not np.all(np.isfinite(matrices)) or not np.array_equal(matrices, matrices.swapaxes(1, 2)):

@@ -221,7 +221,9 @@ class Storage:
         points, moves = [], []
         for i, system in enumerate(readings):
             low, high, own = self.box.lower[i], self.box.upper[i], self.readings.get(i, Reading("", 0, 0))
-            breaks, opaque = (*system.breaks, *own.breaks), False
+            breaks = (*system.breaks, *own.breaks)
+            # at a kink `drift` has the slope of one side only: the cell on the other side would be given a wrong value
+            opaque = self.sample_time is None and i in self.moving and bool(own.jumps(low, high))
             move = Axis(0.0, 1.0, 1 if i in self.moving else 0)
             if self.sample_time is not None and i in self.moving:
                 everywhere = self.reach(i) >= high - low

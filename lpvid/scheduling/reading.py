@@ -25,6 +25,8 @@ class Reading:
         In the unit of the variable; empty for a single piece.
     frequency : float
         0 without trigonometric functions.
+    kinks : tuple of float
+        Those breaks at which the slope may jump.
     """
 
     name: str
@@ -32,6 +34,22 @@ class Reading:
     degree: int
     breaks: tuple[float, ...] = ()
     frequency: float = 0.0
+    kinks: tuple[float, ...] = ()
+
+    def jumps(self, low: float, high: float) -> tuple[float, ...]:
+        """Where the slope may jump inside an interval; at its ends there is but one side.
+
+        Parameters
+        ----------
+        low, high : float
+            Ends of the interval, in the unit of the variable.
+
+        Returns
+        -------
+        tuple of float
+            Rising.
+        """
+        return tuple(k for k in self.kinks if low < k < high)
 
     @property
     def label(self) -> str:
@@ -57,4 +75,5 @@ def merged(parts: Iterable[tuple[Reading, ...]], combine: Callable[[Iterable], A
     for reading in (r for part in parts for r in part):
         together.setdefault((reading.name, reading.lag), []).append(reading)
     return tuple(Reading(name, lag, combine(r.degree for r in same), tuple(sorted({b for r in same for b in r.breaks})),
-                         combine(r.frequency for r in same)) for (name, lag), same in together.items())
+                         combine(r.frequency for r in same), tuple(sorted({k for r in same for k in r.kinks})))
+                 for (name, lag), same in together.items())

@@ -14,6 +14,10 @@ from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
+COINCIDE = 1e-12
+"""Knots nearer to each other, over the whole range, count as one of higher multiplicity: between them the slope changes
+over a distance that the cells of `lpvid.lmi.box_positivity.Axis` do not resolve."""
+
 
 @dataclass(frozen=True)
 class Spline(Basis):
@@ -115,7 +119,15 @@ class Spline(Basis):
         return np.ones(self.size)
 
     def readings(self, shift: int = 0) -> tuple[Reading, ...]:
-        return (Reading(self.name, shift, self.order, self.knots_of[self.name]),)
+        return (Reading(self.name, shift, self.order, self.knots_of[self.name], kinks=self._kinks()),)
+
+    def _kinks(self) -> tuple[float, ...]:
+        """Knots without a continuous slope: of multiplicity `order` or more, and both ends, beyond which it is zero."""
+        if not self.knots:
+            return ()
+        knots, distinct = self._full_knots(), np.unique(self.knots)
+        close = np.abs(distinct[:, None] - knots) <= COINCIDE * (knots[-1] - knots[0])
+        return tuple(distinct[close.sum(axis=1) >= self.order].tolist())
 
     def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(self.size), np.ones(self.size)

@@ -22,7 +22,7 @@ from lpvid.lmi import storage_search
 from lpvid.lmi.driven import driven
 from lpvid.lmi.native import Conic
 from lpvid.lmi.program import SOLVERS
-from lpvid.scheduling import Fourier, Polynomial, Spline
+from lpvid.scheduling import Fourier, Polynomial, Scheduling, Spline
 
 REFERENCE = {0.1: 0.09925, 1.0: 0.66240, 4.0: 0.86630}
 """Gain on a grid of ten points with P of degree 3 (synthesis sheet, section 1)."""
@@ -266,3 +266,12 @@ def test_a_proof_on_the_whole_box_goes_before_a_lower_bound_on_a_grid(better):
     assert stronger(*((whole, grid), (grid, whole))[better]) is whole
     lower = replace(found, gamma=1.5)
     assert stronger(whole, lower) is lower and stronger(None, grid) is grid
+
+
+def test_a_given_basis_costs_no_search_once_the_bound_meets_what_is_reached(monkeypatch):
+    looked_at, search = [], GainBounds._with
+    monkeypatch.setattr(GainBounds, "_with", lambda self, own, box: looked_at.append(own) or search(self, own, box))
+    one, box = np.ones((1, 1, 1)), Scheduling(("p",), (0.0,), (1.0,), (0.1,))
+    still = lpv.LPVStateSpace(-one, one, one, 0 * one, Polynomial("p", 0), None, box)
+    found = l2_gain(still, basis=Polynomial("p", 3), trajectories=False)
+    assert found.upper <= 1.005 * found.lower and [b.degree for b in looked_at] == [3]

@@ -11,8 +11,11 @@ from helpers.gain_systems import random_stable, time_invariant, vanishing
 import lpvid as lpv
 from lpvid.analysis.gain import l2_gain
 from lpvid.errors import InputError
-from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
-from lpvid.scheduling import Polynomial
+from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.driven import driven
+from lpvid.lmi.gain_certificate import GainCertificate, certify_gain, recheck_gain
+from lpvid.lmi.storage import Storage
+from lpvid.scheduling import Polynomial, Product, Scheduling, Shifted, Spline, Stacked
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +104,73 @@ def test_rounding_is_part_of_the_margin():
     exact = replace(found, matrices=np.array([[[1.0]]]), gamma=0.5, margin=0.0)
     assert not exact.check(model).holds
     assert replace(exact, gamma=0.5 * (1 + 1e-9), margin=0.0).check(model).holds
+
+
+HATS = Spline("p", 2, 1, (0.0, 0.5, 1.0))
+KINKED = {"stacked": Stacked((HATS, Polynomial("p", 2))), "product": Product(HATS, HATS),
+          "product with a polynomial": Product(HATS, Polynomial("p", 1)),
+          "double knot": Spline("p", 3, 2, (0.0, 0.5, 0.5, 1.0)),
+          "nearly double knot": Spline("p", 3, 2, (0.0, 0.5, 0.5 + 1e-14, 1.0))}
+NARROW = {"narrow": Spline("p", 2, 3, (0.2, 0.5, 0.8)), "narrow at one end": Spline("p", 2, 2, (0.0, 0.5, 0.8)),
+          "triple knot": Spline("p", 4, 3, (0.0, 0.5, 0.5, 0.5, 1.0))}
+SMOOTH = {"cubic": Spline("p", 2, 3, (0.0, 0.5, 1.0)), "quadratic": Spline("p", 3, 2), "one piece": Spline("p", 1, 1),
+          "double knot of a cubic": Spline("p", 3, 3, (0.0, 0.5, 0.5, 1.0)),
+          "wider than the box": Spline("p", 2, 3, (-1.0, 0.4, 2.0))}
+
+
+def leaning(rate: float) -> lpv.LPVStateSpace:
+    """ẋ = −x + w, z = x, with p in [0, 1]."""
+    one = np.ones((1, 1, 1))
+    box = Scheduling(("p",), (0.0,), (1.0,), (rate,))
+    return lpv.LPVStateSpace(-one, one, one, 0 * one, Polynomial("p", 0), None, box)
+
+
+def carried(basis, rate: float, values) -> Storage:
+    """The function P of p over a basis, on [0, 1]."""
+    box, p = Scheduling(("p",), (0.0,), (1.0,), (rate,)), np.linspace(0, 1, 401)
+    bound = basis.bound(box)
+    found = np.linalg.lstsq(bound.evaluate(p[:, None]), values(p), rcond=None)[0]
+    assert np.allclose(bound.evaluate(p[:, None]) @ found, values(p), atol=1e-9)
+    return Storage(found.reshape(-1, 1, 1), bound, box, None)
+
+
+@pytest.mark.parametrize("basis", KINKED.values(), ids=KINKED)
+def test_a_slope_that_jumps_proves_nothing_between_points(basis):
+    """P = 1 + 2p², less 2p − 1 beyond ½: left of the knot its slope is 2, at it 0 is read, and 2P − 1.6 P' = −0.2."""
+    system = driven(leaning(1.6), ("p",))
+    storage = carried(basis, 1.6, lambda p: 1 + 2 * p**2 - 2 * np.maximum(p - 0.5, 0))
+    assert not recheck_gain(system, storage, 100.0).between_grid
+    claimed = GainCertificate.of(system, storage, 100.0, Recheck(True, True, 0.01, ""))
+    outcome = lpv.verify(GainCertificate.from_dict(claimed.to_dict()), leaning(1.6))
+    assert not outcome.holds and not outcome.between_grid
+
+
+@pytest.mark.parametrize("basis", [*KINKED.values(), *NARROW.values()], ids=[*KINKED, *NARROW])
+def test_a_kinked_storage_function_is_shown_on_a_grid_at_most(basis):
+    system = driven(leaning(0.1), ("p",))
+    found = recheck_gain(system, carried(basis, 0.1, np.ones_like), 2.0)
+    assert found.holds and not found.between_grid
+    with pytest.raises(InputError, match="slope that jumps"):
+        l2_gain(leaning(0.1), basis=basis, trajectories=False)
+
+
+@pytest.mark.parametrize("basis", KINKED.values(), ids=KINKED)
+def test_kinks_count_only_where_the_variable_moves(basis):
+    found = recheck_gain(driven(leaning(0.0), ("p",)), carried(basis, 0.0, lambda p: 1 + p), 100.0)
+    assert found.holds and found.between_grid
+
+
+@pytest.mark.parametrize("basis", SMOOTH.values(), ids=SMOOTH)
+def test_smooth_splines_still_prove_the_whole_box(basis):
+    found = recheck_gain(driven(leaning(0.1), ("p",)), carried(basis, 0.1, lambda p: 1 + 0.5 * p), 2.0)
+    assert found.holds and found.between_grid
+
+
+def test_a_storage_function_reads_no_delay():
+    late = Shifted(Polynomial("p", 1), 1)
+    with pytest.raises(InputError, match="at a delay"):
+        l2_gain(leaning(0.1), basis=late.bound(leaning(0.1).box), trajectories=False)
+    system = driven(leaning(0.1), ("p",))
+    storage = Storage(np.array([[[1.0]], [[0.0]]]), late.bound(leaning(0.1).box), leaning(0.1).box, None)
+    claimed = GainCertificate.of(system, storage, 2.0, Recheck(True, True, 0.01, ""))
+    assert "delay" in lpv.verify(claimed, leaning(0.1)).why

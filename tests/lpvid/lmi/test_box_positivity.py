@@ -92,7 +92,23 @@ def test_a_proven_bound_of_products_is_below_every_value(weights, frequency):
     assert found.holds and found.bound <= 1e-3 + 1e-12
 
 
-def test_an_error_of_interpolation_is_no_failure():
-    """At a margin of 1e-9 waves whose sum of amplitudes may be 1e6 are neither proven nor disproven."""
-    wave = scalar(lambda p, m: 1 + np.cos(p) + 1e-9)
-    assert everywhere(wave, [Axis(0.0, 6.3, frequency=1.0)], [], ceiling=1e6).holds is None
+@pytest.mark.parametrize("lift", [1e-12, 2e-12, 5e-12])
+def test_an_error_of_interpolation_is_no_failure(lift):
+    """The coarser interpolant misses by 8e-11 and dips below 0; cells are halved until a corner of one lies there."""
+    for phase in np.linspace(0, 1, 60):
+        wave = everywhere(lambda p, m, phase=phase: ((1 + np.cos(8 * p + phase) + lift)[:, :, None, None], 1e-15),
+                          [Axis(0.0, 1.0, frequency=8.0)], [], ceiling=2.1)
+        assert wave.holds is not False
+
+
+def test_a_failure_at_a_node_is_one_however_large_the_error_of_interpolation():
+    wave = scalar(lambda p, m: np.cos(p) - 1 + 0 * p)  # 0 at the end p = 0, which is a node
+    assert everywhere(wave, [Axis(0.0, 1.0, frequency=1.0)], [], ceiling=1e6).holds is False
+
+
+def test_no_node_lies_beyond_the_box():
+    low, high = -0.7, 1.92
+    assert low + (high - low) > high  # by rounding
+    seen = []
+    everywhere(scalar(lambda p, m: seen.append(p) or 1 + p**2), [Axis(low, high, 2)], [])
+    assert np.concatenate(seen).max() == high
