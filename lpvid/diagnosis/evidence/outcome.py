@@ -165,7 +165,7 @@ class EvidenceOutcome:
             nearest = "come nearest" if len(others) > 1 else "comes nearest"
             return "unexplained", f"{', '.join(m.effect.name for m in others)} {nearest}, and cannot be named; " \
                                   f"{structure}"
-        if self.significant and self.of_law > MISSED:
+        if self.of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
         noise = "" if self.left <= MISSED else \
             f"; what is left, {self.left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
