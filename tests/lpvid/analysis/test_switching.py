@@ -88,7 +88,8 @@ def test_a_certificate_is_saved(tmp_path):
 
 
 def test_curved_or_continuous_models_are_refused():
-    curved = lpv.LPVStateSpace(np.zeros((3, 1, 1)), np.zeros((3, 1, 1)), np.zeros((3, 1, 1)), np.zeros((3, 1, 1)),
+    a = np.array([0.0, 0.0, 0.1]).reshape(3, 1, 1)
+    curved = lpv.LPVStateSpace(a, np.zeros((3, 1, 1)), np.zeros((3, 1, 1)), np.zeros((3, 1, 1)),
                                Polynomial("p", degree=2), 1.0)
     with pytest.raises(InputError, match="not affine"):
         vertices(curved)

@@ -9,7 +9,7 @@ import pytest
 from helpers.effect_signals import road_like
 
 from lpvid.diagnosis.signals import Signals
-from quartercar.effects import series
+from quartercar.effects import series_march
 from quartercar.effects.corners import Corners, corners
 from quartercar.effects.series import InSeries
 from quartercar.effects.series_march import Elements
@@ -48,7 +48,7 @@ def test_a_corner_between_samples_is_marched_round_as_on_a_finer_clock(
     made = InSeries(law, Elements(**elements))
     exact = made(triangle(FINER))[::FINER]
     found = made(triangle())
-    monkeypatch.setattr(series, "corners", straight)
+    monkeypatch.setattr(series_march, "corners", straight)
     cut = made(triangle())
     assert np.sum((cut - exact) ** 2) > 1e-3 * np.sum((law(triangle()) - exact) ** 2)
     assert np.sum((found - exact) ** 2) < left * np.sum((cut - exact) ** 2)
