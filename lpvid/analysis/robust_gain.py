@@ -326,7 +326,7 @@ def _destabilised(system: Uncertain, points: np.ndarray) -> bool:
 
 def _constant(block: Block, generator: np.random.Generator) -> np.ndarray:
     """(p, q) real gain that the block allows: at zero frequency; the real part of a `Dynamic` is no larger."""
-    return block.draw(0j, generator).real
+    return np.real(block.draw(0j, generator))
 
 
 def _reached(system: Uncertain, points: np.ndarray, nominal: _Nominal) -> float:
