@@ -22,6 +22,9 @@ ENOUGH = 3000
 of them; in white noise of 1 %, so many show a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
+FAR = 1.2
+"""mean square reach of a stretch over that of the median part, from which it is read for its reach: where all parts
+reach as far, none is"""
 FEWEST = 4
 """stretches over all records at least, so that slow causes show"""
 SLACK = 3
@@ -202,7 +205,7 @@ def _liveliest(s: Signals, count: int, size: int) -> list[int]:
         most = np.array([w.max() for w in inside])
         unlike.append(most / max(float(np.median(most)), 1e-300))
     out, far = firsts[0], int(np.argmax(unlike[1]))
-    if unlike[1][far] > unlike[0][far]:
+    if unlike[1][far] > max(unlike[0][far], FAR):
         out[far] = firsts[1][far]
     return out
 
