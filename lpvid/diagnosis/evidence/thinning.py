@@ -24,7 +24,8 @@ BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
 FAR = 1.2
 """mean square reach of a stretch over that of the median part, from which it is read for its reach: where all parts
-reach as far, none is"""
+reach as far, none is. Of 60 motions of the foreign rig the samples come within 5 % of the largest stroke in 93 % with
+1.0 and with 1.2, in 92 % with 1.5, in 85 % with 2, in 73 % without such a stretch"""
 FEWEST = 4
 """stretches over all records at least, so that slow causes show"""
 SLACK = 3
@@ -188,8 +189,8 @@ def _cut(s: Signals, last: int) -> Signals:
 def _liveliest(s: Signals, count: int, size: int) -> list[int]:
     """First samples of so many stretches, one in each part of equal length; the start-up does not count.
 
-    In each the one in which the inputs move most; in the part with the farthest reach of all that with it, unless it
-    moves there as no other part does.
+    In each part the stretch in which the inputs move most. In the part that reaches farthest it is that of the farthest
+    reach, where this is `FAR` times that of the median part and differs more from it than what moves there does.
     """
     moved, reached = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
