@@ -230,6 +230,7 @@ def test_the_tutorial_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["better"].held_out.overall.free_run.esr < 0.03
 
 
+@pytest.mark.seconds
 @pytest.mark.usefixtures("site")
 def test_the_device_of_source_002_settles_to_its_law() -> None:
     """At constant speed and duty: law, full Dahl friction and gas, other in rebound than in compression."""

@@ -26,6 +26,7 @@ def test_an_example_is_short_and_says_what_it_answers(path: Path) -> None:
     assert text.startswith('"""')
 
 
+@pytest.mark.seconds
 def test_first_model(tmp_path: Path) -> None:
     assert load("first_model").main(tmp_path) < 0.04
     assert (tmp_path / "damper.json").exists()

@@ -17,6 +17,8 @@ from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.laws.wang_kamath import WangKamath
 
+pytestmark = pytest.mark.seconds
+
 SAMPLES = 30 * 512
 
 

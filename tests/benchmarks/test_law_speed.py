@@ -16,6 +16,8 @@ from quartercar.controllers.contract import SIGNALS, Controller, Law, Setting
 from quartercar.parameters import MEGANE
 from quartercar.rides.default_damper import identified_damper
 
+pytestmark = pytest.mark.seconds
+
 PREVIEW = 69
 """samples of 2.7 m at 20 m/s and 512 Hz"""
 SCALE = {"suspension_deflection": 0.01, "suspension_velocity": 0.3, "body_velocity": 0.15, "wheel_velocity": 0.3,

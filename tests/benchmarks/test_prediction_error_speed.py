@@ -25,6 +25,8 @@ from lpvid.record import Record
 from lpvid.scheduling import Polynomial
 from lpvid.simulation import simulate
 
+pytestmark = pytest.mark.seconds
+
 BASIS = Polynomial("p", degree=2)
 SETTINGS = {"na": 4, "nb": 4, "nk": 1, "input": "u", "output": "y", "basis": BASIS}
 
@@ -94,7 +96,6 @@ def test_gauss_newton_step_against_its_banded_solves(record, benchmark):
           f"24 banded solves by dtbtrs: {1e3 * solves:.1f} ms; ratio {ours / solves:.2f} (aim 3)")
 
 
-@pytest.mark.seconds
 def test_output_error_of_24_parameters_on_1e5_samples(record, benchmark):
     found = benchmark.pedantic(lambda: identify(record, OutputError(**SETTINGS)), rounds=1, iterations=1)
     if benchmark.disabled:

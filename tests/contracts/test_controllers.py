@@ -16,6 +16,8 @@ from quartercar.parameters import MEGANE
 EVERY = [name for name, _, _ in laws.LAWS if name not in ("scheduled", "identified-plant")]
 NAMES = [name for name in EVERY if not name.startswith("lpv") and name != "mpc"]
 """those without a synthesis or a damper behind them"""
+SECONDS = ("mpc",)
+"""laws whose kernels take longer to compile than those of all others together"""
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -30,7 +32,9 @@ def test_says_what_it_is_and_comes_back_from_a_file(name: str, tmp_path):
     assert type(back) is type(law) and dict(back.values) == dict(moved.values)
 
 
-@pytest.mark.parametrize(("name", "ahead"), [*((n, 0) for n in EVERY), ("preview-lqr", 6), ("mpc", 6)])
+@pytest.mark.parametrize(("name", "ahead"), [
+    pytest.param(n, k, marks=pytest.mark.seconds if n in SECONDS else ())
+    for n, k in (*((n, 0) for n in EVERY), ("preview-lqr", 6), ("mpc", 6))])
 def test_reads_nothing_else_and_cars_do_not_mix(name: str, ahead: int):
     law = laws.law_class(name)()
     rows = [seen(seed=k, ahead=ahead) for k in range(20)]

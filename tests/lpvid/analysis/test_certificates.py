@@ -126,6 +126,7 @@ def test_common_lyapunov_function_is_always_found_when_it_exists_by_construction
         assert found.between_grid
 
 
+@pytest.mark.seconds
 def test_poly_quadratic_where_one_matrix_is_not_enough(rng):
     # two matrices whose joint spectral radius stays below 1 although no common P exists
     one, two = np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 1.0], [0.0, -1.0]])
@@ -225,6 +226,7 @@ def test_synthetic_damper_over_its_range():
         assert verify(found, model).holds
 
 
+@pytest.mark.seconds
 def test_continuous_switched_oscillators_grow_fast_and_are_stable_slowly():
     one, two = np.array([[-0.1, 1.0], [-10, -0.1]]), np.array([[-0.1, 10.0], [-1, -0.1]])
     model = state_space([one, two - one], Polynomial("p", degree=1), None, UNIT)

@@ -105,6 +105,7 @@ def test_a_sweep_over_rates_is_what_single_calls_give():
     assert sweep[0].upper < sweep[1].upper < sweep[2].upper
 
 
+@pytest.mark.seconds
 def test_a_sweep_compiles_everything_in_its_first_call(monkeypatch):
     """Whatever a later rate needs, the programs of both stages are there."""
     compiled, stated = [], Conic.of
@@ -248,6 +249,7 @@ def test_a_loop_reads_its_variables_with_the_degrees_that_it_uses():
     assert found.between_grid and found.upper == pytest.approx(1.0, rel=1e-4)  # 1/(2 − pq) at p = q = 1
 
 
+@pytest.mark.seconds
 def test_a_richer_basis_gives_no_larger_bound(monkeypatch):
     """Also where the richer one gives none of its own: too many unknowns, or a solver that fails."""
     model = vanishing()

@@ -66,6 +66,7 @@ def test_moving_parameter_is_one_more_scheduling_variable(sample_time):
     assert 0.999 * oracle.upper <= found.upper <= 1.05 * oracle.upper     # multipliers do not move with s
 
 
+@pytest.mark.seconds
 def test_delay():
     """ẋ = −x(t − τ) + w is stable for τ < π/2 only: the bound holds below, and nothing is promised beyond."""
     loop = system([[0.0]], [[-1.0, 1.0]], [[1.0], [1.0]])
@@ -78,6 +79,7 @@ def test_delay():
     assert lpv.robust_gain(loop, lpv.Delay("p", "q", 1.6)).verdict == "not certified"
 
 
+@pytest.mark.seconds
 def test_slope_is_worth_more_than_a_sector():
     """Circle criterion against Zames-Falb multipliers on a lightly damped oscillator; linear slopes reach `lower`."""
     loop = system([[0, 1.0], [-1, -0.2]], [[0, 0], [-1, 1.0]], [[1.0, 0], [1.0, 0]])

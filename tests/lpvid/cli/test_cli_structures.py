@@ -230,6 +230,7 @@ def chosen(tmp_path_factory) -> tuple[dict, dict, Path, float]:
     return described, json.loads((folder / "out" / "selection.json").read_text()), folder, share
 
 
+@pytest.mark.seconds
 def test_the_choice_reaches_the_ceiling(chosen):
     described, selection, _, share = chosen
     assert selection["schema"] == "lpvid/selection/1" and selection["complete"]
@@ -253,6 +254,7 @@ def test_held_out_data_have_no_say(chosen, tmp_path):
     assert again["held_out"]["overall"]["free_run"]["esr"] > 0.5
 
 
+@pytest.mark.seconds
 def test_refit_writes_the_fit_to_all_data(chosen):
     described, _, folder, _ = chosen
     assert described["refitted"]["n_samples"] > described["n_samples"]

@@ -156,6 +156,7 @@ def test_sensitivities_are_difference_quotients(rng: np.random.Generator, states
 
 
 # -- estimation --------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_stiffness_and_law_are_recovered(rng: np.random.Generator) -> None:
     """Data from a fine Euler run of the smooth law (its inverse by interpolation), with 1 % noise."""
     fine, n = 40, 1500

@@ -26,6 +26,7 @@ def test_a_passive_network_is_found_unchanged():
     assert lpv.verify(certificate, found.model).holds and certificate.between_grid
 
 
+@pytest.mark.seconds
 def test_a_yielding_damper_keeps_its_knee_and_preload():
     truth = yielding()
     data = _measured(truth, np.random.default_rng(1), noise=2.0, offset=-80.0)
@@ -68,6 +69,7 @@ def test_no_random_motion_and_current_take_more_than_is_stored():
         assert np.cumsum(force * v).min() >= -1e-9 * np.abs(force * v).sum()
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("basis", [lpv.Spline("current", segments=2, order=1), lpv.Polynomial("current", degree=2)])
 def test_other_dependences_on_the_current_are_certified_between_grid_points(basis):
     data = _measured(yielding(), np.random.default_rng(7), noise=2.0)

@@ -42,6 +42,7 @@ def test_published_optima_are_reached_and_kept(make, optimum):
     assert lpv.verify(result.certificate, result.closed_loop).holds and result.between_grid
 
 
+@pytest.mark.seconds
 def test_an_optimum_that_is_not_attained():
     """The infimum is 0, with X and Y growing without bound."""
     result = synthesize(trivial(), OutputFeedback())
@@ -64,12 +65,14 @@ def test_the_controller_in_the_plants_own_loop_by_control():
     assert gain <= result.gamma_verified
 
 
+@pytest.mark.seconds
 def test_without_feedthrough():
     result = synthesize(sb10fd(), OutputFeedback(strictly_proper=True))
     assert not result.controller.D.any()
     _kept(result, 1.0125 * max(10.1843, result.infimum))
 
 
+@pytest.mark.seconds
 def test_a_direct_path_from_control_to_measurement_is_allowed_for():
     plain, direct = scherer(), scherer(d22=0.7)
     one, other = (synthesize(p, OutputFeedback()) for p in (plain, direct))

@@ -199,6 +199,7 @@ def coloured(pole: float):
     return colour
 
 
+@pytest.mark.seconds
 def test_whiteness_is_calibrated_and_notices_colour() -> None:
     found = p_values(200, white, white, seed=11)
     assert kstest(found["whiteness"], "uniform").pvalue > 1e-3

@@ -103,6 +103,7 @@ def test_half_the_unequal_damping_of_a_fast_run_is_not_printed_as_gas_force():
     assert not any(line.strip().startswith("gas ") for line in str(found).splitlines())
 
 
+@pytest.mark.seconds
 def test_forces_that_the_gas_turns_have_no_ratio_and_a_passive_damper_no_column_of_currents():
     t = np.arange(0, 12.0, 2e-3)
     rng = np.random.default_rng(2)

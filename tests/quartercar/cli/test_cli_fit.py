@@ -90,6 +90,7 @@ def test_json_alone_on_standard_output(files):
     assert described["data"]["held_out"][0]["n_samples"] == 300  # 900 − floor(2·900/3)
 
 
+@pytest.mark.seconds
 def test_hold_out_and_seed(files):
     described = json.loads(run(files[0], "--models", "guo", "--hold-out", "1/4", "--json").stdout)
     assert described["data"]["held_out"][0]["n_samples"] == 225
@@ -130,6 +131,7 @@ def test_an_interruption_before_any_model_is_done_ends_with_one_line(files, tmp_
     assert "Traceback" not in result.output and not (tmp_path / "out").exists()
 
 
+@pytest.mark.seconds
 def test_reversed_polarity_comes_first_and_flip_mends_it(files, tmp_path):
     turned = measured(tmp_path / "t-psi.csv", 0, sign=-1.0)
     shown = run(turned, "--models", "guo").stdout

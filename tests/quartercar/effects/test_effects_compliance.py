@@ -61,6 +61,7 @@ def test_a_gas_preload_takes_up_no_play(element: SeriesElement, values: list[flo
     assert np.abs(alone - law(s)).max() > 0.02 * np.ptp(alone), "and the element does something"
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4]), (EntrainedAir(), [3e-4, 300.0])], ids=str)
 def test_the_derivative_in_the_preload_is_that_of_whole_runs(element: SeriesElement, values: list[float]) -> None:
     s = sine(0.004, 3.0)

@@ -225,6 +225,7 @@ def test_mpc_needs_limits_a_damper_and_a_horizon():
         laws.Predictive().start(replace(SETTING, damper=None))
 
 
+@pytest.mark.seconds
 def test_mpc_stays_within_the_limits_and_uses_the_road_it_is_given():
     law = laws.Predictive(rounds=8)
     quiet = {n: np.zeros(1) for n in law.reads}

@@ -396,7 +396,7 @@ class Brittle(Passive):
         return super().begin(values, setting)
 
 
-@pytest.mark.parametrize("failure", [NumericalError, *(
+@pytest.mark.parametrize("failure", [pytest.param(NumericalError, marks=pytest.mark.seconds), *(
     pytest.param(e, marks=pytest.mark.slow) for e in (ZeroDivisionError, InputError, np.linalg.LinAlgError))])
 def test_a_design_that_fails_costs_infinitely_much_and_ends_no_tuning(failure):
     one = trial()

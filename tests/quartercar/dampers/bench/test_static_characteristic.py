@@ -53,6 +53,7 @@ def test_the_law_comes_back_within_its_standard_errors(rng: np.random.Generator,
     assert 0.6 < np.sqrt(np.mean((error / c.std) ** 2)) < 1.6
 
 
+@pytest.mark.seconds
 def test_standard_errors_hold_over_many_draws(rng: np.random.Generator) -> None:
     scaled = np.concatenate([(c.force - law(c.velocity)) / c.std for c in
                              (static_points([run(1e-3, cycles=4, rng=rng)]) for _ in range(30))])

@@ -178,6 +178,7 @@ def test_a_fit_that_fails_leaves_the_others(monkeypatch):
 
 
 # -- reversed and mixed polarity --------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_reversed_polarity_leaves_figures_and_parameters():
     """Turning the measured force changes no figure and no parameter, only what is said."""
     plain = compare([guo_record()], ["guo"])
@@ -391,6 +392,7 @@ def test_the_comparison_does_not_depend_on_the_number_of_processes() -> None:
         assert mine.held_out.total.esr == other.held_out.total.esr
 
 
+@pytest.mark.seconds
 def test_one_of_several_processes_takes_the_quick_fits_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """The others begin with the slowest: none is left alone with one at the end, and Ctrl-C finds quick ones done.
 

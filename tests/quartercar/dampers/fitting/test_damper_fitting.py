@@ -154,6 +154,7 @@ def test_forces_in_another_unit_scale_the_linear_parameters() -> None:
 
 
 # -- what is known of the parameters ----------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_standard_errors_of_white_residuals_cover() -> None:
     true, _ = _tanh(0.0)
     found = [fit(Tanh(), _tanh(40.0, seed, 800)[1], settings=FitSettings(starts=2)) for seed in range(60)]

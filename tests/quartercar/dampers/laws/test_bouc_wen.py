@@ -112,6 +112,7 @@ def test_stable_where_runge_kutta_is_not() -> None:
     assert np.abs(stepped(t, x, v, p)).max() <= limit
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("exponent", [1.0, 1.7, 2.0])
 def test_complex_step_is_the_derivative(rng: np.random.Generator, exponent: float) -> None:
     for _ in range(20):

@@ -148,6 +148,7 @@ def test_static_force_is_where_a_long_slow_ramp_ends() -> None:
         assert end == pytest.approx(damper.static_force(np.array([v]), 0.4)[0] + 200.0, rel=1e-6)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("lag", ["shared", "full"])
 def test_derivatives_against_the_complex_step(lag: str) -> None:
     """Im F(θ + i h e_j)/h of the plain run, current moving within and beyond the nodes, start at a measured force."""
@@ -198,6 +199,7 @@ def test_runge_kutta_at_1_ms_diverges_beyond_its_limit_where_this_step_stays_acc
     assert np.abs(ours - exact).max() < 4e-4 * exact.std()
 
 
+@pytest.mark.seconds
 def test_runge_kutta_also_fails_where_only_the_saturated_hysteresis_is_fast() -> None:
     """(αδ + k_0)/(c_0 + c_1) = 67 s⁻¹ says nothing of n δ |r| = 3460 s⁻¹."""
     damper, drive = uniform(1.5e4, yield_force=30.0), sine(1.0)
@@ -207,6 +209,7 @@ def test_runge_kutta_also_fails_where_only_the_saturated_hysteresis_is_fast() ->
     assert np.abs(damper.response(drive, damper.vector) - exact).max() < 2e-4 * exact.std()
 
 
+@pytest.mark.seconds
 def test_runge_kutta_serves_below_the_limit() -> None:
     damper, drive = uniform(9e3, yield_force=30.0), sine(1.0)
     assert damper.fastest_rate(A * W) * H < 0.8 * RK4_END

@@ -70,6 +70,7 @@ def test_a_moving_command_against_a_tight_integration() -> None:
     assert np.abs(found - exact.y[0]).max() < 1e-7
 
 
+@pytest.mark.seconds
 def test_derivatives_in_times_and_delays_are_exact() -> None:
     lag, rng = CurrentLag("full"), np.random.default_rng(0)
     u = np.repeat(rng.uniform(0, 1, 40), 50)
