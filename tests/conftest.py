@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 
@@ -40,6 +41,17 @@ def pytest_configure(config: pytest.Config) -> None:
     """Collect garbage less often: the thousands of tests themselves are most of what it would look through."""
     gc.set_threshold(*GENERATIONS)
     _share_processors()
+    _build_commands_once()
+
+
+def _build_commands_once() -> None:
+    """Typer builds every command of an app anew for each call through its runner: 0.03 to 0.1 s of hundreds of calls.
+
+    The program itself is started once and builds them once.
+    """
+    import typer.testing
+
+    typer.testing._get_command = functools.cache(typer.testing._get_command)
 
 
 def _share_processors() -> None:
@@ -65,19 +77,22 @@ LONG_PAGES = ("docs/dampers.md", "docs/fixed_structure.md", "docs/synthesis.md")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none."""
+    """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none.
+
+    The others are ``slow``, or what the marker says in its second place.
+    """
     seen: dict[str, int] = {}
     for item in items:
         if item.nodeid.split("::")[0] in LONG_PAGES:
             item.add_marker(pytest.mark.seconds)
-        if item.get_closest_marker("seconds") is not None:
-            item.add_marker(pytest.mark.slow)
         mark = item.get_closest_marker("thinned")
         if mark is not None:
             name = item.nodeid.split("[")[0]
             if seen.setdefault(name, 0) % mark.args[0]:
-                item.add_marker(pytest.mark.slow)
+                item.add_marker(mark.args[1] if len(mark.args) > 1 else "slow")
             seen[name] += 1
+        if item.get_closest_marker("seconds") is not None:
+            item.add_marker(pytest.mark.slow)
 
 
 def _shared_data() -> Path | None:

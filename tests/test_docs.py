@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -81,6 +82,7 @@ def test_doctests_are_fenced(page: Path) -> None:
             assert content.endswith("\n\n"), "an empty line before the closing fence ends the expected output"
 
 
+@functools.cache
 def commands() -> dict[str, set[str]]:
     """Every command with its options."""
     from lpvid.cli.app import app as lpvid_app

@@ -62,6 +62,7 @@ def admissible_path(rng, low, high, step, length):
 
 
 # -- the trap of frozen stability -----------------------------------------------------------------------------------
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("size", [1.0, 0.9, 0.6])
 def test_alternating_nilpotent_pair_is_never_certified_and_its_growth_is_shown(size):
     found = certify_stability(alternating(size))

@@ -28,6 +28,7 @@ REFERENCE = {0.1: 0.09925, 1.0: 0.66240, 4.0: 0.86630}
 """Gain on a grid of ten points with P of degree 3 (synthesis sheet, section 1)."""
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize(("rate", "gain"), REFERENCE.items())
 def test_the_reference_case_with_bounded_rates(rate, gain):
     found = l2_gain(vanishing(), rate=rate, basis=Polynomial("d", degree=3), trajectories=False)
@@ -194,6 +195,7 @@ def test_a_gain_survives_its_dictionary():
     assert str(again) == str(found) and again.certificate.gamma == found.certificate.gamma
 
 
+@pytest.mark.seconds
 def test_checking_a_saved_certificate_needs_neither_solver_nor_scipy(tmp_path):
     model = vanishing()
     lpv.save(l2_gain(model, rate=1.0, trajectories=False).certificate, tmp_path / "c.json")

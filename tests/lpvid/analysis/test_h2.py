@@ -41,6 +41,7 @@ def test_time_invariant_systems_agree_with_python_control(discrete, rng):
     assert lpv.verify(found.certificate, time_invariant(a, b, c, d, 0.1 if discrete else None)).holds
 
 
+@pytest.mark.seconds
 def test_a_moving_system_stays_below_its_bound_in_simulation(rng):
     model = random_stable(rng, 3, 1, discrete=True)
     found = h2_norm(model, basis=Polynomial("p0", degree=1))

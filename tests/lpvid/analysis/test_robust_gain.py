@@ -23,6 +23,7 @@ LAG = system([[-1.0]], [[1.0, 1.0]], [[1.0], [1.0]])
 OSCILLATOR = system([[0, 1.0], [-1, -0.4]], [[0, 0], [-1, 1.0]], [[1.0, 0], [1.0, 0]])
 
 
+@pytest.mark.thinned(5, "seconds")
 @pytest.mark.parametrize("block", [lpv.Parametric("p", "q", 0.5), lpv.Parametric("p", "q", 0.5, moving=True),
                                    lpv.Dynamic("p", "q", 0.5), lpv.Sector("p", "q", -0.5, 0.5),
                                    lpv.Lipschitz("p", "q", 0.5)])

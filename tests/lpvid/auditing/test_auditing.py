@@ -288,6 +288,7 @@ def test_repetition_is_a_note_with_its_period() -> None:
     assert {f.channel for f in same.of("same-in-two-records")} == {"displacement", "velocity", "current", "force"}
 
 
+@pytest.mark.seconds
 def test_too_fast_a_rate_and_moving_averages() -> None:
     (finding,) = audit(clean(period=PERIOD / 10, n=40000)).of("oversampled")
     assert 15 < finding.value < 40
@@ -367,6 +368,7 @@ def test_a_name_that_promises_another_amplitude() -> None:
 
 
 # -- the audit itself -------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_it_prints_and_serialises_the_same_every_time() -> None:
     records = [change(clean(name="b"), "force", np.negative), clean(2, name="a")]
     one, two = audit(records), audit(records)
@@ -392,6 +394,7 @@ def test_anything_that_parses_can_be_audited(rng: np.random.Generator) -> None:
         audit([])
 
 
+@pytest.mark.seconds
 def test_a_long_record_is_audited_in_seconds() -> None:
     record = clean(n=36_000)
     begin = time.process_time()
@@ -399,6 +402,7 @@ def test_a_long_record_is_audited_in_seconds() -> None:
     assert time.process_time() - begin < 4
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("factor", [1e-3, 1e4])
 def test_the_size_of_the_numbers_changes_nothing(factor: float) -> None:
     faulty = change(change(clean(), "force", lambda f: np.minimum(-f, np.percentile(-f, 97)) + 80.0), "velocity",

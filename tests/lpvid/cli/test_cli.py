@@ -199,6 +199,7 @@ def test_delay_is_chosen_when_left_open(run1):
     assert "took nk=0" in shown
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("extra", [("--affine",), ("--basis", "spline", "--segments", 2), ("--ridge", "1e-12"),
                                    ("--shape", "tanh"), ("--affine-terms", 1), ("--na", 2)])
 def test_richer_structures_hold_the_true_system(run1, extra):
@@ -228,6 +229,7 @@ def test_several_channels_by_repeat_or_comma(tmp_path):
     assert json.loads(comma.stdout)["training"]["overall"]["free_run"]["esr"] < 1e-20
 
 
+@pytest.mark.seconds
 def test_state_space_in_the_form_asked_for(run1, tmp_path):
     run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--form", "augmented", "--out",
         tmp_path / "m")
@@ -292,6 +294,7 @@ def test_frozen_stable_is_not_enough(tmp_path):
     assert "only while the scheduling stands still" in described["verdict"]
 
 
+@pytest.mark.seconds
 def test_stability_with_covariance(model, tmp_path):
     """The model file carries its parameters' covariance: the share of stable draws is reported."""
     described = json.loads(run("stability", model, "--rate", 100, "--json").stdout)

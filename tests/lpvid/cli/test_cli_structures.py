@@ -59,6 +59,7 @@ def pole_at_one_ampere(described: dict) -> float:
     return -(values["a1[1]"] + values["a1[current]"] * (1.0 - norm["centre"][0]) / norm["half_width"][0])
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("structure, options, noise", [
     ("arx", (), "equation"), ("oe", (), "output"), ("bj", ("--nc", 1, "--nd", 1), "box-jenkins"),
     ("armax", ("--nc", 1), "armax"), ("riv", (), "output"), ("riv", ("--nc", 1, "--nd", 1), "box-jenkins"),
@@ -186,6 +187,7 @@ def test_feedback_is_covered_by_the_embedding(tmp_path):
     assert largest(feedback(0.8), 1.0) <= 5.0
 
 
+@pytest.mark.seconds
 def test_what_no_embedding_covers_is_open_and_ends_with_three(tmp_path):
     lpv.save(feedback(1.1), tmp_path / "m.json")
     shown = run("stability", tmp_path / "m.json", "--out", tmp_path / "s", code=3).stdout

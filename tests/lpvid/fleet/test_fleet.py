@@ -129,6 +129,7 @@ def test_the_false_discovery_rate_holds_between_parameters(count: int, size: int
     assert differing_parameters({f"h{k}": np.zeros(4) for k in range(19)}) is None
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("count", [12, 40, 200])
 def test_either_of_two_tests_keeps_the_false_discovery_rate(count: int) -> None:
     """One file differs in its parameters, another in its residual alone; healthy ones in neither."""

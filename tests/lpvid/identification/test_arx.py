@@ -241,6 +241,7 @@ def test_a_noise_free_system_is_found_exactly(lagged: bool, rng: np.random.Gener
     assert found.training.overall.one_step.esr < 1e-18
 
 
+@pytest.mark.seconds
 def test_standard_errors_are_calibrated() -> None:
     rng = np.random.default_rng(5)
     scores = []
@@ -333,6 +334,7 @@ def test_roles_and_held_out_data(rng: np.random.Generator) -> None:
     assert found.held_out.records[0].n_samples == 200
 
 
+@pytest.mark.seconds
 def test_draws_follow_the_covariance(rng: np.random.Generator) -> None:
     found = identify(a_true_system(rng, 400, noise=0.3), TRUE_STRUCTURE)
     draws = np.array([found.layout.read(m) for m in found.draw(rng, 4000)])

@@ -99,6 +99,7 @@ def test_records_of_reversed_polarity_are_refused():
                      lpv.Passive(lpv.ARX(1, 2, 0, "velocity", "force")))
 
 
+@pytest.mark.seconds
 def test_output_error_and_held_out_data_go_with_it():
     truth, rng = maxwell(), np.random.default_rng(6)
     found = lpv.identify(_measured(truth, rng, noise=3.0), lpv.Passive(lpv.OutputError(1, 2, 0, "velocity", "force")),

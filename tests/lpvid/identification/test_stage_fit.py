@@ -119,6 +119,7 @@ def test_a_known_lag_of_the_current_is_found(rng: np.random.Generator) -> None:
     assert found.training.overall.free_run.esr < 1e-5
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(sys.platform != "linux", reason="forks are used on Linux")
 def test_one_and_two_processes_find_the_same(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     v, p = motion(rng, 800), stepped_current(rng, 800)

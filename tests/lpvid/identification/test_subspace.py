@@ -86,6 +86,7 @@ def test_two_by_two_close_to_the_system(rng: np.random.Generator) -> None:
     assert any("singular values" in note and "by its free run out of 4 folds" in note for note in found.notes)
 
 
+@pytest.mark.seconds
 def test_observer_gain_predicts_coloured_noise(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     system.k = 0.4 * np.linalg.pinv(system.c[0])

@@ -147,6 +147,7 @@ def test_exact_forms_reproduce_the_equation_for_moving_scheduling(shape):
         assert realize(source, "shifted").causal
 
 
+@pytest.mark.seconds
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, point=st.floats(-1, 1))
 def test_all_forms_agree_for_frozen_scheduling(shape, point):

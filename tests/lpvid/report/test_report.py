@@ -109,6 +109,7 @@ def test_text_is_escaped():
     assert "<script>" not in html and "&lt;script&gt;" in html and "&lt;d&gt;" in html
 
 
+@pytest.mark.seconds
 def test_same_page_same_bytes(pages):
     again = stability_page(study_stability(lpv.LPVTransferFunction.siso(
         [[-0.5, 0.1]], [[1.0, 0.0]], lpv.Polynomial("p", degree=1), 0.1)), "m")

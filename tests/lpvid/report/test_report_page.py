@@ -294,6 +294,7 @@ def test_the_search_for_findings_finds_them(tmp_path):
     assert "image-alt" in grave_findings(render(whole_page()).replace("<main>", '<main><img src="data:,">'), tmp_path)
 
 
+@pytest.mark.seconds
 def test_constant_gains_are_a_table_and_others_a_figure() -> None:
     """A state feedback without scheduling: its lines over frequency would be flat."""
     from lpvid.report.page import PageFigure, PageTable

@@ -80,6 +80,7 @@ def test_a_direct_path_from_control_to_measurement_is_allowed_for():
     _kept(other, 1.0125 * 9.50808)
 
 
+@pytest.mark.seconds
 def test_units_of_time_and_signals_change_nothing():
     """Ten thousand times faster, with the control in another unit: the same optimum."""
     p = scherer()
@@ -90,6 +91,7 @@ def test_units_of_time_and_signals_change_nothing():
     _kept(result, 1.0125 * 9.50808)
 
 
+@pytest.mark.seconds
 def test_discrete_time_against_the_continuous_optimum():
     """The bilinear transformation keeps H-infinity optima: Scherer's plant through z = (1 + s)/(1 − s)."""
     from lpvid.synthesis.bilinear import to_discrete

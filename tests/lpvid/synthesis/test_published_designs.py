@@ -57,6 +57,7 @@ def _near_integrator(noise):
                  column(0, noise), [[80, 1, 2]], [[0, noise]])
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("noise", [1e-3, 1e-2, 1e-1])
 def test_a_near_integrator_does_not_raise_the_bound(noise):
     """Against eigenvectors of the Hamiltonian matrices (Doyle et al. 1989), in the plant's own coordinates."""
@@ -174,6 +175,7 @@ def test_the_mend_of_a_bound_out_of_reach_names_the_lyapunov_basis():
     assert found.verdict == "infeasible" and "lyapunov=" in found.mend
 
 
+@pytest.mark.seconds
 def test_one_gain_criterion_is_the_same_by_either_design():
     one, other = (lpv.synthesize(quarter_car(), d) for d in (lpv.OutputFeedback(), lpv.MultiObjective(back_off=1.01)))
     assert other.gamma_verified <= 1.01 * one.gamma_verified

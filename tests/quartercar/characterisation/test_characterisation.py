@@ -149,6 +149,7 @@ def test_the_place_of_a_middle_current():
     assert middle.off_line == pytest.approx(middle.share - 0.5, abs=1e-3)
 
 
+@pytest.mark.seconds
 def test_loops_of_a_viscous_damper_and_of_a_maxwell_element():
     """∮F dx = π c ω X²; K* = i c ω k/(k + i c ω) for a dashpot in series with a spring."""
     c, k, amplitude, frequency = 1500.0, 4e5, 0.01, 4.0
@@ -294,6 +295,7 @@ def test_the_sign_of_rebound_changes_tables_and_bands_alike(three_specimens, tmp
 
 
 # -- pieces --------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_units_of_the_input_change_nothing():
     rig = Rig(sample_rate=256.0, oversampling=4)
     record = rig.run(sine(0.3, (0.0,), 4.0))

@@ -24,6 +24,7 @@ def readings(sensor: Sensor, signal: np.ndarray, seed: int = 0) -> np.ndarray:
     return np.array([sensing({sensor.signal: signal[k:k + 1]})[sensor.signal][0] for k in range(signal.size)])
 
 
+@pytest.mark.seconds
 def test_noise_has_its_standard_deviation_and_its_seed():
     read = readings(Sensor("body_acceleration", noise=0.05), np.zeros(20000))
     assert read.std() == pytest.approx(0.05, rel=0.03) and abs(read.mean()) < 0.002
@@ -86,6 +87,7 @@ def test_its_error_dies_out_and_its_covariance_is_a_fixed_point():
     assert np.linalg.eigvalsh(observer.covariance).min() > -1e-12
 
 
+@pytest.mark.thinned(4, "seconds")
 @pytest.mark.parametrize(("sensors", "limits"), [
     ("stroke-body", {"suspension_deflection": 0.02, "suspension_velocity": 0.22, "body_velocity": 0.03,
                      "wheel_velocity": 0.23, "tyre_deflection": 0.7}),

@@ -129,6 +129,7 @@ class TestFits:
         assert series.values["kappa"] == pytest.approx(0.02, rel=0.1)
         assert series.held_out < 1e-3 < late.held_out < rigid.held_out
 
+    @pytest.mark.seconds
     def test_a_rigid_branch_is_its_law_and_a_stiff_spring_comes_near(self) -> None:
         v = np.sin(np.linspace(0, 20, 2000))
         p = np.array([0.3, 0, 1, 0.8, 0, 0.1, 0, 0, 0, 0, 0])

@@ -97,6 +97,7 @@ def test_a_clamped_current_stays_in_the_fitted_range():
     assert u[:, -1].max() > 2.0 and error(found) < 1e-13
 
 
+@pytest.mark.thinned(4, "seconds")
 @needs_compiler
 @pytest.mark.parametrize("case", ["guo-15", "kwok, affine", "force-map, edges", "extended-bouc-wen, full"])
 def test_compiled_dampers_agree(case):
@@ -244,6 +245,7 @@ def test_a_loop_law_agrees_with_the_chain_of_a_ride(damper, case):
     assert error(export(loop(damper, case))) < 1e-12
 
 
+@pytest.mark.seconds
 @needs_compiler
 def test_a_compiled_loop_law_agrees():
     found = export(loop("guo", "clipped-optimal"))

@@ -66,6 +66,7 @@ def _long(n: int) -> tuple[np.ndarray, float, np.ndarray]:
     return road, STEP, current
 
 
+@pytest.mark.seconds
 def test_the_nonlinear_car_to_a_stated_error() -> None:
     # the car lets the damper's force rise linearly over a sample, the plant holds it
     law = damper(2)

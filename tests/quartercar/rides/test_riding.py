@@ -104,6 +104,7 @@ def test_noise_changes_the_ride_and_nothing_else():
     assert not np.array_equal(loud.run["command"], calm.run["command"])
 
 
+@pytest.mark.seconds
 def test_the_identified_damper_is_ridden_at_its_own_rate():
     found = ride(car(identified_damper(), Coil(highest=2.5)), SHORT, SkyhookAccelerationDriven())
     assert found.run.sample_time == identified_damper().clock
@@ -142,6 +143,7 @@ def test_a_coil_without_limits_is_refused():
 
 
 # -- energy ------------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_viscous_damper_takes_what_it_is_given():
     found = ride(QuarterCar(MEGANE, Linear(values={"damping": 1500.0}), coil=COIL), SHORT, Passive())
     after = found.run.after(1.0)

@@ -36,6 +36,7 @@ def test_closed_form_is_the_lyapunov_solution(name: str):
         assert closed[output] == pytest.approx(solved[output], rel=1e-9)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("parameters", [MEGANE, BENCH])
 def test_lyapunov_is_the_integral_of_the_response(parameters: CarParameters):
     # white velocity of two-sided intensity 1: norm² = 2 ∫_0^∞ |G(f)/(2πf)|² df

@@ -60,6 +60,7 @@ def test_standard_errors_hold_over_many_draws(rng: np.random.Generator) -> None:
     assert np.mean(np.abs(scaled) < 1.96) == pytest.approx(0.95, abs=0.07)
 
 
+@pytest.mark.seconds
 def test_repeats_that_differ_widen_the_error(rng: np.random.Generator) -> None:
     def warmer(share: float) -> list[Record]:
         return [r.with_channel("force", r["force"] * (1 + share * rng.standard_normal()), "N")

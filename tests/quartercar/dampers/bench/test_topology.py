@@ -90,6 +90,7 @@ def test_likelihoods_are_those_of_the_formulas(rng: np.random.Generator) -> None
     assert fit.bic == pytest.approx(23 * np.log(fit.rss / 23) + 4 * np.log(23))
 
 
+@pytest.mark.seconds
 def test_a_network_never_fits_worse_than_what_it_contains() -> None:
     for seed in range(3):
         for name in TRUTHS:

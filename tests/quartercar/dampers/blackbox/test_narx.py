@@ -118,6 +118,7 @@ def test_one_step_is_least_squares() -> None:
     np.testing.assert_allclose([*-model.a[:, 0, 0, 0], *model.b[1:, 0, 0, 0]], theta[:4], rtol=1e-6)
 
 
+@pytest.mark.seconds
 def test_simulation_error_escapes_the_one_step_trap() -> None:
     data, clean = record(2500, noise=0.1), record(1000, seed=4)
     errors = {}

@@ -424,6 +424,7 @@ def test_the_slowest_fits_begin_on_all_processes_but_one(workers: int, order: li
     assert module._order(0, CompareSettings(workers=workers)) == []
 
 
+@pytest.mark.seconds
 def test_rows_are_the_same_by_forks() -> None:
     """Scores, fits and flags of several processes are those of one; a row refers to the fit that stood in its place."""
     found = compare([guo_record()], ["linear", "guo", Linear(values={"damping": 900.0})])

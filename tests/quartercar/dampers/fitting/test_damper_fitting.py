@@ -143,6 +143,7 @@ def test_the_same_seed_gives_the_same_fit() -> None:
     assert one.estimate.starts is not None and one.estimate.starts.agreed >= 10
 
 
+@pytest.mark.seconds
 def test_forces_in_another_unit_scale_the_linear_parameters() -> None:
     _, given = _tanh(30.0)
     scaled = given.with_channel("force", 8.0 * given["force"], "N")

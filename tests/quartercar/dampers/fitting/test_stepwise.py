@@ -158,6 +158,7 @@ def test_without_a_slow_run_the_gas_goes_with_the_first_row() -> None:
     assert dict(found.damper.values) == pytest.approx(dict(device.values), rel=1e-4)
 
 
+@pytest.mark.seconds
 def test_without_a_constant_current_its_row_goes_with_the_lag() -> None:
     device, records = map_device(), plan(map_device())
     given = [records["slow"], records["u=10"], record("all", *restless(), device)]

@@ -68,6 +68,7 @@ def rms(error: np.ndarray, force: np.ndarray) -> float:
     return float(np.sqrt(np.mean(error**2)) / force.std())
 
 
+@pytest.mark.thinned(4, "seconds")
 @pytest.mark.parametrize(("voltage", "stiffer", "tolerance"),
                          [(0.0, 1.0, 2e-3), (2.25, 1.0, 5e-3), (2.25, 10.0, 3e-3), (2.25, 100.0, 1e-3)])
 def test_one_step_per_millisecond_against_lsoda(voltage: float, stiffer: float, tolerance: float) -> None:
@@ -159,6 +160,7 @@ def test_the_scale_of_z_changes_nothing() -> None:
     assert np.allclose(BoucWen.from_published(other).vector, model.vector, rtol=1e-12)
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("exponent", [1.0, 1.6, 3.0])
 def test_other_exponents_from_their_printed_form(exponent: float) -> None:
     printed = SpencerParameters(c_0a=800.0, c_1a=15000.0, alpha_a=40000.0, k_0=1000.0, k_1=0.0, x_0=0.0,

@@ -33,6 +33,7 @@ def ramp_response(t: np.ndarray, length: float, time: float) -> np.ndarray:
     return ramp(t) - ramp(t - length)
 
 
+@pytest.mark.thinned(4, "seconds")
 @pytest.mark.parametrize("direction", ["compression", "rebound"])
 @pytest.mark.parametrize("edge", ["rise", "fall"])
 def test_each_edge_and_direction_has_its_own_delay_and_time_constant(direction: str, edge: str) -> None:
