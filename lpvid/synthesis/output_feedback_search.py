@@ -230,8 +230,11 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                 found = replace(found, verdict="solved" if kept else "backed-off", infimum=min(best.gamma, verified),
                                 solver=best.solver, method=problem.method, notes=(*note, *found.notes),
                                 why=_kept_near(verified, min(target, verified)))
-                if not kept or wanted is not None or not _rapid(problem, formula, found):
-                    return found if kept or rapid is None else rapid
+                if rapid is None and (not kept or wanted is not None or not _rapid(problem, formula, found)):
+                    return found
+                if rapid is not None and verified <= (1 + back_off) * (rapid.gamma_verified or 0.0) and not _rapid(
+                        problem, formula, found):
+                    return found
                 rapid = rapid or found
                 break
     if rapid is not None:
