@@ -232,7 +232,8 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                                 why=_kept_near(verified, min(target, verified)))
                 if rapid is None and (not kept or wanted is not None or not _rapid(problem, formula, found)):
                     return found
-                if rapid is not None and verified <= (1 + back_off) * (rapid.gamma_verified or 0.0) and not _rapid(
+                if rapid is not None and verified <= (1 + back_off) * (rapid.gamma_verified or 0.0) and (
+                        found.certificate is not None or rapid.certificate is None) and not _rapid(
                         problem, formula, found):
                     return found
                 rapid = rapid or found
