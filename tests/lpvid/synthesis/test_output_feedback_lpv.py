@@ -39,7 +39,7 @@ def test_missile_autopilot_polytopic():
     rng = np.random.default_rng(5)
     box = result.closed_loop.box
     fastest = [np.abs(np.linalg.eigvals(m.frozen(box.centre)[0])).max() for m in (result.controller, missile().system)]
-    assert fastest[0] < 10 * fastest[1]  # X and Y of the least bound give a pole of 3e6 rad/s and more
+    assert fastest[0] < fastest[1]  # X and Y of the least bound give a pole of 3e6 rad/s and more
     for _ in range(60):  # inside the polytope, where no inequality was imposed
         p = rng.uniform(box.lower, box.upper)
         a, b, c, d = result.closed_loop.frozen(p)
