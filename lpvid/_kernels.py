@@ -285,17 +285,19 @@ def fill_regressor(block, row0, first, rows, data, phi, source, sign, lag, funct
                 target[r] = factor * signal[r] * weight[r]
 
 
-PANEL = 8
-"""columns of a panel of dgeqrt, whose reflections reach the others as matrix products; dgeqrf, which does so from 128
-columns on, takes 1.9 times as long on 1024 rows of 27 columns, 2.9 times on 120; panels of 4 and 16 take as
-long as 8"""
+PANELS = {32: 8}
+"""columns of a panel of dtpqrt, whose reflections reach the others as matrix products, up to so many columns; `WIDE`
+beyond. dgeqrf, which makes such products from 128 columns on, takes as long with 25 columns, 1.3 and 1.6 times as long
+with 60 and 120"""
+WIDE = 16
 
 
 class ChunkedQR:
     """R factor of a tall matrix that arrives in chunks; memory O(columns · chunk), independent of its length.
 
-    After every chunk, R ← qr([R; chunk]). RᵀR is the Gram matrix of everything seen, without its squared condition
-    number (Golub & Van Loan 2013, 6.5; the least-squares solution and residual stand in the last columns of R).
+    After every chunk, R ← qr([R; chunk]), where the zeros of R are left alone (LAPACK's dtpqrt). RᵀR is the Gram matrix
+    of everything seen, without its squared condition number (Golub & Van Loan 2013, 6.5; the least-squares solution and
+    residual stand in the last columns of R).
     """
 
     def __init__(self, columns: int, chunk: int = 1024) -> None:
@@ -303,32 +305,30 @@ class ChunkedQR:
 
         self.columns, self.chunk = columns, chunk
         self.rows_seen = 0
-        self._geqrt, self._panel = lapack.dgeqrt, min(PANEL, columns)  # type: ignore[attr-defined]
-        self._above = np.triu(np.ones((columns, columns), dtype=bool), 1)
-        self._work = np.zeros((columns, columns + chunk))  # transpose of the Fortran-ordered workspace
+        self._fold = lapack.dtpqrt  # type: ignore[attr-defined]
+        self._panel = min(next((p for most, p in PANELS.items() if columns <= most), WIDE), columns)
+        self._r = np.zeros((columns, columns), order="F")
+        self._work = np.zeros((columns, chunk))  # transpose of the Fortran-ordered workspace
 
     @property
     def block(self) -> np.ndarray:
-        """(columns, height) transposed workspace; write chunk rows from row `columns` on, then call `absorb`."""
+        """(columns, chunk) transposed workspace; write a chunk's rows, then call `absorb`."""
         return self._work
 
     def absorb(self, rows: int) -> None:
-        """Fold the first `rows` rows of the chunk area into R."""
-        self._work[:, self.columns + rows:] = 0.0
-        factored, _, info = self._geqrt(self._panel, self._work.T, overwrite_a=1)
+        """Fold the first `rows` rows of the workspace into R; what stands in it is overwritten."""
+        self._work[:, rows:] = 0.0
+        self._r, _, _, info = self._fold(0, self._panel, self._r, self._work.T, overwrite_a=1, overwrite_b=1)
         if info != 0:
-            raise ArithmeticError(f"dgeqrt failed with info {info}")
-        if not np.shares_memory(factored, self._work):
-            self._work[...] = factored.T
-        self._work[:, : self.columns][self._above] = 0.0
+            raise ArithmeticError(f"dtpqrt failed with info {info}")
         self.rows_seen += rows
 
     def resume(self, r: np.ndarray, rows: int) -> None:
         """Go on from the factor of so many rows."""
-        self._work[:, : self.columns] = np.triu(r).T
+        self._r = np.asfortranarray(np.triu(r))
         self.rows_seen = rows
 
     @property
     def r(self) -> np.ndarray:
         """(columns, columns) upper triangular factor."""
-        return np.triu(self._work[:, : self.columns].T)
+        return np.ascontiguousarray(np.triu(self._r))

@@ -110,9 +110,9 @@ def moving_average(d, z, out, history, rows):
 
 
 @njit()
-def copy_columns(block, row0, z, history, rows, order, scale):
+def copy_columns(block, z, history, rows, order, scale):
     """Row order[t] of z (K, history + rows), times `scale`, into row t of the transposed QR workspace `block`."""
     for t in range(order.size):
-        source, target = z[order[t]][history: history + rows], block[t][row0: row0 + rows]
+        source, target = z[order[t]][history: history + rows], block[t][:rows]
         for r in range(rows):
             target[r] = scale * source[r]

@@ -109,13 +109,13 @@ def states_run(matrices, phi, u, x0, states):
 
 
 @njit()
-def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, block, row0, d_phi, d_u):
+def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, block, d_phi, d_u):
     """Rows of [∂ŷ/∂x0, ∂ŷ/∂θ, ∂ŷ/∂ψ, ŷ − y] of samples first … last−1, output by output, times `weight` (ny,).
 
     table (entries, 6): parameter, array (0 A, 1 B, 2 f, 3 K, 4 C, 5 D, 6 g), function, row, column, sign. ψ are
     parameters of what makes φ and u: d_phi (n, M, s) and d_u (n, nu, s) are their derivatives, s may be 0. State x
     (nx,) and its sensitivities moved (nx, nx + parameters), x0 first and ψ last, are carried from call to call. block
-    (columns, height) is filled from row `row0` on, as `ChunkedQR` takes it.
+    (columns, height) is filled as `ChunkedQR` takes it.
     """
     A, B, C, D, f, g, K = matrices
     ny, nx, nu, width = C.shape[1], A.shape[1], u.shape[1], moved.shape[1]
@@ -174,7 +174,7 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
             new[i] = total
         copy_values(new, x)
         for o in range(ny):
-            row = row0 + (k - first) * ny + o
+            row = (k - first) * ny + o
             for q in range(width):
                 block[q, row] = weight[o] * slope[o, q]
             block[width, row] = weight[o] * error[o]

@@ -259,14 +259,14 @@ def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np
         past = _checks.finite(_checks.shaped(given, (start, model.n_outputs), "initial past outputs"), "initial")
         if len(y) < start:
             raise _too_short(model, len(y))
-        out = np.zeros_like(y)
+        out = np.empty_like(y)
         out[:start] = past
         diverged = _run_io(model, p, u, out, start, np.abs(past).max(initial=0.0))
         return _finish(model, out, start, None, diverged, "given past")
     if initial == "measured":
         if len(y) <= start:
             raise _too_short(model, len(y))
-        out = np.zeros_like(y)
+        out = np.empty_like(y)
         out[:start] = y[:start]
         diverged = _run_io(model, p, u, out, start, _scale(y))
         return _finish(model, out, start, None, diverged, "measured samples")

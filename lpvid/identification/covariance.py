@@ -255,7 +255,7 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
         work = np.zeros((k + ny, CHUNK))
         pending, held = np.zeros(k * ny), 0
         for record in records:
-            for rows in rows_of(record, data, work, 0):
+            for rows in rows_of(record, data, work):
                 x, y = work[:k, :rows], work[k:, :rows]
                 scores = np.einsum("or,kr->okr", y - theta.T @ x, x).reshape(k * ny, rows)
                 first = 0

@@ -83,7 +83,7 @@ def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse:
             block = np.zeros((ni + inverse.shape[0] + 1, rows))
             parts = []
             for output in range(problem.n_outputs):
-                write(block, 0, output)
+                write(block, output)
                 clean = block[ni:-1] if project is None else block[ni:-1] - project.T @ block[:ni]
                 parts.append(_filtered(clean, polynomial, past, output))
             stacked = np.einsum("oq,okr->qkr", root, np.array(parts))

@@ -312,9 +312,9 @@ class PredictionErrorProblem:
             qr = ChunkedQR(self.n_past + sum(self.sizes) + 1, CHUNK)
             out.append(qr)
 
-            def absorb(write: Callable[[np.ndarray, int, int], None], rows: int) -> None:
+            def absorb(write: Callable[[np.ndarray, int], None], rows: int) -> None:
                 for output in range(self.n_outputs):
-                    write(qr.block, qr.columns, output)
+                    write(qr.block, output)
                     qr.absorb(rows)
 
             return absorb
@@ -326,7 +326,7 @@ class PredictionErrorProblem:
         """Run through every record's Jacobian chunk by chunk.
 
         ``consumer(record)`` gives a function that is called as ``absorb(write, rows)`` for each chunk in turn;
-        ``write(block, row0, output)`` writes the weighted rows [J_past J_shared e] of one output, transposed.
+        ``write(block, output)`` writes the weighted rows [J_past J_shared e] of one output, transposed.
 
         Parameters
         ----------

@@ -204,7 +204,7 @@ def _filtered_regression(
             z[c.size:, history: history + rows] = y[first: first + rows].T
             if lags:
                 _sensitivity.recur(np.repeat(denominator[1:, None], rows, axis=1), z, history, rows)
-            _sensitivity.copy_columns(qr.block, qr.columns, z, history, rows, everything, 1.0)
+            _sensitivity.copy_columns(qr.block, z, history, rows, everything, 1.0)
             qr.absorb(rows)
             z[:, :history] = z[:, rows: rows + history].copy()
     r = qr.r
@@ -257,7 +257,7 @@ def _extended_regression(problem: PredictionErrorProblem, model: LPVTransferFunc
             rows = min(CHUNK, len(y) - first)
             shared = problem._regressor(signals, phi, first, rows)
             for o, qr in enumerate(factors):
-                block = qr.block[:, qr.columns: qr.columns + rows]
+                block = qr.block[:, :rows]
                 block[:size], block[-1] = shared, y[first: first + rows, o]
                 for i in range(nc):
                     low = first - (i + 1 if model.lagged else 0)

@@ -207,16 +207,16 @@ class _Sweep:
             last[np.abs(last) < FADED] = 0.0  # a past that has faded would linger as slow subnormal numbers
             array[:, :, : self.history] = last
 
-    def writer(self, first: int, rows: int) -> Callable[[np.ndarray, int, int], None]:
+    def writer(self, first: int, rows: int) -> Callable[[np.ndarray, int], None]:
         """A function that writes one output's weighted rows of this chunk into a transposed workspace."""
         from lpvid import _sensitivity
 
-        def write(block: np.ndarray, row0: int, output: int) -> None:
-            scale, place = float(self.problem.weights[output]), slice(row0, row0 + rows)
-            _sensitivity.copy_columns(block, row0, self.coloured[output], self.history, rows, self.order, scale)
+        def write(block: np.ndarray, output: int) -> None:
+            scale = float(self.problem.weights[output])
+            _sensitivity.copy_columns(block, self.coloured[output], self.history, rows, self.order, scale)
             for j, slope in enumerate(self.slopes):
-                block[self.order.size + j, place] = scale * slope[first: first + rows, output]
-            block[self.order.size + len(self.slopes), place] = scale * self.e[first: first + rows, output]
+                block[self.order.size + j, :rows] = scale * slope[first: first + rows, output]
+            block[self.order.size + len(self.slopes), :rows] = scale * self.e[first: first + rows, output]
 
         return write
 

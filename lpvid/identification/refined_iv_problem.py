@@ -223,8 +223,8 @@ class IVProblem:
             beside = [o[i] for o in others]
             for first in range(self.start, len(x), CHUNK):
                 rows = min(CHUNK, len(x) - first)
-                fill(qr.block, qr.columns, first, rows, (x, v, self.u[i], self.phi[i]), beside)
-                qr.block[self.size + more, qr.columns: qr.columns + rows] = e[first: first + rows]
+                fill(qr.block, first, rows, (x, v, self.u[i], self.phi[i]), beside)
+                qr.block[self.size + more, :rows] = e[first: first + rows]
                 qr.absorb(rows)
         return qr.r
 
@@ -264,25 +264,25 @@ class _Filler:
         self.colour_state = np.zeros((more if double else 0, self.colour[0].size - 1))
         self.past = np.zeros((more if double else 0, model.na))
 
-    def __call__(self, block: np.ndarray, column: int, first: int, rows: int, signals: tuple, others: list) -> None:
+    def __call__(self, block: np.ndarray, first: int, rows: int, signals: tuple, others: list) -> None:
         from lpvid._filter_kernels import rational_rows, varying_rows
         from lpvid._kernels import fill_regressor
 
         x, v, u, phi = signals
         problem, k, c = self.problem, self.problem.size, self.problem.columns
-        window = slice(column, column + rows)
+        window = slice(rows)
 
         def write(row: int, count: int, output: np.ndarray) -> None:
             reach = slice(first - problem.start, first + rows)
             data = np.vstack([output[None, reach], u[:, reach], np.ones((1, problem.start + rows))])
-            fill_regressor(block[row: row + count], column, problem.start, rows, data, phi[:, reach],
+            fill_regressor(block[row: row + count], 0, problem.start, rows, data, phi[:, reach],
                            c.source[:count], c.sign, c.lag, c.function, c.phi_lag)
 
         write(0, k, x)
         if self.kind == "exact":
             block[k: 2 * k, window] = block[:k, window]
-            varying_rows(self._back(phi, first, rows), block, k, 2 * k, column, rows, self.past)
-            rational_rows(*self.colour, block, k, 2 * k, column, rows, self.colour_state)
+            varying_rows(self._back(phi, first, rows), block, k, 2 * k, 0, rows, self.past)
+            rational_rows(*self.colour, block, k, 2 * k, 0, rows, self.colour_state)
         elif self.kind == "measured":
             for i in range(problem.lti.size):
                 block[k + i, window] = -v[first - i - 1: first - i - 1 + rows]
@@ -290,10 +290,10 @@ class _Filler:
             count = problem.n_output_columns
             for i, other in enumerate(others):
                 write(k + count * i, count, other)
-        rational_rows(*self.prefilter, block, 0, len(self.state), column, rows, self.state)
+        rational_rows(*self.prefilter, block, 0, len(self.state), 0, rows, self.state)
         if self.kind == "coloured":
             block[k: 2 * k, window] = block[:k, window]
-            rational_rows(*self.colour, block, k, 2 * k, column, rows, self.colour_state)
+            rational_rows(*self.colour, block, k, 2 * k, 0, rows, self.colour_state)
 
     def _back(self, phi: np.ndarray, first: int, rows: int) -> np.ndarray:
         a, lagged = self.model.a[:, 0, 0, :], self.model.lagged

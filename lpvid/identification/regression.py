@@ -216,31 +216,29 @@ def factorize(records: Sequence[Record], data: RegressionData) -> Factor:
     qr = ChunkedQR(data.columns.size + len(data.outputs), CHUNK)
     with single_thread():
         for record in records:
-            for rows in rows_of(record, data, qr.block, qr.columns):
+            for rows in rows_of(record, data, qr.block):
                 qr.absorb(rows)
     return Factor(qr.r, qr.rows_seen, data.columns.size)
 
 
-def rows_of(record: Record, data: RegressionData, block: np.ndarray, height: int) -> Iterator[int]:
-    """Write one record's rows of [X Y], chunk by chunk, into `block` from row `height` on; yields each chunk's rows.
+def rows_of(record: Record, data: RegressionData, block: np.ndarray) -> Iterator[int]:
+    """Write one record's rows of [X Y], chunk by chunk, into `block`; yields each chunk's rows.
 
     Parameters
     ----------
     record : Record
     data : RegressionData
-    block : (columns + outputs, height + CHUNK) array
+    block : (columns + outputs, CHUNK) array
         C-ordered: the transpose of a Fortran-ordered workspace.
-    height : int
-        Rows at the top that are the caller's own.
 
     Yields
     ------
     int
-        Rows that stand in `block` below the caller's own.
+        Rows that stand in `block`.
     """
     p = _scheduling(record, data)
     for first in range(data.start, record.n_samples, SUPER_CHUNK):
-        yield from _fill(record, data, p, first, min(first + SUPER_CHUNK, record.n_samples), block, height)
+        yield from _fill(record, data, p, first, min(first + SUPER_CHUNK, record.n_samples), block)
 
 
 def _scheduling(record: Record, data: RegressionData) -> np.ndarray | None:
@@ -252,7 +250,7 @@ def _scheduling(record: Record, data: RegressionData) -> np.ndarray | None:
 
 
 def _fill(record: Record, data: RegressionData, filtered: np.ndarray | None, first: int, last: int,
-          block: np.ndarray, height: int) -> Iterator[int]:
+          block: np.ndarray) -> Iterator[int]:
     from lpvid._kernels import fill_regressor
 
     low = first - data.start
@@ -266,12 +264,12 @@ def _fill(record: Record, data: RegressionData, filtered: np.ndarray | None, fir
     c = data.columns
     for offset in range(data.start, last - low, CHUNK):
         rows = min(CHUNK, last - low - offset)
-        fill_regressor(block, height, offset, rows, signals, phi, c.source, c.sign, c.lag, c.function, c.phi_lag)
+        fill_regressor(block, 0, offset, rows, signals, phi, c.source, c.sign, c.lag, c.function, c.phi_lag)
         for i in range(len(data.outputs)):
-            block[c.size + i, height: height + rows] = signals[i, offset: offset + rows]
+            block[c.size + i, :rows] = signals[i, offset: offset + rows]
         if data.weight is not None:
             weight = np.sqrt(record[data.weight][low + offset: low + offset + rows])
-            block[:, height: height + rows] *= weight
+            block[:, :rows] *= weight
         yield rows
 
 

@@ -264,7 +264,7 @@ def _scores(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, st
         x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, k))])
         every += len(y)
         for first in range(0, len(y) - length + 1, length):
-            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, first + length, block, 0,
+            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, first + length, block,
                              d_phi, d_u)
             score = block[nx: nx + k] @ block[nx + k]
             total += np.outer(score, score)

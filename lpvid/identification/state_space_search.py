@@ -223,7 +223,7 @@ def linearise(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
         x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, layout.size))])
         for first in range(0, len(y), CHUNK):
             last = min(first + CHUNK, len(y))
-            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block, width + 1,
+            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block,
                              d_phi, d_u)
             qr.absorb((last - first) * ny)
         total = triangle(np.vstack([total, qr.r[nx:, nx:]]))

@@ -275,7 +275,7 @@ class _Batch:
                 self._absorb(rows)
             return
         whole = piece if self.tail is None else _joined(self.tail, piece, self.bound.channels)
-        for count in rows_of(whole, self.data, self.qr.block, self.qr.columns):
+        for count in rows_of(whole, self.data, self.qr.block):
             self.qr.absorb(count)
         if self.data.start:
             self.tail = whole.slice(max(whole.n_samples - self.data.start, 0), whole.n_samples)
@@ -286,10 +286,9 @@ class _Batch:
             self._absorb(self.stream.close())
 
     def _absorb(self, rows: np.ndarray) -> None:
-        head = self.qr.columns
         for first in range(0, rows.shape[1], CHUNK):
             part = rows[:, first: first + CHUNK]
-            self.qr.block[:, head: head + part.shape[1]] = part
+            self.qr.block[:, : part.shape[1]] = part
             self.qr.absorb(part.shape[1])
 
     @property

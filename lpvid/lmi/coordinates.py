@@ -53,7 +53,7 @@ class Coordinates:
         if states is None:
             return cls(eye, eye, eye)
         try:
-            back = np.linalg.inv(states)
+            back = _inverse(states)
         except np.linalg.LinAlgError:
             return None
         off = np.abs(eye - back @ states)
@@ -75,6 +75,18 @@ class Coordinates:
         """
         into, back = np.abs(self.into), self.growth @ np.abs(self.back)
         return back @ np.abs(a) @ into, back @ np.abs(b), np.abs(c) @ into
+
+
+def _inverse(states: np.ndarray) -> np.ndarray:
+    """T⁻¹ by way of rows of like size: those of T are as different as the units of the states.
+
+    Powers of two round nothing. With T of the missile autopilot, whose rows lie twelve decades apart, I − LT falls from
+    6e-2 to 2e-9.
+    """
+    size = np.abs(states).max(axis=1)
+    with np.errstate(divide="ignore"):
+        scale = np.where(size > 0, np.exp2(-np.round(np.log2(size))), 1.0)
+    return np.linalg.inv(scale[:, None] * states) * scale
 
 
 def over_states(system: Driven, states: np.ndarray | None) -> Driven | None:
@@ -143,7 +155,7 @@ class Change:
             None where T is singular, or L so far from its inverse that E² is more than rounding.
         """
         try:
-            back = np.linalg.inv(states)
+            back = _inverse(states)
         except np.linalg.LinAlgError:
             return None
         high, low = long_product(back, states)

@@ -209,10 +209,14 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                          mend=f"ask for more than {best.gamma:.6g}, or {weights}{problem.richer}")
     target, note = _target(problem, projected, best, clock)
     moderated = Moderated(projected, best, clock, problem.solvers[:1])
-    for share in [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]:
-        gamma = target * (1 + max(share, 0.0))
+    rapid: Synthesis | None = None  # verified, with states that no sampled target can run
+    shares = [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]
+    for share in dict.fromkeys(max(s, 0.0) for s in shares):
+        if rapid is not None and (share > SOLVED or stopped()):
+            break
+        gamma = target * (1 + share)
         for formula in _formulas(problem, projected, best, gamma, clock, moderated):
-            missed = _missed(problem, formula)
+            missed = _missed(problem, formula) if rapid is None else ()
             if len(missed):
                 return missed, best
             try:
@@ -220,13 +224,24 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             except KeyboardInterrupt as error:  # what there is must be verified before it is returned
                 stop_at(error)
                 found = _written(problem, formula)
-            if found is not None:
-                found = _slower(problem, formula, found, wanted, 1 + back_off)
-                verified = found.gamma_verified or np.inf
-                kept = wanted is not None or verified <= (1 + SOLVED) * target
-                return replace(found, verdict="solved" if kept else "backed-off", infimum=min(best.gamma, verified),
-                               solver=best.solver, method=problem.method, notes=(*note, *found.notes),
-                               why=_kept_near(verified, min(target, verified)))
+            if found is None:
+                continue
+            found = _slower(problem, formula, found, wanted, 1 + (back_off if rapid is None else share))
+            verified = found.gamma_verified or np.inf
+            kept = wanted is not None or verified <= (1 + SOLVED) * target
+            found = replace(found, verdict="solved" if kept else "backed-off", infimum=min(best.gamma, verified),
+                            solver=best.solver, method=problem.method, notes=(*note, *found.notes),
+                            why=_kept_near(verified, min(target, verified)))
+            too_fast = kept and wanted is None and _rapid(problem, formula, found)
+            if rapid is None and not too_fast:
+                return found
+            if rapid is None:
+                rapid = remember(found)
+            elif not too_fast and _as_good(found, rapid, back_off):
+                return found
+            break
+    if rapid is not None:
+        return rapid
     verdict, why, mend = obstacle(problem.plant.plant, projected)
     if verdict == "infeasible" or best.status == ROOMY:  # the bound was that of an answer which keeps no inequality
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
@@ -343,12 +358,32 @@ def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: Ma
             yield formula
 
 
+def _as_good(found: Synthesis, first: Synthesis, back_off: float) -> bool:
+    """Whether a controller may take the place of the first: proven as well, its verified gain within the back-off."""
+    return (found.verdict == "solved" and (found.certificate is not None or first.certificate is None)
+            and (found.gamma_verified or np.inf) <= (1 + back_off) * (first.gamma_verified or 0.0))
+
+
+def _rapid(problem: FeedbackProblem, formula: ControllerFormula, found: Synthesis) -> bool:
+    """Whether the controller has states that `_slower` would do without: a larger bound may admit one that has none."""
+    if not _may_be_slower(problem):
+        return False
+    controller = found.controller
+    assert controller is not None
+    poles = np.linalg.eigvals(np.array([controller.frozen(p)[0] for p in problem.points]))
+    return bool(0 < FAST * fastest_pole(formula, problem.points) < np.abs(poles).max(initial=0.0))
+
+
+def _may_be_slower(problem: FeedbackProblem) -> bool:
+    return (problem.plant.plant.sample_time is None and not problem.variations.moving and not problem.strictly_proper
+            and not stopped())
+
+
 def _slower(problem: FeedbackProblem, formula: ControllerFormula, found: Synthesis, wanted: float | None,
             factor: float) -> Synthesis:
     """The controller without its states that are faster than the plant, where neither the verified gain nor the one
     with the scheduling held is more than a factor above what they are with them."""
-    box = problem.plant.plant
-    if box.sample_time is not None or problem.variations.moving or problem.strictly_proper or stopped():
+    if not _may_be_slower(problem):
         return found
     allowed, held = wanted or factor * (found.gamma_verified or np.inf), factor * (found.gamma_lower or np.inf)
     try:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from lpvid.lmi.affine import Affine, block, combined, he, trace
+from lpvid.lmi.affine import Affine, block, combined, trace, widened
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 
@@ -321,15 +321,22 @@ class Half:
         2-D array
             E, of the size of F.
         """
+        width = max(m.linear.shape[1] for m in matrices)
+        entries = sparse.vstack([widened(m.linear, width) for m in matrices], format="csr").T
         for k in range(len(self.A)):
             p = self.pieces(root, k)
-            inner = he(p.left @ combined(matrices, self.variation.values[k]) @ p.null)
-            zero = np.zeros((p.drive.shape[1],) * 2)
+            size, drives = p.null.shape[1], p.drive.shape[1]
+            constant = np.zeros((size + drives,) * 2)
+            constant[:size, size:], constant[size:, :size] = p.drive, p.drive.T
+            own, moved = p.slopes()
+            inside = np.zeros((len(constant), len(constant), width))
             for slope in self.variation.slopes[k]:
-                top = inner
+                weights = self.variation.values[k][:, None, None, None] * own
                 if slope.any():
-                    top = inner + p.null.T @ combined(matrices, self.sign * slope) @ p.null
-                yield block([[top, p.drive], [p.drive.T, zero]]), p.weight
+                    weights = weights + self.sign * slope[:, None, None, None] * moved
+                inside[:size, :size] = (entries @ weights.transpose(0, 3, 1, 2).reshape(entries.shape[1], -1)
+                                        ).T.reshape(size, size, width)
+                yield Affine(constant, sparse.csr_array(inside.reshape(-1, width))), p.weight
 
     def sizes(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> list[np.ndarray]:
         """Norms of the rows of γE − F for known matrices (K, n, n) in the plant's own coordinates.
@@ -401,6 +408,19 @@ class HalfPoint:
     null: np.ndarray
     drive: np.ndarray
     weight: np.ndarray
+
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by the entries of X of He(left·X·null), and of nullᵀX null.
+
+        Returns
+        -------
+        (m, m, n²) array
+        (m, m, n²) array
+            The entries of X row by row.
+        """
+        m, n = self.left.shape
+        half = np.einsum("ai,jb->abij", self.left, self.null).reshape(m, m, n * n)
+        return half + half.swapaxes(0, 1), np.einsum("ia,jb->abij", self.null, self.null).reshape(m, m, n * n)
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:

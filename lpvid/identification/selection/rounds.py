@@ -85,14 +85,15 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
         yield Round("scheduled on its own output", _own_force(leader))
     yield Round("output error of other bases and stages", _others(search, leader))
     yield Round("refined instruments", _instruments(search))
-    yield Round("state space by prediction error", _state_spaces(search))
     yield Round("more orders and terms", _richer(search), True)
     yield Round("scheduled on its own output", _own_output(leader, damper, scheduled), True)
     yield Round("around the best", _around(search.simplest(OutputError)))
     yield Round("around the least error", _around(next((s for s, _ in search.ranked_among(OutputError)), None)))
-    yield Round("state space by prediction error at other orders", _more_states(search), True)
     leading = [s for s, _ in search.ranked_among(OutputError)[:IN_FULL]]
     yield Round("the best output errors in full", tuple(in_full(s) for s in leading))
+    # of the gyroscope two of them take ten times as long as all that comes before from the instruments on
+    yield Round("state space by prediction error", _state_spaces(search))
+    yield Round("state space by prediction error at other orders", _more_states(search), True)
 
 
 def hasty(structure: OutputError) -> OutputError:

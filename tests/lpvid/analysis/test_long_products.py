@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.lmi.coordinates import over_states
+from lpvid.lmi.coordinates import Change, over_states
 from lpvid.lmi.driven import driven
 from lpvid.lmi.long_products import EPS, long_product
 
@@ -80,3 +80,15 @@ def test_states_that_coincide_are_refused() -> None:
     system = driven(lpv.LPVStateSpace(-np.eye(2)[None], np.ones((1, 2, 1)), np.ones((1, 1, 2)), np.zeros((1, 1, 1)),
                                       lpv.Polynomial((), 0), None))
     assert over_states(system, np.ones((2, 2))) is None
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_states_in_unlike_units_have_an_inverse(seed):
+    """Rows and columns of T decades apart: L lacks a thousandth of what it lacks without scaling."""
+    rng, n = np.random.default_rng(seed), 8
+    mixed = np.eye(n) + np.triu(rng.normal(size=(n, n)), 1) + 1e-4 * rng.normal(size=(n, n))
+    states = 10.0 ** rng.uniform(-8, 8, n)[:, None] * mixed * 10.0 ** rng.uniform(-4, 4, n)
+    high, low = long_product(np.linalg.inv(states), states)
+    change = Change.of(states)
+    assert change is not None
+    assert np.linalg.norm(change.off) < 1e-3 * np.linalg.norm((np.eye(n) - high) - low)

@@ -83,7 +83,7 @@ def test_sensitivities_are_those_of_finite_differences(form, stages, direct, aff
     block, nx = np.zeros((x0.size + theta.size + 1, len(y))), x0.size
     moved = np.hstack([np.eye(nx), np.zeros((nx, theta.size))])
     sensitivity_rows(stacks(model), phi, u, y, np.array(layout.table), data.weight, x0.copy(), moved, 0, len(y), block,
-                     0, d_phi, d_u)
+                     d_phi, d_u)
     np.testing.assert_allclose(block[nx:-1].T, numeric, atol=2e-6 * max(1.0, np.abs(numeric).max()))
 
 

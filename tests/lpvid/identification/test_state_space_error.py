@@ -85,7 +85,7 @@ def test_jacobian_entry_by_entry_from_a_given_state(rng: np.random.Generator) ->
     numeric = np.column_stack([(output(z + step * d) - output(z - step * d)) / (2 * step) for d in np.eye(z.size)])
     block, moved = np.zeros((z.size + 1, y.size)), np.hstack([np.eye(nx), np.zeros((nx, layout.size))])
     sensitivity_rows(stacks(model), phi, u, y, np.array(layout.table), data.weight, x0.copy(), moved, 0, len(y), block,
-                     0, np.zeros((*phi.shape, 0)), np.zeros((*u.shape, 0)))
+                     np.zeros((*phi.shape, 0)), np.zeros((*u.shape, 0)))
     np.testing.assert_allclose(block[:-1].T, numeric, atol=1e-7)
     np.testing.assert_allclose(block[-1], output(z) - (y * data.weight).ravel(), atol=1e-12)
 
