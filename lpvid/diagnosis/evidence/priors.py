@@ -93,6 +93,9 @@ def of_strength(change: float, slope: float) -> tuple[float, float]:
 def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tuple[float, float]:
     """Prior of a shape: log-normal about where it was looked at, or normal about neutral.
 
+    Where none of it was looked at too (no deflection of a friction), as much as less than the middle costs nothing: one
+    deflection has one prior, whichever entry holds it.
+
     Its volume does not count (`SHAPE` does): how many numbers a filter has, and over how many decades somebody lets
     them run, says nothing about whether there is one, and must not decide between rivals that fit alike.
 
@@ -111,12 +114,12 @@ def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tu
     positive = [g for g in looked_at if g > 0]
     if p.choices:
         return 0.0, 0.0
-    if positive and p.bounds[0] >= 0 and 0.0 not in looked_at and value > 0:
+    if positive and p.bounds[0] >= 0 and (value > 0 or 0.0 in looked_at):
         width = DECADES * np.log(10.0)
-        return float((np.log(value) - float(np.mean(np.log(positive)))) / width), (1 / (width * value)) ** 2
-    width = max(max((abs(g - p.neutral) for g in looked_at), default=0.0), *(
-        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
-    width = max(width, 1e-12)
+        value = max(value, min(positive)) if 0.0 in looked_at else value
+        apart = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
+        return max(apart, 0.0) if 0.0 in looked_at else apart, (1 / (width * value)) ** 2
+    width = max(1e-12, *(abs(g - p.neutral) for g in (*looked_at, *p.plausible)))
     return (value - p.neutral) / width, 1 / width**2
 
 

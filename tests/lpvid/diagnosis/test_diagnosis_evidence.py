@@ -24,7 +24,7 @@ from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marg
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.judging import LEAST, NAMED, NOTABLE, SURE, Member, named_as
-from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
+from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import akin, posterior
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
@@ -491,3 +491,14 @@ def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     sets = [(SimpleNamespace(effects=[air], kinds=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
     name, _, support = judging.named_as(air, "play", sets, 0.9)
     assert name == "play" and support.weight == pytest.approx(1.0)
+
+
+def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
+    """A friction's deflection of many strokes is as likely in the entry that may have none as in one that must."""
+    deflection = EffectParameter("deflection", "m", "d", 0.0, (0.0, 3e-4), (0.0, 0.5), (0.0, 1e-5, 1e-4))
+    some, or_none = (1e-5, 1e-4), (0.0, 1e-5, 1e-4)
+    for value in (1e-4, 1e-3, 1e-2):
+        assert of_shape(deflection, value, or_none) == of_shape(deflection, value, some)
+        assert of_shape(deflection, value, some)[0] > 0
+    assert [of_shape(deflection, v, or_none)[0] for v in (0.0, 1e-8, 1e-5)] == [0.0, 0.0, 0.0]
+    assert of_shape(deflection, 1e-8, some)[0] < -1
