@@ -14,13 +14,14 @@ NODES = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 
 @njit()
 def bristles(velocity: np.ndarray, step: float, deflection: float, reversal: float, nodes: np.ndarray,
-             out: np.ndarray) -> None:
+             start: float, out: np.ndarray) -> None:
     """d dz/d|x| = g − z, g = tanh(v/ε), along a velocity that is linear between samples.
 
     Cut at the `nodes`, one of which is the reversal. Along a piece of length L, g runs from g₀ to g₁ in proportion to
-    the way: z = g₁ + (z₀ − g₀) e^(−L/d) − (g₁ − g₀) (1 − e^(−L/d)) d/L. As d → 0 that is tanh(v/ε).
+    the way: z = g₁ + (z₀ − g₀) e^(−L/d) − (g₁ − g₀) (1 − e^(−L/d)) d/L. As d → 0 that is tanh(v/ε). It begins at
+    `start`.
     """
-    z = math.tanh(velocity[0] / reversal)
+    z = start
     out[0] = z
     for k in range(1, velocity.size):
         before, after = velocity[k - 1], velocity[k]

@@ -14,7 +14,15 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear
-from quartercar.effects.friction_gas import NIL, REVERSAL, CoulombFriction, GasPreload, GasStiffness, StribeckFriction
+from quartercar.effects.friction_gas import (
+    NIL,
+    REVERSAL,
+    CoulombFriction,
+    GasPreload,
+    GasStiffness,
+    StribeckFriction,
+    direction,
+)
 
 STROKE = 0.02
 
@@ -152,3 +160,17 @@ class TestPresliding:
         assert np.any(at != composition.predict(s, vector))
         *_, of_force, of_deflection, _ = composition.sensitivities(s, vector, at=at).T
         assert np.std(of_force) > 0.1 and not of_deflection.any()
+
+
+@pytest.mark.parametrize("deflection", [0.01, 0.1, 0.3, 1.0, 3.0])
+def test_friction_begins_nearer_to_what_went_before_than_sliding_or_at_rest(deflection: float) -> None:
+    """A wandering motion cut anywhere, the whole one as the oracle; deflections over half of its reach."""
+    t = 1e-3 * np.arange(8000)
+    v = sum(a * np.cos(2 * np.pi * f * t + p) for a, f, p in ((1.0, 1.3, 0.3), (0.6, 2.1, 2.0), (0.4, 3.7, 5.0)))
+    d = deflection * float(np.ptp(np.cumsum(v))) * 1e-3 / 2
+    whole = direction(Signals(1e-3, {"velocity": v}, 0 * t), d)
+    cuts = np.arange(4000, 6000, 37)
+    begun = np.array([direction(Signals(1e-3, {"velocity": v[k:]}, 0 * t[k:]), d)[0] for k in cuts])
+    missed = [np.sqrt(np.mean((z - whole[cuts]) ** 2)) for z in (begun, np.tanh(v[cuts] / REVERSAL), 0 * begun)]
+    assert missed[0] < 1.05 * min(missed[1:])
+    assert missed[0] < 0.85 * max(missed[1:])
