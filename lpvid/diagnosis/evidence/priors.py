@@ -94,7 +94,7 @@ def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tu
     """Prior of a shape: log-normal about where it was looked at, or normal about neutral.
 
     Where none of it was looked at too (no deflection of a friction), as much as less than the middle costs nothing: one
-    deflection has one prior, whichever entry holds it.
+    deflection has one prior, whichever entry holds it. A share, which has no unit, has no decades.
 
     Its volume does not count (`SHAPE` does): how many numbers a filter has, and over how many decades somebody lets
     them run, says nothing about whether there is one, and must not decide between rivals that fit alike.
@@ -111,15 +111,17 @@ def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tu
     apart, curvature : float
         Distance of `value` from the middle of the prior in standard deviations, and curvature there.
     """
-    positive = [g for g in looked_at if g > 0]
     if p.choices:
         return 0.0, 0.0
-    if positive and p.bounds[0] >= 0 and (value > 0 or 0.0 in looked_at):
+    positive, or_none = [g for g in looked_at if g > 0], 0.0 in looked_at
+    if positive and p.bounds[0] >= 0 and (p.unit if or_none else value > 0):
         width = DECADES * np.log(10.0)
-        value = max(value, min(positive)) if 0.0 in looked_at else value
+        value = max(value, min(positive)) if or_none else value
         apart = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
-        return max(apart, 0.0) if 0.0 in looked_at else apart, (1 / (width * value)) ** 2
-    width = max(1e-12, *(abs(g - p.neutral) for g in (*looked_at, *p.plausible)))
+        return max(apart, 0.0) if or_none else apart, (1 / (width * value)) ** 2
+    width = max(max((abs(g - p.neutral) for g in looked_at), default=0.0), *(
+        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
+    width = max(width, 1e-12)
     return (value - p.neutral) / width, 1 / width**2
 
 

@@ -502,3 +502,5 @@ def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
         assert of_shape(deflection, value, some)[0] > 0
     assert [of_shape(deflection, v, or_none)[0] for v in (0.0, 1e-8, 1e-5)] == [0.0, 0.0, 0.0]
     assert of_shape(deflection, 1e-8, some)[0] < -1
+    share = EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 0.5))
+    assert of_shape(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
