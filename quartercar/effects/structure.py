@@ -65,8 +65,15 @@ class EndStop(Effect):
         return run
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A linear stop that engages from mid stroke on is a spring."""
-        return ("gas-stiffness",) if float(values[1]) < NOWHERE and float(values[2]) < LINEAR else ()
+        """A linear stop that engages from mid stroke on is a spring; a progressive one over most samples a hardening one.
+
+        What presses in more than half of the samples stands at no end of the stroke.
+        """
+        position, exponent = float(values[1]), float(values[2])
+        if exponent < LINEAR:
+            return ("gas-stiffness",) if position < NOWHERE else ()
+        middle = float(np.median(np.concatenate([np.abs(s["displacement"]) for s in signals])))
+        return ("cubic-spring",) if position < middle else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the displacement too", schedule=("displacement",))

@@ -24,7 +24,7 @@ from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, Strib
 from quartercar.effects.hydraulics import QuadraticLoss, SeriesOrifice, ValveDynamics
 from quartercar.effects.laws import CubicSpring
 from quartercar.effects.measurement import DisplacementDelay, OneSidedFilter
-from quartercar.effects.structure import FixtureResonance
+from quartercar.effects.structure import EndStop, FixtureResonance
 
 SAMPLES = 6000
 OF_NOISE = "the motion was recorded with noise, which a lag smooths and an undone filter raises: it counts as error"
@@ -189,3 +189,12 @@ def test_friction_that_does_the_work_of_the_laws_yield_force_is_not_named_alone(
     found = lpvid.diagnose(record, "guo", [CoulombFriction(), GasStiffness(), CubicSpring()])
     assert [c.name for c in found.causes] == ["cubic-spring"]
     assert [set(r.names) for r in found.rivals] == [{"gas-stiffness", "coulomb-friction"}]
+
+
+def test_a_progressive_stop_that_presses_in_most_samples_is_a_hardening_spring() -> None:
+    s, known = inputs(), (EndStop(), CubicSpring(), GasStiffness())
+    reach = np.abs(s["displacement"])
+    for place, exponent, comes_to in ((0.4, 2.5, "cubic-spring"), (0.6, 2.5, "end-stop"), (0.4, 1.0, "end-stop")):
+        values = np.array([1e4, float(np.quantile(reach, place)), exponent])
+        assert component_of(EndStop(), values, (s,), known) == comes_to
+    assert component_of(EndStop(), np.array([1e4, 0.0, 1.0]), (s,), known) == "gas-stiffness"
