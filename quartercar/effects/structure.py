@@ -65,7 +65,7 @@ class EndStop(Effect):
         return run
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A linear stop that engages from mid stroke on is a spring; a progressive one over most samples a hardening one.
+        """A linear stop that engages from mid stroke on is a spring, a progressive one over most samples hardens.
 
         What presses in more than half of the samples stands at no end of the stroke.
         """

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
+from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
@@ -351,25 +351,35 @@ def _in_this_form(effect: Effect) -> Finding:
 
 def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect
              ) -> tuple[tuple[str, float], ...]:
-    """Next of kin that the error does not speak against, whatever the sets that hold them weigh.
+    """What the error does not speak against in the place of an effect, whatever the sets that hold it weigh.
 
     By the error alone, as it is left of either all else refitted, a rival has the likelihood (e_r'e_r/e'e)^(−κN/2). It
     is listed where that is more than `LISTED`: a misfit of the law favours one of two that differ by less than it, and
-    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Of lags, what
-    the sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a
-    delay does not, and the error of the filter is larger even where it is the truth.
+    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Two that
+    physics links are one here: that an entry of the catalogue does their work alone, for the price of one, is no
+    evidence (a dead zone of the force against a play and a spring). Of lags, what the sensors' noise makes of either
+    error is taken off: to undo a filter raises the noise of the motion, to undo a delay does not, and the error of the
+    filter is larger even where it is the truth.
     """
-    found, samples = [], search.kept * search.problem.n_samples
-    for other in search.candidates:
-        w = search.visited.get(best.members - {effect.name} | {other.name})
-        if w is None or not akin(effect, other) or other.name in best.members:
+    found: dict[str, float] = {}
+    samples, kind = search.kept * search.problem.n_samples, best.kinds[best.effects.index(effect)]
+    rest = {*best.kinds} - {kind}
+    for w in search.visited.values():
+        others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True) if k not in best.kinds]
+        if kind in w.kinds or not rest <= {*w.kinds} or not _one([e for e, _ in others]) or w.at_bounds or \
+                any(e.flexible and k == e.name for e, k in others):
             continue
-        kind = w.kinds[w.effects.index(other)]
-        left = [_without_noise(v) if other.path in LAGGING else max(v.fit.cost, 1e-300) for v in (w, best)]
-        against = 0.5 * samples * np.log(left[0] / left[1])
-        if kind not in best.kinds and against < -np.log(LISTED):
-            found.append((other.name, Support.of(sets, component(kind), search.structured).probability))
-    return tuple(found)
+        late = any(e.path in LAGGING for e, _ in others)
+        left = [_without_noise(v) if late else max(v.fit.cost, 1e-300) for v in (w, best)]
+        if 0.5 * samples * np.log(left[0] / left[1]) < -np.log(LISTED):
+            found |= {e.name: Support.of(sets, component(k), search.structured).probability for e, k in others}
+    return tuple(found.items())
+
+
+def _one(effects: Sequence[Effect]) -> bool:
+    """Whether effects stand in the place of one: one itself, or two partners."""
+    return len(effects) == 1 or (len(effects) == 2 and (effects[0].name in effects[1].partners
+                                                       or effects[1].name in effects[0].partners))
 
 
 def _described_too(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, form: Effect,
