@@ -369,16 +369,16 @@ def test_next_of_kin_are_told_apart_where_they_differ_by_more_than_the_law_errs(
     assert [c.name for c in d.causes] == named and [r.names for r in d.rivals] == rivals
 
 
-class Linked(Added):
+class Half(Added):
     partners = ("late-half",)
 
 
-class EarlyHalf(Linked):
+class EarlyHalf(Half):
     name, title = "early-half", "half of a sign of the input"
     shape = staticmethod(lambda s: (s["u"] > 0).astype(float))
 
 
-class LateHalf(Linked):
+class LateHalf(Half):
     name, title = "late-half", "the other half"
     shape = staticmethod(lambda s: -(s["u"] < 0).astype(float))
 
