@@ -359,13 +359,14 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
     physics links are one here: that an entry of the catalogue does their work alone, for the price of one, is no
     evidence (a dead zone of the force against a play and a spring). Of lags, what the sensors' noise makes of either
     error is taken off: to undo a filter raises the noise of the motion, to undo a delay does not, and the error of the
-    filter is larger even where it is the truth.
+    filter is larger even where it is the truth. A filter of all channels is no cause beside one: every record has
+    passed some, which rounds the kinks of a play, and a spring does that for its own.
     """
     found: dict[str, float] = {}
     samples, kind = search.kept * search.problem.n_samples, best.kinds[best.effects.index(effect)]
     rest = {*best.kinds} - {kind}
     for w in search.visited.values():
-        others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True) if k not in best.kinds]
+        others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True) if k not in best.kinds and e.path != "all"]
         if kind in w.kinds or not rest <= {*w.kinds} or not _one([e for e, _ in others]) or w.at_bounds or \
                 any(e.flexible and k == e.name for e, k in others):
             continue
