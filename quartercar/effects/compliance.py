@@ -110,7 +110,7 @@ class EntrainedAir(SeriesElement):
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Without pressure D = s sign F: play of 2 s from end to end; less than is looked at beside the force is none."""
+        """Without pressure D = s sign F: play of 2 s from end to end. Less than is looked at beside a force is none."""
         force = np.concatenate([s.output for s in signals])
         none = max(self.parameters[1].bounds[0], SPREAD[0] * float(np.sqrt(np.mean(force**2))))
         return ("backlash",) if values[1] <= none else ()
