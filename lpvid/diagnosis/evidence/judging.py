@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
-from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, posterior
+from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
@@ -368,7 +368,7 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
     for w in search.visited.values():
         others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True) if k not in best.kinds and e.path != "all"]
         if kind in w.kinds or not rest <= {*w.kinds} or not _one([e for e, _ in others]) or w.at_bounds or \
-                any(e.flexible and k == e.name for e, k in others):
+                any(e.flexible and k == e.name and not akin(effect, e) for e, k in others):
             continue
         late = any(e.path in LAGGING for e, _ in others)
         left = [_without_noise(v) if late else max(v.fit.cost, 1e-300) for v in (w, best)]
