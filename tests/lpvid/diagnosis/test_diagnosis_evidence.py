@@ -532,3 +532,36 @@ def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
     assert of_shape(deflection, 1e-8, some)[0] < -1
     share = EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 0.5))
     assert of_shape(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
+
+
+def stood(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
+    """A visited set that leaves a squared error."""
+    return SimpleNamespace(effects=effects, kinds=tuple(e.name for e in effects), fit=SimpleNamespace(cost=cost),
+                           members=frozenset(e.name for e in effects), at_bounds={"a": "1"} if bounds else {})
+
+
+def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
+    """An effect as rivals see it."""
+    return SimpleNamespace(**{"name": name, "component": name, "family": family, "path": "", "flexible": False,
+                              "partners": (), **more})
+
+
+PLAY, SPRING = part("play", partners=("spring",)), part("spring")
+
+
+@pytest.mark.parametrize(("other", "wanted"), [
+    (stood(1.2, PLAY), ["play"]),  # of any family
+    (stood(1.3, PLAY), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
+    (stood(1.2, PLAY, SPRING), ["play", "spring"]),
+    (stood(1.2, PLAY, part("friction")), []),  # two that nothing links
+    (stood(1.2, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
+    (stood(1.2, PLAY, bounds=True), []),
+    (stood(1.2, part("form", flexible=True)), []),
+    (stood(1.2, part("form", "loose", flexible=True)), ["form"]),
+])
+def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
+    best = stood(1.0, part("dead-zone", "loose"))
+    search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
+                             visited={w.members: w for w in (best, other)})
+    found = judging._as_good(search, [(best, 0.9), (other, 0.1)], best, best.effects[0])
+    assert [n for n, _ in found] == wanted
