@@ -77,7 +77,7 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
     """(n,) direction of motion in [−1, 1], which turns over a speed [m/s] and a deflection [m] after a reversal.
 
     What went before a record is not known, so that it begins as it is on average where this record moves that way:
-    σ Σzσ/Σσ², σ = tanh(v/ε), z from rest. That is sliding where strokes are long, and at rest where they are shorter
+    σ Σzσ/Σσ², σ = tanh(v/ε), z from rest, between none of σ and all of it. That is sliding where strokes are long, and at rest where they are shorter
     than d, in which a start that slides would be forgotten only after many strokes.
 
     Parameters
@@ -102,7 +102,7 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
         velocity, out = np.ascontiguousarray(s["velocity"]), np.empty(s.n_samples)
         goal = np.tanh(velocity / turn)
         bristles(velocity, s.sample_time, deflection, turn, NODES, 0.0, out)
-        start = goal[0] * float(out @ goal) / max(float(goal @ goal), 1e-300)
+        start = goal[0] * min(max(float(out @ goal) / max(float(goal @ goal), 1e-300), 0.0), 1.0)
         bristles(velocity, s.sample_time, deflection, turn, NODES, start, out)
         return out
 

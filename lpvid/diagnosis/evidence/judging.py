@@ -360,21 +360,44 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
     evidence (a dead zone of the force against a play and a spring). Of lags, what the sensors' noise makes of either
     error is taken off: to undo a filter raises the noise of the motion, to undo a delay does not, and the error of the
     filter is larger even where it is the truth. A filter of all channels is no cause beside one: every record has
-    passed some, which rounds the kinks of a play, and a spring does that for its own.
+    passed some, which rounds the kinks of a play, and a spring does that for its own. What leaves more of the work of
+    the effect than it does, in the logarithm, is no rival; nor is a pair of which one alone is.
     """
     found: dict[str, float] = {}
     samples, kind = search.kept * search.problem.n_samples, best.kinds[best.effects.index(effect)]
-    rest = {*best.kinds} - {kind}
-    for w in search.visited.values():
-        others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True) if k not in best.kinds and e.path != "all"]
-        if kind in w.kinds or not rest <= {*w.kinds} or not _one([e for e, _ in others]) or w.at_bounds or \
-                any(e.flexible and k == e.name and not akin(effect, e) for e, k in others):
+    bare = search.visited.get(best.members - {effect.name})
+    for others, w in _in_place_of(sets, best, kind):
+        if any(e.flexible and k == e.name and not akin(effect, e) for e, k in others) or \
+                (len(others) == 2 and any(e.name in found for e, _ in others)):
             continue
         late = any(e.path in LAGGING for e, _ in others)
-        left = [_without_noise(v) if late else max(v.fit.cost, 1e-300) for v in (w, best)]
-        if 0.5 * samples * np.log(left[0] / left[1]) < -np.log(LISTED):
+        cost = _without_noise if late else _cost
+        against = 0.5 * samples * np.log(cost(w) / cost(best))
+        works = bare is None or cost(w) ** 2 < cost(bare) * cost(best)
+        if against < -np.log(LISTED) and works:
             found |= {e.name: Support.of(sets, component(k), search.structured).probability for e, k in others}
     return tuple(found.items())
+
+
+def _in_place_of(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str
+                 ) -> list[tuple[list[tuple[Effect, str]], Weighed]]:
+    """What stands in the place of a kind in other sets, with these: one effect before two that physics links.
+
+    A filter of all channels counts only where nothing else does.
+    """
+    found, rest = [], sorted(k for k in best.kinds if k != kind)
+    for w, _ in sets:
+        others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True)
+                  if k not in best.kinds and e.name not in best.members]
+        others = [(e, k) for e, k in others if e.path != "all"] or others
+        if kind not in w.kinds and sorted(k for k in w.kinds if k in best.kinds) == rest and not w.at_bounds \
+                and _one([e for e, _ in others]):
+            found.append((others, w))
+    return sorted(found, key=lambda pair: len(pair[0]))
+
+
+def _cost(w: Weighed) -> float:
+    return max(w.fit.cost, 1e-300)
 
 
 def _one(effects: Sequence[Effect]) -> bool:

@@ -565,3 +565,32 @@ def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
                              visited={w.members: w for w in (best, other)})
     found = judging._as_good(search, [(best, 0.9), (other, 0.1)], best, best.effects[0])
     assert [n for n, _ in found] == wanted
+
+
+FRICTION, FILTER = part("friction", partners=("play",)), part("chain", path="all")
+
+
+@pytest.mark.parametrize(("others", "wanted"), [
+    ((stood(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
+    ((stood(1.05, PLAY), stood(1.05, PLAY, FRICTION)), ["play"]),  # friction does nothing there
+    ((stood(1.1), stood(1.09, SPRING)), []),  # without any of them the error is hardly larger
+    ((stood(1.5), stood(1.2, SPRING)), ["spring"]),
+    ((stood(1.05, part("lag")),), []),  # itself, with numbers that leave another component
+])
+def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
+    monkeypatch.setattr(judging, "_without_noise", judging._cost)  # clean sensors
+    best = stood(1.0, part("lag"))
+    for w in others:
+        if "lag" in w.members:
+            w.kinds = ("play",)
+    search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
+                             visited={w.members: w for w in (best, *others)} | {best.members: best})
+    found = judging._as_good(search, [(best, 0.5), *((w, 0.1) for w in others)], best, best.effects[0])
+    assert [n for n, _ in found] == wanted
+
+
+def test_sets_that_held_out_data_refused_take_no_name():
+    best, other = stood(1.0, part("dead-zone")), stood(1.05, PLAY)
+    search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
+                             visited={w.members: w for w in (best, other)})
+    assert not judging._as_good(search, [(best, 1.0)], best, best.effects[0])

@@ -174,3 +174,11 @@ def test_friction_begins_nearer_to_what_went_before_than_sliding_or_at_rest(defl
     missed = [np.sqrt(np.mean((z - whole[cuts]) ** 2)) for z in (begun, np.tanh(v[cuts] / REVERSAL), 0 * begun)]
     assert missed[0] < 1.05 * min(missed[1:])
     assert missed[0] < 0.85 * max(missed[1:])
+
+
+def test_friction_begins_between_rest_and_sliding() -> None:
+    """A fast stroke, then creep below the speed over which it turns: what it carries is more than that speed's."""
+    v = np.concatenate([np.full(100, 0.05), np.full(20000, 1e-4)])
+    for deflection in (1e-4, 1e-3, 3e-3):
+        z = direction(Signals(1e-3, {"velocity": v}, 0 * v), deflection, 1e-3)
+        assert 0 <= z[0] <= np.tanh(50.0) and np.abs(z).max() <= 1.0
