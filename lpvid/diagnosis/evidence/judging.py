@@ -355,35 +355,39 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
 
     By the error alone, as it is left of either all else refitted, a rival has the likelihood (e_r'e_r/e'e)^(−κN/2). It
     is listed where that is more than `LISTED`: a misfit of the law favours one of two that differ by less than it, and
-    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Two that
-    physics links are one here: that an entry of the catalogue does their work alone, for the price of one, is no
-    evidence (a dead zone of the force against a play and a spring). Of lags, what the sensors' noise makes of either
-    error is taken off: to undo a filter raises the noise of the motion, to undo a delay does not, and the error of the
-    filter is larger even where it is the truth. A filter of all channels is no cause beside one: every record has
-    passed some, which rounds the kinks of a play, and a spring does that for its own. What leaves more of the work of
-    the effect than it does, in the logarithm, is no rival; nor is a pair of which one alone is.
+    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Of lags, what
+    the sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a
+    delay does not, and the error of the filter is larger even where it is the truth.
+
+    One effect in the place of one is next of kin. Of any family is what has help: two that physics links (an entry of
+    the catalogue that does their work alone, for the price of one, is no evidence: a dead zone of the force against a
+    play and a spring), or one with the filter of all channels that every record has passed, which rounds the kinks of
+    a play as a spring would. With more freedom it has no allowance: it leaves less error. What leaves more of the work
+    of the effect than it does, in the logarithm, is no rival; nor is a pair of which one alone is.
     """
     found: dict[str, float] = {}
     samples, kind = search.kept * search.problem.n_samples, best.kinds[best.effects.index(effect)]
     bare = search.visited.get(best.members - {effect.name})
     for others, w in _in_place_of(sets, best, kind):
-        if any(e.flexible and k == e.name and not akin(effect, e) for e, k in others) or \
-                (len(others) == 2 and any(e.name in found for e, _ in others)):
+        names = {e.name for e, _ in others}
+        helped = len(w.members) > len(best.members)
+        if (not names.isdisjoint(found) if helped else not akin(effect, others[0][0])) or \
+                any(e.flexible and k == e.name and not akin(effect, e) for e, k in others):
             continue
         late = any(e.path in LAGGING for e, _ in others)
         cost = _without_noise if late else _cost
         against = 0.5 * samples * np.log(cost(w) / cost(best))
         works = bare is None or cost(w) ** 2 < cost(bare) * cost(best)
-        if against < -np.log(LISTED) and works:
+        if against < (0.0 if helped else -np.log(LISTED)) and works:
             found |= {e.name: Support.of(sets, component(k), search.structured).probability for e, k in others}
     return tuple(found.items())
 
 
 def _in_place_of(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str
                  ) -> list[tuple[list[tuple[Effect, str]], Weighed]]:
-    """What stands in the place of a kind in other sets, with these: one effect before two that physics links.
+    """What stands in the place of a kind in other sets, with these: one effect, or two that physics links.
 
-    A filter of all channels counts only where nothing else does.
+    The sets of fewest members come first. A filter of all channels counts only where nothing else does.
     """
     found, rest = [], sorted(k for k in best.kinds if k != kind)
     for w, _ in sets:
@@ -393,7 +397,7 @@ def _in_place_of(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str
         if kind not in w.kinds and sorted(k for k in w.kinds if k in best.kinds) == rest and not w.at_bounds \
                 and _one([e for e, _ in others]):
             found.append((others, w))
-    return sorted(found, key=lambda pair: len(pair[0]))
+    return sorted(found, key=lambda pair: len(pair[1].members))
 
 
 def _cost(w: Weighed) -> float:

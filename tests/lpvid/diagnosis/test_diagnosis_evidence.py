@@ -546,17 +546,20 @@ def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
                               "partners": (), **more})
 
 
-PLAY, SPRING = part("play", partners=("spring",)), part("spring")
+PLAY, SPRING, KIN = part("play", partners=("spring",)), part("spring"), part("kin", "loose")
 
 
 @pytest.mark.parametrize(("other", "wanted"), [
-    (stood(1.2, PLAY), ["play"]),  # of any family
-    (stood(1.3, PLAY), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
-    (stood(1.2, PLAY, SPRING), ["play", "spring"]),
-    (stood(1.2, PLAY, part("friction")), []),  # two that nothing links
-    (stood(1.2, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
-    (stood(1.2, PLAY, bounds=True), []),
-    (stood(1.2, part("form", flexible=True)), []),
+    (stood(1.2, KIN), ["kin"]),
+    (stood(1.3, KIN), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
+    (stood(1.2, PLAY), []),  # of another family
+    (stood(0.99, PLAY, SPRING), ["play", "spring"]),
+    (stood(1.01, PLAY, SPRING), []),  # with more freedom no allowance
+    (stood(0.99, PLAY, part("friction")), []),  # two that nothing links
+    (stood(0.99, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
+    (stood(1.01, PLAY, part("chain", path="all")), []),
+    (stood(1.2, KIN, bounds=True), []),
+    (stood(0.9, part("form", flexible=True)), []),
     (stood(1.2, part("form", "loose", flexible=True)), ["form"]),
 ])
 def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
@@ -567,19 +570,20 @@ def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
     assert [n for n, _ in found] == wanted
 
 
-FRICTION, FILTER = part("friction", partners=("play",)), part("chain", path="all")
+FRICTION, FILTER = part("friction", partners=("other",)), part("chain", "lags", path="all")
+OTHER = part("other", "lags")
 
 
 @pytest.mark.parametrize(("others", "wanted"), [
     ((stood(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
-    ((stood(1.05, PLAY), stood(1.05, PLAY, FRICTION)), ["play"]),  # friction does nothing there
-    ((stood(1.1), stood(1.09, SPRING)), []),  # without any of them the error is hardly larger
-    ((stood(1.5), stood(1.2, SPRING)), ["spring"]),
-    ((stood(1.05, part("lag")),), []),  # itself, with numbers that leave another component
+    ((stood(0.99, OTHER), stood(0.98, OTHER, FRICTION)), ["other"]),  # friction does nothing there
+    ((stood(1.1), stood(1.09, OTHER)), []),  # without any of them the error is hardly larger
+    ((stood(1.5), stood(1.2, OTHER)), ["other"]),
+    ((stood(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
 ])
 def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
     monkeypatch.setattr(judging, "_without_noise", judging._cost)  # clean sensors
-    best = stood(1.0, part("lag"))
+    best = stood(1.0, part("lag", "lags"))
     for w in others:
         if "lag" in w.members:
             w.kinds = ("play",)
@@ -590,7 +594,7 @@ def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
 
 
 def test_sets_that_held_out_data_refused_take_no_name():
-    best, other = stood(1.0, part("dead-zone")), stood(1.05, PLAY)
+    best, other = stood(1.0, part("dead-zone", "loose")), stood(1.05, KIN)
     search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, other)})
     assert not judging._as_good(search, [(best, 1.0)], best, best.effects[0])
