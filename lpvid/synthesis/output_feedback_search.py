@@ -216,7 +216,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             break
         gamma = target * (1 + share)
         for formula in _formulas(problem, projected, best, gamma, clock, moderated):
-            missed = _missed(problem, formula) if rapid is None else ()
+            missed = _missed(problem, formula) if rapid is None else problem.extra[:0]
             if len(missed):
                 return missed, best
             try:

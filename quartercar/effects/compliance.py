@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import SPREAD, EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.series import in_series
 
@@ -110,10 +110,8 @@ class EntrainedAir(SeriesElement):
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Without pressure D = s sign F: play of 2 s from end to end. Less than is looked at beside a force is none."""
-        force = np.concatenate([s.output for s in signals])
-        none = max(self.parameters[1].bounds[0], SPREAD[0] * float(np.sqrt(np.mean(force**2))))
-        return ("backlash",) if values[1] <= none else ()
+        """Without pressure, F_p at its lower bound, D = s sign F: play of 2 s from end to end."""
+        return ("backlash",) if values[1] <= self.parameters[1].bounds[0] else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more state: the force itself", order=1)

@@ -77,8 +77,8 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
     """(n,) direction of motion in [−1, 1], which turns over a speed [m/s] and a deflection [m] after a reversal.
 
     What went before a record is not known, so that it begins as it is on average where this record moves that way:
-    σ Σzσ/Σσ², σ = tanh(v/ε), z from rest, between none of σ and all of it. That is sliding where strokes are long, and at rest where they are shorter
-    than d, in which a start that slides would be forgotten only after many strokes.
+    σ Σzσ/Σσ², σ = tanh(v/ε), z from rest; between none of σ and all of it. That is sliding where strokes are long, and
+    at rest where they are shorter than d, in which a start that slides would be forgotten only after many strokes.
 
     Parameters
     ----------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, guo, motion, power_law
@@ -141,8 +139,6 @@ def test_air_without_pressure_is_play() -> None:
     for pressure, others, comes_to in ((1e-3, (Backlash(), EntrainedAir()), "backlash"),
                                        (50.0, (Backlash(), SeriesCompliance()), "series-compliance")):
         assert component_of(EntrainedAir(), np.array([2e-4, pressure]), (s,), others) == comes_to
-    loud = replace(s, output=1e5 * air)
-    assert component_of(EntrainedAir(), np.array([2e-4, 50.0]), (loud,), (Backlash(), EntrainedAir())) == "backlash"
 
 
 def test_an_orifice_from_the_slowest_speeds_on_is_a_turbulent_loss() -> None:
