@@ -74,8 +74,7 @@ class Backlash(SeriesElement):
     reference: ClassVar[str] = "equation sheet 3.7"
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"
     smooth: ClassVar[bool] = False
-    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "inner-friction", "series-compliance", "shared-filter")
-    # where play is taken up the force jumps: what the record has passed rounds that, as a spring would
+    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "inner-friction", "series-compliance")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
