@@ -50,7 +50,7 @@ def main() -> None:
     records = prepare(_records(options.record, options.samples), (), CATALOGUE).training
     baseline = named_baseline(options.baseline, records).fit(records)
     problem = problem_of(records, baseline)
-    usable, _ = usable_of(CATALOGUE, baseline, problem)
+    usable, _ = usable_of(CATALOGUE, baseline, problem.signals)
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: e.spread_points(problem.signals, scale) for e in usable}
     middle = {name: points[len(points) // 2] for name, points in looked_at.items()}

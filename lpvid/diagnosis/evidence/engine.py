@@ -31,7 +31,7 @@ from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
-from lpvid.diagnosis.signals import LONG, in_turn
+from lpvid.diagnosis.signals import LONG, Signals, in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -200,9 +200,10 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     thin, factor = thinned(records, baseline)
     if factor > 1:
         report_progress(f"searching on one sample in {factor}")
-    signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
+    recorded = in_turn([baseline.signals(r) for r in thin])
+    signals = for_search(recorded, baseline.static)
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
-    usable, unusable = usable_of(catalogue, baseline, problem)
+    usable, unusable = usable_of(catalogue, baseline, recorded)  # cut together, currents at rest would move
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
                  for e in usable}
@@ -248,7 +249,7 @@ def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
     return min(fits, key=lambda f: f.cost)
 
 
-def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: DiagnosisProblem
+def usable_of(catalogue: Sequence[Effect], baseline: Baseline, signals: tuple[Signals, ...]
               ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
     """Candidates that these data can be asked for, and why not the others.
 
@@ -257,7 +258,8 @@ def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: Diagnosi
     catalogue : sequence of Effect
         Of the family "noise" none counts.
     baseline : Baseline
-    problem : DiagnosisProblem
+    signals : tuple of Signals
+        One for each record, as recorded.
 
     Returns
     -------
@@ -268,14 +270,14 @@ def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: Diagnosi
     usable, unusable = [], []
     wanted = [e for e in catalogue if e.family != "noise"]
     absent = {e.name: f"no {', '.join(missing)} was measured" for e in wanted
-              if (missing := e.missing(problem.signals))}
+              if (missing := e.missing(signals))}
     refused = absent | {e.name: why for e in wanted if e.name not in absent
-                        and (why := e.applies(baseline, problem.signals)) is not None}
+                        and (why := e.applies(baseline, signals)) is not None}
     brought = {c for e in wanted if e.name not in refused for c in e.brings}
     for effect in wanted:
         why = refused.get(effect.name)
         if effect.name not in absent and effect.turns in brought - {*baseline.channels}:  # beside what brings it
-            why = effect.determined(problem.signals)
+            why = effect.determined(signals)
         if why is None:
             usable.append(effect)
         else:

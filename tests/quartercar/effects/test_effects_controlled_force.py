@@ -92,6 +92,15 @@ def test_steady_and_read_currents_are_refused():
     assert "reads the current" in str(CurrentDependence().applies(guo(), tuple(search.problem.signals)))
 
 
+def test_currents_that_rest_in_each_of_several_records_do_not_move():
+    """A search cuts its records together, and between two of them a current goes from level to level."""
+    rng = np.random.default_rng(0)
+    records = [bingham(np.full(5000, level) + 2e-3 * rng.standard_normal(5000)) for level in (0.0, 1.2, 2.5)]
+    search, unusable = prepared(records, guo(), (CoilLag(),), lambda text: None)
+    assert len(search.problem.signals) == 1 and not search.candidates
+    assert "rests" in unusable[0].reason
+
+
 def test_levels_between_records_are_no_rest():
     def at(level: float) -> Signals:
         return Signals(0.01, {"current": np.full(400, level)}, np.zeros(400))
