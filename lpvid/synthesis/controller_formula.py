@@ -13,7 +13,8 @@ from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.design_grid import columns
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.loop_check import LoopStorage
-from lpvid.synthesis.projection import MatrixPair, Variation
+from lpvid.synthesis.projected_half import Variation
+from lpvid.synthesis.projection import MatrixPair
 from lpvid.synthesis.reconstruction import (
     LyapunovPair,
     closed_through,

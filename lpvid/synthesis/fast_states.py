@@ -25,7 +25,7 @@ from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
 from lpvid.synthesis.interconnection import close_loop_at
 from lpvid.synthesis.loop_check import LoopStorage, frozen_gain
-from lpvid.synthesis.projection import congruent
+from lpvid.synthesis.projected_half import congruent
 from lpvid.synthesis.scaling import Matrices
 
 FAST = 10.0

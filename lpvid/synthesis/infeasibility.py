@@ -12,8 +12,9 @@ from lpvid.synthesis.assumptions import slow_mode_out_of_reach
 from lpvid.synthesis.balanced_plant import convex_axes
 from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.projected_half import Half, null_space
 from lpvid.synthesis.projected_search import start_roots
-from lpvid.synthesis.projection import Half, ProjectedInequalities, null_space
+from lpvid.synthesis.projection import ProjectedInequalities
 from lpvid.synthesis.riccati import least_gain
 from lpvid.synthesis.scaling import pace
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from lpvid.synthesis.progress import stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, least_bound
-from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, singular
+from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
+from lpvid.synthesis.regularised_plants import regular, singular
 
 SLACK = 0.002
 """share by which the controller's bound is above that of X and Y, which hold their own only to a solver's accuracy."""

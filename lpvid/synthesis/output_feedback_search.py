@@ -23,7 +23,8 @@ from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
 from lpvid.synthesis.progress import remember, stage, stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomy
-from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, restrained, stirred
+from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
+from lpvid.synthesis.regularised_plants import restrained, stirred
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.riccati import ROOM, central, least_gain
 

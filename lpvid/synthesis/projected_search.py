@@ -19,9 +19,9 @@ from lpvid.synthesis.projection import (
     raised,
     roots_of,
     shortfall,
-    singular,
     sizes_at,
 )
+from lpvid.synthesis.regularised_plants import singular
 from lpvid.synthesis.riccati import Central, admits, central, least_gain, start
 
 ROUNDS = 6

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.synthesis.generalized_plant import PlantMatrices
-from lpvid.synthesis.projection import null_space, unlimited
+from lpvid.synthesis.projected_half import null_space
+from lpvid.synthesis.regularised_plants import unlimited
 from lpvid.synthesis.scaling import Matrices
 
 SIZES = tuple(10.0 ** np.arange(1.0, -8.01, -0.5))

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from lpvid.synthesis.generalized_plant import PlantMatrices
-from lpvid.synthesis.projection import regular
+from lpvid.synthesis.regularised_plants import regular
 
 SETTLED = 1e-6
 """relative width of the interval that holds the least bound at which the bisection ends"""

@@ -24,7 +24,9 @@ from lpvid.lmi.affine import Affine, block, combined, he, trace
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.progress import Rounds, stop_at
-from lpvid.synthesis.projection import congruent, definite_root, regular
+from lpvid.synthesis.projected_half import congruent
+from lpvid.synthesis.projection import definite_root
+from lpvid.synthesis.regularised_plants import regular
 from lpvid.synthesis.riccati import FREE, STRICT
 
 ROUNDS = 8

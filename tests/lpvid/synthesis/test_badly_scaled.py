@@ -13,8 +13,9 @@ from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.infeasibility import obstacle
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
+from lpvid.synthesis.projected_half import Variation
 from lpvid.synthesis.projected_search import Clock, least_bound
-from lpvid.synthesis.projection import ProjectedInequalities, Variation, raised, shortfall
+from lpvid.synthesis.projection import ProjectedInequalities, raised, shortfall
 from lpvid.synthesis.riccati import least_gain
 
 SLOW = pytest.mark.slow

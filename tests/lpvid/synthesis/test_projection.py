@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvid.lmi.affine import Unknowns
-from lpvid.synthesis.projection import Half, Variation
+from lpvid.synthesis.projected_half import Half, Variation
 
 
 @pytest.mark.parametrize("seed", range(6))
