@@ -49,7 +49,7 @@ class SaturatingDamping(HydraulicEffect):
     """The viscous share grows less and less with the speed, towards a constant force (equation sheet 9.1).
 
     c(i) v becomes c(i) tanh(q v)/q: the smooth yield of a damper whose valve opens ever further. As q grows it turns
-    into dry friction.
+    into dry friction. It is a shape, and what makes it may be a valve that opens at one pressure.
     """
 
     name: ClassVar[str] = "saturating-damping"
@@ -73,6 +73,10 @@ class SaturatingDamping(HydraulicEffect):
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         q, v = float(values[0]), s["velocity"]
         return viscous_slope(s, core, baseline) * (np.tanh(q * v) / q - v)
+
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        """A valve beside the main path, whose knee the flow and the law's own error make round."""
+        return ("relief-valve",)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A bend within the speeds over which dry friction turns round is dry friction."""

@@ -376,7 +376,7 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
             continue
         late = any(e.path in LAGGING for e, _ in others)
         cost = _without_noise if late else _cost
-        against = 0.5 * samples * np.log(cost(w) / cost(best))
+        against = 0.5 * samples * np.log(cost(w) / cost(_helped_alike(search, best, w) if helped else best))
         works = bare is None or cost(w) ** 2 < cost(bare) * cost(best)
         if against < (0.0 if helped else -np.log(LISTED)) and works:
             found |= {e.name: Support.of(sets, component(k), search.structured).probability for e, k in others}
@@ -398,6 +398,17 @@ def _in_place_of(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str
                 and _one([e for e, _ in others]):
             found.append((others, w))
     return sorted(found, key=lambda pair: len(pair[1].members))
+
+
+def _helped_alike(search: SetSearch, best: Weighed, w: Weighed) -> Weighed:
+    """The best set with the filter of all channels that another one has and it has not; itself where that is no less.
+
+    A filter rounds what either leaves: beside it friction is compared with a spring beside it, not alone.
+    """
+    places = w.fit.composition.places
+    filters = [(e, w.fit.vector[p]) for e, p in zip(w.effects, places, strict=True)
+               if e.path == "all" and e.name not in best.members]
+    return min([best, *(search.with_one_more(best, e, v) for e, v in filters)], key=_cost)
 
 
 def _cost(w: Weighed) -> float:

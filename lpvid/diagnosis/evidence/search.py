@@ -192,6 +192,28 @@ class SetSearch:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
         return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
 
+    def with_one_more(self, w: Weighed, e: Effect, values: np.ndarray) -> Weighed:
+        """A set with one effect more, refitted from its numbers elsewhere; one that was visited and leaves less.
+
+        Parameters
+        ----------
+        w : Weighed
+        e : Effect
+            Not in it.
+        values : (k,) array
+            Its numbers, from which the refit begins.
+
+        Returns
+        -------
+        Weighed
+            Kept among those visited.
+        """
+        known = self.visited.get(w.members | {e.name})
+        if known is None or known.fit.cost > w.fit.cost:
+            composition = Composition(w.fit.composition.baseline, (*w.effects, e))
+            self._add(self._weighed(self._settled(composition, [placed(composition, w.fit, {e.name: values})], w.fit)))
+        return self.visited[w.members | {e.name}]
+
     # -- visiting ----------------------------------------------------------------------------------------------------
     def enlarge(self, sets: Sequence[Weighed]) -> None:
         """Visit the most promising sets with one effect more, of one set after the other.
@@ -409,6 +431,9 @@ class SetSearch:
         def without_one(rest: tuple[Effect, ...]) -> Weighed:
             composition = Composition(w.fit.composition.baseline, rest)
             begun = [placed(composition, w.fit, {}), placed(composition, root, {x.name: own[x.name] for x in rest})]
+            for x in rest:  # else a set may leave more than a smaller one does, of which it holds all members
+                if (less := self.visited.get(frozenset(y.name for y in rest if y is not x))) and less.members:
+                    begun.append(placed(composition, less.fit, {x.name: own[x.name]}))
             return self._weighed(self._settled(composition, begun, w.fit))
 
         members = [frozenset(x.name for x in rest) for rest in rests]
