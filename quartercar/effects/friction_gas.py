@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +15,8 @@ REVERSAL = 2e-3
 """speed over which the sign of the velocity is smoothed [m/s]"""
 SLOW = 0.01
 """share of the root mean square speed at which the reversal of friction is looked at, where that is less"""
+TURNING = 0.1
+"""share of the way travelled within which dry friction has turned round: .08 at most by the fits to measured dampers"""
 NIL = 1e-7
 """deflection below which there is none [m]: few samples lie within it, which a fit would follow"""
 
@@ -62,6 +64,13 @@ class CoulombFriction(ParallelForce):
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
         turn = min(REVERSAL, SLOW * (scale("m/s") or np.inf))
         return [np.append(p[:2], turn) for p in super().spread_points(signals, scale)]
+
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        """Valves, where it still turns round over much of the way: from their pressure on the force stays too."""
+        speed = np.sort(np.abs(np.concatenate([s["velocity"] for s in signals])))
+        way = np.cumsum(speed)
+        slides = float(values[2]) <= speed[np.searchsorted(way, TURNING * way[-1])]
+        return () if slides else ("saturating-damping", "relief-valve")
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         friction, deflection, turn = (float(v) for v in values)
