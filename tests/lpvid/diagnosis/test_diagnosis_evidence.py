@@ -536,7 +536,8 @@ def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
 
 def stood(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
     """A visited set that leaves a squared error."""
-    return SimpleNamespace(effects=effects, kinds=tuple(e.name for e in effects), fit=SimpleNamespace(cost=cost),
+    fit = SimpleNamespace(cost=cost, vector=np.zeros(0), composition=SimpleNamespace(places=[slice(0)] * len(effects)))
+    return SimpleNamespace(effects=effects, kinds=tuple(e.name for e in effects), fit=fit,
                            members=frozenset(e.name for e in effects), at_bounds={"a": "1"} if bounds else {})
 
 
@@ -563,11 +564,21 @@ PLAY, SPRING, KIN = part("play", partners=("spring",)), part("spring"), part("ki
     (stood(1.2, part("form", "loose", flexible=True)), ["form"]),
 ])
 def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
-    best = stood(1.0, part("dead-zone", "loose"))
+    assert _rivals_beside(stood(1.0, part("dead-zone", "loose")), other) == wanted
+
+
+def _rivals_beside(best: SimpleNamespace, *others: SimpleNamespace, filtered: float = 1.0) -> list[str]:
+    """Names listed with the only member of the best set, which beside a filter leaves so much."""
     search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
-                             visited={w.members: w for w in (best, other)})
-    found = judging._as_good(search, [(best, 0.9), (other, 0.1)], best, best.effects[0])
-    assert [n for n, _ in found] == wanted
+                             visited={w.members: w for w in (best, *others)},
+                             with_one_more=lambda w, e, values: stood(filtered, *w.effects, e))
+    found = judging._as_good(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
+    return [n for n, _ in found]
+
+
+def test_a_rival_with_a_filter_is_compared_with_the_best_set_beside_a_filter():
+    best, other = stood(1.0, part("friction")), stood(0.95, SPRING, part("chain", path="all"))
+    assert [_rivals_beside(best, other, filtered=f) for f in (0.9, 0.97, 1.3)] == [[], ["spring"], ["spring"]]
 
 
 FRICTION, FILTER = part("friction", partners=("other",)), part("chain", "lags", path="all")
@@ -587,10 +598,7 @@ def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
     for w in others:
         if "lag" in w.members:
             w.kinds = ("play",)
-    search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
-                             visited={w.members: w for w in (best, *others)} | {best.members: best})
-    found = judging._as_good(search, [(best, 0.5), *((w, 0.1) for w in others)], best, best.effects[0])
-    assert [n for n, _ in found] == wanted
+    assert _rivals_beside(best, *others) == wanted
 
 
 def test_sets_that_held_out_data_refused_take_no_name():

@@ -149,6 +149,14 @@ def test_an_orifice_from_the_slowest_speeds_on_is_a_turbulent_loss() -> None:
     assert component_of(SeriesOrifice(), np.array([5e3, high]), (s,), known) == "series-orifice"
 
 
+def test_friction_that_turns_round_over_much_of_the_way_is_listed_with_valves() -> None:
+    """On a sine a tenth of the way lies below .44 of the largest speed; a record that rests has no more of it."""
+    v = np.concatenate([np.sin(np.linspace(0, 20 * np.pi, SAMPLES)), np.zeros(9 * SAMPLES)])
+    s = Signals(PERIOD, {"velocity": v}, np.zeros(v.size))
+    for turn, listed in ((0.4, ()), (0.48, ("saturating-damping", "relief-valve"))):
+        assert CoulombFriction().stands_for(np.array([30.0, 0.0, turn]), (s,)) == listed
+
+
 def test_a_resonance_beyond_half_the_rate_is_listed_with_what_comes_late() -> None:
     """Nothing of its swing is sampled: what is left of it is a lag of the force."""
     s = inputs(np.ones(SAMPLES))
