@@ -297,8 +297,8 @@ def feedback(views: Sequence[View], inputs: Sequence[str], outputs: Sequence[str
             "feedback", views[0].name if len(views) == 1 else "", source, "warning",
             f"follows {answer} (most after {found.lag:.3g} s, mean coherence {found.coherence:.2g}) in what does not "
             f"repeat over {found.periods} periods of the excitation: score {min(found.score, found.own_score):.3g}, "
-            f"critical {found.critical:.3g}. The data are from a closed loop: least squares (arx, subspace), output "
-            "error and riv, whose instruments are simulated from this input, are biased by the disturbance",
-            "use the mean over the periods, which has the less of it the more there are; or pem-ss, whose noise model "
-            "must then be right; or record the loop's reference and identify reference to output and reference to "
-            "input, whose ratio is the plant", min(found.score, found.own_score))
+            f"critical {found.critical:.3g}. The data are from a closed loop: what fits the free run (oe, riv, pem-ss) "
+            "is biased by the disturbance, and so is least squares (arx) unless the disturbance is of its form",
+            "run bj or armax, whose noise model must be rich enough here; or use the mean over the periods, which has "
+            "the less disturbance the more there are; or record the loop's reference and identify reference to output "
+            "and reference to input, whose ratio is the plant", min(found.score, found.own_score))

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from lpvid import BoxJenkins, OutputError, identify
 from lpvid.auditing import audit
 from lpvid.auditing.feedback import FALSE_ALARM, Repeated, feedback, input_follows, repeated
 from lpvid.auditing.view import view
 from lpvid.files import read
+from lpvid.identification.structure import Structure
 from lpvid.record import Record
+from lpvid.simulation import simulate
 
 PERIOD, PERIODS, DRAWS = 256, 8, 200
 
@@ -89,7 +92,7 @@ class TestAudit:
         found, = audit(record(0.3), inputs=("u",), outputs=("y",)).of("feedback")
         assert found.severity == "warning" and found.channel == "u" and found.value > np.sqrt(-2 * np.log(FALSE_ALARM))
         assert "after 0.01 s" in found.evidence and "biased" in found.evidence and "8 periods" in found.evidence
-        assert "mean over the periods" in found.mend and "pem-ss" in found.mend and "reference" in found.mend
+        assert "mean over the periods" in found.mend and "bj" in found.mend and "reference" in found.mend
 
     def test_an_open_loop_and_unnamed_channels_pass(self):
         assert not audit(record(0.0), inputs=("u",), outputs=("y",)).of("feedback")
@@ -122,6 +125,28 @@ class TestAudit:
         one, = repeated([view(record(0.3), None)], "u", "y")
         scaled = Repeated(1e-6 * one.input, 1e5 * one.output, one.sample_time)
         assert input_follows([scaled]).score == pytest.approx(input_follows([one]).score)
+
+
+def static_gain(records: Record, structure: Structure) -> float:
+    model = identify(records, structure).model
+    still, step = (Record({"u": np.full(400, level), "y": np.zeros(400)}, 0.01) for level in (0.0, 1.0))
+    return float((simulate(model, step, "zero").output - simulate(model, still, "zero").output)[-1, 0])
+
+
+def test_what_to_run_is_less_biased():
+    """The plant's static gain is 0.4/(1 − 0.8) = 2, in a loop of gain 1; the mean of six draws."""
+    common = {"input": ("u",), "output": "y", "na": 1, "nb": 1, "nk": 1}
+    found: dict[str, list[float]] = {"oe": [], "bj": [], "mean": []}
+    for seed in range(6):
+        one = record(1.0, seed)
+        mean = Record({n: np.tile(one[n].reshape(PERIODS, PERIOD).mean(axis=0), 2) for n in "uy"}, 0.01)
+        found["oe"].append(static_gain(one, OutputError(**common)))
+        found["bj"].append(static_gain(one, BoxJenkins(**common, nc=1, nd=1)))
+        found["mean"].append(static_gain(mean, OutputError(**common)))
+    gains = {name: float(np.mean(values)) for name, values in found.items()}
+    assert gains["oe"] < 1.5
+    assert gains["bj"] == pytest.approx(2, rel=0.05)
+    assert gains["mean"] == pytest.approx(2, rel=0.1)
 
 
 def test_measured_records(shared_data: Path):
