@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lpvid.auditing import coherence, motion
+from lpvid.auditing import coherence, feedback, motion
 from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.force import turned_apart
@@ -19,7 +19,7 @@ __all__ = ["Audit", "Finding", "audit", "motion_remarks"]
 
 
 def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[str] | None = None,
-          inputs: Sequence[str] = (), units: Mapping[str, str] | None = None) -> Audit:
+          inputs: Sequence[str] = (), outputs: Sequence[str] = (), units: Mapping[str, str] | None = None) -> Audit:
     """Examine measured records before any model is fitted; nothing is changed.
 
     Parameters
@@ -30,6 +30,8 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
         Names or roles of the scheduling variables; by default every channel in A, V or K and every pure number.
     inputs : sequence of str
         Names or roles of a model's inputs; of several it is checked whether they move apart from each other.
+    outputs : sequence of str
+        Names or roles of its outputs; where the excitation repeats it is checked whether an input follows one of them.
     units : mapping of str to str, optional
         Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
@@ -54,7 +56,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     ['--flip force']
     """
     if isinstance(records, Chunks):
-        return audit_stream(records, scheduling=scheduling, inputs=inputs)
+        return audit_stream(records, scheduling=scheduling, inputs=inputs, outputs=outputs)
     listed = as_records(records, units=units)
     if not listed:
         raise InputError("no records to audit")
@@ -62,6 +64,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     found = [finding for one in views for check in RECORD_CHECKS for finding in check(one)]
     found += [finding for check in DATA_SET_CHECKS for finding in check(views)]
     found += coherence.coherent_inputs(views, inputs)
+    found += feedback.feedback(views, inputs, outputs)
     names = tuple(record.name for record in listed)
     return Audit(ordered(turned_apart(found), names), tuple(repr(record) for record in listed), names)
 

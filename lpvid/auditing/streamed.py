@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.coherence import coherent_inputs
+from lpvid.auditing.feedback import feedback
 from lpvid.auditing.findings import SEVERITIES, Audit, Finding, ordered
 from lpvid.auditing.view import View, view
 from lpvid.errors import InputError
@@ -67,7 +68,7 @@ class _Parts:
 
 
 def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None = None, inputs: Sequence[str] = (),
-                 report_progress: Callable[[str], None] = lambda text: None) -> Audit:
+                 outputs: Sequence[str] = (), report_progress: Callable[[str], None] = lambda text: None) -> Audit:
     """Examine records that arrive in parts; memory does not grow with their number.
 
     Every check of a record runs over each of its parts; the gravest of equal findings stands for all, with the number
@@ -78,7 +79,7 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
     ----------
     chunks : iterable of Record
         E.g. ``read_chunks("hours.parquet")``.
-    scheduling, inputs : sequences of str
+    scheduling, inputs, outputs : sequences of str
         As for `audit`.
     report_progress : callable
         Receives progress.
@@ -128,6 +129,7 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
     found = [f for one in records.values() for f in one.findings()]
     found += [f for check in DATA_SET_CHECKS for f in check(shared)]
     found += coherent_inputs(shared, inputs)
+    found += feedback(shared, inputs, outputs)
     names = tuple(records)
     lines = tuple(f"{r.like.split(': ')[0]}: {r.samples} samples in {r.parts} parts" for r in records.values())
     return Audit(ordered(found, names), lines, names)

@@ -24,7 +24,8 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
             from lpvid.auditing import audit
 
             report_progress("auditing")
-            found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input))
+            found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input),
+                          outputs=split_names(output))
         else:
             from lpvid.auditing.streamed import audit_stream
             from lpvid.cli.streamed import beginning, parts
@@ -34,6 +35,7 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
                 chunks,
                 scheduling=split_names(schedule) or None,
                 inputs=split_names(input),
+                outputs=split_names(output),
                 report_progress=report_progress,
             )
             records = [beginning(chunks)]

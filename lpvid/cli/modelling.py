@@ -236,7 +236,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         report_progress("fitting without the scheduling filter, to compare")
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
     report_progress("auditing the data")
-    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input)
+    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input, outputs=request.output)
     derived = with_derived(training, structure.channels)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)

@@ -130,7 +130,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
         )
         found = found.replace(held_out=kept)
     audited = audit_stream(chunks, scheduling=request.schedule or None, inputs=request.input,
-                         report_progress=lambda t: report_progress(f"auditing: {t}"))
+                           outputs=request.output, report_progress=lambda t: report_progress(f"auditing: {t}"))
     stated = (*notes, *(("the first input lag was chosen on the first "
                        f"{head.n_samples} samples",) if request.searches_delay else ()),
             f"the report draws the first {head.n_samples} samples")

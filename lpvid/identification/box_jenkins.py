@@ -27,7 +27,8 @@ class BoxJenkins(PredictionError):
         A(p) x(k) = B(p) u(k) + c(p),    y(k) = x(k) + v(k),    D v(k) = C e(k)
 
     minimising Σ e(k)² (Ljung 1999 (4.31) with A and B over a basis; C and D constant). Plant and noise share nothing,
-    so the plant is consistent even where C and D are too small; efficient where they are not.
+    so that in open loop the plant is consistent even where C and D are too small (in closed loop only where they are
+    not); efficient where they are not.
 
     Parameters
     ----------
