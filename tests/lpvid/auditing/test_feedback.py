@@ -150,9 +150,8 @@ def test_what_to_run_is_less_biased():
 
 
 def test_measured_records(shared_data: Path):
-    """Every pair of channels of every measured record. It was decided before it was run that only the positioning
-    system, which is under control, may alarm; it does with the motion as input and the motor's force, which moves it,
-    as output."""
+    """Every pair of channels of every measured record. One system is under control, the positioning one; it alarms with
+    the motion as input and the motor's force, which the controller makes of it, as output."""
     told = []
     for folder in sorted(p for p in shared_data.iterdir() if p.is_dir() and p.name != "belgian_block_road"):
         for one in read(folder):
