@@ -147,13 +147,11 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
     JudgedSet
     """
     problem, root = search.problem, search.visited[frozenset()].fit
-    refused = set(refused)
+    smaller: dict[frozenset[str], frozenset[str]] = {}
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
     while True:
-        sets = [(w, p) for w, p in posterior(search) if w.members not in refused]
-        total = sum(p for _, p in sets)
-        sets = [(w, p / total) for w, p in sets] if total > 0 else [(search.visited[frozenset()], 1.0)]
+        sets = _borne_out(search, refused, smaller)
         best = story(sets)
         report_progress(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
         fit = fits[best.members] = fits.get(best.members) or _refitted(search, best.fit.composition, best.fit,
@@ -164,7 +162,7 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
         useless = [(e, r) for e, r in zip(best.effects, rests, strict=True) if not _helps(problem, r, after)]
         if not useless:
             break
-        refused.add(best.members)
+        smaller[best.members] = best.members - {e.name for e, _ in useless}
         dropped |= {e.name: "held-out error is no lower with it" for e, _ in useless}
     members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
@@ -175,6 +173,27 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
     kept = {m.effect.name for m in members}
     return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                   tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
+
+
+def _borne_out(search: SetSearch, refused: Collection[frozenset[str]], smaller: dict[frozenset[str], frozenset[str]]
+               ) -> list[tuple[Weighed, float]]:
+    """Visited sets and their probabilities, without the refused ones; the baseline alone where no other is left.
+
+    A set of which some members do not lower the error out of fold says of the others what the set without those does:
+    its weight goes to that one. To drop it would count against every member, as well proven as it may be.
+    """
+    visited = {w.members: w for w, _ in posterior(search)}
+    weights = {members: 0.0 for members in visited if members not in smaller and members not in refused}
+    for w, p in posterior(search):
+        members = w.members
+        while members in smaller:
+            members = smaller[members]
+        if members in weights:
+            weights[members] += p
+    total = sum(weights.values())
+    if total <= 0:
+        return [(search.visited[frozenset()], 1.0)]
+    return sorted(((visited[m], p / total) for m, p in weights.items()), key=lambda t: -t[1])
 
 
 def _refitted(search: SetSearch, composition: Composition, near: Refit,

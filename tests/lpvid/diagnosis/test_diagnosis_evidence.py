@@ -601,6 +601,21 @@ def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
     assert _rivals_beside(best, *others) == wanted
 
 
+def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(monkeypatch):
+    """Two sets with "dry" hold most weight. That a wave adds nothing to one of them says nothing against "dry"."""
+    dry, spring, wave = part("dry"), SPRING, part("wave")
+    sets = [stood(1.0, dry, wave), stood(1.2, spring), stood(1.1, dry), stood(2.0)]
+    monkeypatch.setattr(judging, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
+    search = SimpleNamespace(visited={w.members: w for w in sets})
+    smaller = {frozenset({"dry", "wave"}): frozenset({"dry"})}
+    found = [(set(w.members), p) for w, p in judging._borne_out(search, (), smaller)]
+    assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
+    smaller[frozenset({"dry"})] = frozenset()
+    assert judging._borne_out(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
+    refused = {w.members for w in sets}
+    assert judging._borne_out(search, refused, {}) == [(sets[3], 1.0)]
+
+
 def test_sets_that_held_out_data_refused_take_no_name():
     best, other = stood(1.0, part("dead-zone", "loose")), stood(1.05, KIN)
     search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
