@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lpvid.toolkit import copy_values, njit
 from quartercar.dampers.laws._bouc_wen_tangents import INPUTS, advance_partials, force_slopes
-from quartercar.dampers.laws._semi_active_kernels import lag, mixed, place, sense
-
-TINY = 1e-30
-"""imaginary step"""
+from quartercar.dampers.laws._semi_active_kernels import delayed, mixed, place, sense
 
 
 @njit()
@@ -40,14 +39,75 @@ def slopes(nodes, tables, s, uf, out):
 
 
 @njit()
-def lag_tangents(uf, tangent, u, k, a, b, period, s, settings):
-    """New u_f, and its derivatives in (T, τ) (8,) in place; settings (8,) complex, real on entry."""
+def ramp_slopes(uf, u0, u1, dt, time):
+    """`ramp` and its derivatives: u_f at the end, then in u_f, u_0, u_1, dt and T."""
+    r = dt / time
+    decay = math.exp(-r)
+    held, bent = 1.0 - 0.5 * r, -0.5
+    if r > 1e-7:
+        held = (1.0 - decay) / r
+        bent = (decay - held) / r
+    steep = -(uf - u0) * decay - (u1 - u0) * bent
+    return u1 + (uf - u0) * decay - (u1 - u0) * held, decay, held - decay, 1.0 - held, steep / time, -steep * r / time
+
+
+@njit()
+def rise_of(u, k, q):
+    """Derivative of `delayed` in q."""
+    i = k + min(math.floor(q), -1)
+    return 0.0 if i < 0 else u[(i + 1) % u.size] - u[i % u.size]
+
+
+@njit()
+def lag_tangents(uf, tangent, u, k, a, b, period, s, times, delays):
+    """New u_f of `lag`, and its derivatives in (T, τ) (8,) in place: the chain rule through one ramp or two."""
+    up = ((1.0 - s) * delays[0] + s * delays[2]) / period
+    down = ((1.0 - s) * delays[1] + s * delays[3]) / period
+    rising = delayed(u, k, b - 1.0 - up) > uf
+    falling = delayed(u, k, b - 1.0 - down) < uf
+    if rising and falling:
+        rising = up < down
+    elif not rising and not falling:
+        return uf
+    edge, late = (0, up) if rising else (1, down)
+    time = (1.0 - s) * times[edge] + s * times[edge + 2]
+    begin, end = a - 1.0 - late, b - 1.0 - late
+    kink = math.floor(end)
+    u0, u1 = delayed(u, k, begin), delayed(u, k, end)
+    r0, r1 = rise_of(u, k, begin), rise_of(u, k, end)
+    if begin < kink < end:
+        turn = u[max(k + kink, 0) % u.size]
+        uf, decay, by_first, _, by_span, in_time = ramp_slopes(uf, u0, turn, (kink - begin) * period, time)
+        in_delay = by_span * period - by_first * r0
+        uf, again, _, by_last, by_span, more = ramp_slopes(uf, turn, u1, (end - kink) * period, time)
+        in_time = again * in_time + more
+        in_delay = again * in_delay - by_span * period - by_last * r1
+        decay *= again
+    else:
+        uf, decay, by_first, by_last, _, in_time = ramp_slopes(uf, u0, u1, (b - a) * period, time)
+        in_delay = -by_first * r0 - by_last * r1
     for q in range(8):
-        settings[q] += 1j * TINY
-        moved = lag(uf + 1j * TINY * tangent[q], u, k, a, b, period, s, settings[:4], settings[4:])
-        settings[q] = settings[q].real
-        tangent[q] = moved.imag / TINY
-    return moved.real
+        tangent[q] *= decay
+    tangent[edge] += (1.0 - s) * in_time
+    tangent[edge + 2] += s * in_time
+    tangent[edge + 4] += (1.0 - s) * in_delay / period
+    tangent[edge + 6] += s * in_delay / period
+    return uf
+
+
+@njit()
+def lagged_tangents(u, v, period, parts, width, times, delays):
+    """(8, n) derivatives of `lagged` in (T, τ)."""
+    out, tangent = np.zeros((8, u.size)), np.zeros(8)
+    uf = u[0]
+    for k in range(1, u.size):
+        for i in range(parts):
+            a, b = i / parts, (i + 1.0) / parts
+            s = sense(v[k - 1] + 0.5 * (a + b) * (v[k] - v[k - 1]), width)
+            uf = lag_tangents(uf, tangent, u, k, a, b, period, s, times, delays)
+        for q in range(8):
+            out[q, k] = tangent[q]
+    return out
 
 
 @njit()
@@ -59,9 +119,6 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
     follow, before, share = np.zeros(8), np.zeros(8), np.zeros((2, rows))
     part, between, point = np.zeros((2, INPUTS)), np.zeros((2, INPUTS)), np.empty(INPUTS)
     row, slope, out = np.empty(7), np.empty(7), np.zeros(6)
-    settings = np.empty(8, np.complex128)
-    copy_values(times, settings[:4])
-    copy_values(delays, settings[4:])
     uf, y, z = state[0], state[1], state[2]
     h = period / parts
     for k in range(size):
@@ -72,7 +129,7 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
             s, old = sense(0.5 * (va + vb), width), uf
             if nodes.size > 1:
                 copy_values(follow, before)
-                uf = lag_tangents(uf, follow, u, k, a, b, period, s, settings)
+                uf = lag_tangents(uf, follow, u, k, a, b, period, s, times, delays)
             middle = 0.5 * (old + uf)
             mixed(tables, nodes, s, middle, row)
             weights(nodes, s, middle, first, share)

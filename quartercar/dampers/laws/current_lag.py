@@ -124,3 +124,33 @@ class CurrentLag:
 
         times, delays = self.unpack(vector)
         return lagged(current, velocity, sample_time, self.parts, self.width, times, delays)
+
+    def sensitivity(self, current: np.ndarray, velocity: np.ndarray, sample_time: float,
+                    vector: np.ndarray) -> np.ndarray:
+        """(n, P) derivatives of what `follow` returns, carried along it: one run for all parameters.
+
+        Parameters
+        ----------
+        current, velocity : (n,) array
+            As for `follow`.
+        sample_time : float
+            [s]
+        vector : (P,) array
+            Values of `parameters`, real.
+
+        Returns
+        -------
+        (n, P) array
+            In the unit of the command per second.
+        """
+        if self.sharing == "none" or not np.ptp(current):
+            return np.zeros((current.size, vector.size))
+        from quartercar.dampers.laws._semi_active_tangents import lagged_tangents
+
+        found = lagged_tangents(current, velocity, sample_time, self.parts, self.width, *self.unpack(vector))
+        return found.T @ self.shares
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(8, P) derivatives of the four T and four τ of `unpack` in the parameters: ones and zeros."""
+        return np.array([np.concatenate(self.unpack(unit)) for unit in np.eye(len(self.parameters))]).T

@@ -143,10 +143,11 @@ class ForceMap(SemiActiveDamper):
         for i, j in enumerate(columns):
             if len(entries) <= j < self._affine:
                 out[:, i] = gas[j - len(entries)]
-            elif j >= self._affine:
-                moved = vector.astype(complex)
-                moved[j] += 1e-30j
-                out[:, i] = slope * np.imag(self._followed(drive, moved)) / 1e-30
+        late = [(i, j - self._affine) for i, j in enumerate(columns) if j >= self._affine]
+        if late:
+            lag = self.current_lag.sensitivity(drive.current, drive.velocity, drive.sample_time, self.parted(vector)[2])
+            for i, j in late:
+                out[:, i] = slope * lag[:, j]
         return out
 
     def _followed(self, drive: Drive, vector: np.ndarray) -> np.ndarray:

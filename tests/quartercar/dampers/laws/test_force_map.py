@@ -47,6 +47,22 @@ def test_each_edge_and_direction_has_its_own_delay_and_time_constant(direction: 
     assert np.abs(found - (expected if edge == "rise" else 1 - expected)).max() < 1e-12
 
 
+@pytest.mark.parametrize("sharing", ["shared", "edges", "full"])
+def test_its_derivatives_are_those_of_complex_steps(sharing: str) -> None:
+    """Carried along one run; through kinks of the command within a sub-step, and where it rests."""
+    lag, rng = CurrentLag(sharing), np.random.default_rng(5)
+    vector = np.array([FULL.get(p.name, p.default) for p in lag.parameters])
+    command = np.repeat(rng.uniform(0.0, 2.0, 40), 25)
+    command[500:] += 0.02 * rng.normal(size=500)
+    v = 0.1 * np.sin(0.02 * np.arange(1000))
+    found = lag.sensitivity(command, v, 2 * H, vector)
+    for j in range(vector.size):
+        moved = vector.astype(complex)
+        moved[j] += 1e-30j
+        expected = lag.follow(command, v, 2 * H, moved).imag / 1e-30
+        assert np.abs(found[:, j] - expected).max() <= 1e-11 * np.abs(expected).max()
+
+
 @pytest.mark.parametrize(("rise", "fall"), [(0.003, 0.009), (0.009, 0.003)])
 def test_a_pulse_is_delayed_by_each_edges_own_delay(rise: float, fall: float) -> None:
     lag, n = CurrentLag("edges"), 300
