@@ -215,7 +215,8 @@ def _constrained(suited: Sequence[Damper]) -> tuple[str, ...]:
 def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,
              progress: Callable[[str], None]) -> tuple[list[DamperFit], list[tuple[str, str]], bool]:
     """Fits, failures, and whether the work came to its end."""
-    order = _order(len(suited), settings)
+    costs = [_cost(*_job(d, data, settings)) for d in suited]
+    order = _order(costs, settings)
     jobs = [_job(suited[place], data, settings) for place in order]
 
     def stated(done: int, running: list[int], left: float | None) -> None:
@@ -224,7 +225,7 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
         progress(f"fitting {names} ({done} of {len(suited)} done{about})")
 
     ended = in_processes(_fitted, jobs, workers=settings.workers, budget=settings.budget,
-                         costs=[_cost(d, r, s) for d, r, s in jobs], report_progress=stated)
+                         costs=[costs[place] for place in order], report_progress=stated)
     fits: list[DamperFit] = []
     failed: list[tuple[str, str]] = []
     for place, one in sorted(zip(order, ended, strict=True), key=lambda pair: pair[0]):
@@ -242,16 +243,21 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
     return fits, failed, not any(one.stopped == "interrupted" for one in ended)
 
 
-def _order(count: int, settings: CompareSettings) -> list[int]:
+def _order(costs: Sequence[float], settings: CompareSettings) -> list[int]:
     """Places of the models, quick ones first, in the order of their fits.
 
-    Several processes begin with the slowest fits, so that none is left alone with one of them at the end, but for one
-    process that takes the quick ones in order: an interruption finds some of them done. Where a budget may end the
-    work, all take the quick ones first.
+    Several processes begin with the dearest fits by `_cost`, but for one that begins with the cheaper half of all, so
+    that an interruption finds some of them done. Then the dearest that is left comes next, and none is left alone with
+    a long one at the end. Where a budget may end the work, all take the quick ones first. The two relief-valve models
+    are the dearest and share kernels that take as long to compile as to run: begun apart, one compiles them for both.
     """
+    count = len(costs)
     workers = min(settings.workers or processors(), count)
-    slow = 0 if settings.budget is not None else max(workers - 1, 0)
-    return [*reversed(range(count - slow, count)), *range(count - slow)]
+    if workers <= 1 or settings.budget is not None:
+        return list(range(count))
+    dear = sorted(range(count), key=lambda k: (-costs[k], -k))
+    cheap = dear[max(count - count // 2, workers - 1):][::-1]
+    return [*dear[: workers - 1], *cheap, *(k for k in dear[workers - 1:] if k not in cheap)]
 
 
 _Job = tuple[Damper, tuple[Record, ...], FitSettings]

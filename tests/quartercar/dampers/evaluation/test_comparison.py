@@ -416,12 +416,13 @@ def test_one_of_several_processes_takes_the_quick_fits_first(monkeypatch: pytest
     assert ranked[0] == ranked[1] == ranked[2]
 
 
-@pytest.mark.parametrize(("workers", "order"), [(1, [0, 1, 2, 3]), (2, [3, 0, 1, 2]), (3, [3, 2, 0, 1]),
-                                                (9, [3, 2, 1, 0])])
-def test_the_slowest_fits_begin_on_all_processes_but_one(workers: int, order: list[int]) -> None:
-    assert module._order(4, CompareSettings(workers=workers)) == order
-    assert module._order(4, CompareSettings(workers=workers, budget=9.0)) == [0, 1, 2, 3]
-    assert module._order(0, CompareSettings(workers=workers)) == []
+@pytest.mark.parametrize(("workers", "order"), [(1, [0, 1, 2, 3]), (2, [2, 0, 1, 3]), (3, [2, 3, 0, 1]),
+                                                (9, [2, 3, 1, 0])])
+def test_the_dearest_fits_begin_on_all_processes_but_one(workers: int, order: list[int]) -> None:
+    assert module._order([1.0, 2.0, 4.0, 3.0], CompareSettings(workers=workers)) == order
+    assert module._order([1.0, 2.0, 4.0, 3.0], CompareSettings(workers=workers, budget=9.0)) == [0, 1, 2, 3]
+    assert module._order([], CompareSettings(workers=workers)) == []
+    assert module._order([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], CompareSettings(workers=2)) == [5, 0, 1, 2, 4, 3]
 
 
 @pytest.mark.seconds
