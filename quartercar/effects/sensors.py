@@ -63,7 +63,12 @@ def scaled(core: Core, sensor: float, factor: float) -> Core:
 
 
 class SensorScale(SensorEffect):
-    """The gain of an input channel is off (equation sheet 3.20)."""
+    """The gain of an input channel is off (equation sheet 3.20).
+
+    A damper's law takes up the gain of its motion or its current by numbers of its own, which are fitted: with
+    F(θ, v) = c v, the gain g is c (1 + g). What is left of it beside them is a number of the law beyond its bound. A
+    car reads a road and an actuator's force besides, of which nothing in it sets the size.
+    """
 
     name: ClassVar[str] = "sensor-scale"
     title: ClassVar[str] = "the scale of an input channel is wrong"
@@ -73,6 +78,11 @@ class SensorScale(SensorEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return EffectParameter("gain", "", "g", 0.0, (-0.5, 0.5), (-0.9, 2.0), SMALL), CHANNEL
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if {"road", "actuator"}.isdisjoint(baseline.channels):
+            return f"the numbers of {baseline.name} take up the gain of what it reads"
+        return super().applies(baseline, signals)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [np.array([gain, k]) for k in _present(signals) for gain in SMALL]
