@@ -97,6 +97,9 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     term whose gain is small and sure is kept: by one standard error alone (Breiman et al. 1984, 3.4) the gyroscope's
     third order was taken for its fourth, at a fifth of a point of fit on later data.
 
+    The bound of `TOLERATED` keeps simplicity from costing fit. It is not needed for a structure that has fewer
+    parameters and the lower error on all training data too (`_dominant`).
+
     Parameters
     ----------
     tried : sequence of Tried
@@ -107,6 +110,39 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     -------
     int
     """
+    return _dominant(tried, _simplest_near(tried, records), records)
+
+
+def _dominant(tried: Sequence[Tried], choice: int, records: Sequence[Record]) -> int:
+    """Place of what has fewer parameters than the choice and fits all training data better, or of the choice.
+
+    Its error may be above the least by one standard error of their difference, fold by fold. More parameters always
+    lower the error on the data they are fitted to, within one family; where fewer do, they are of the better family,
+    and what the folds hold against it is below their own noise. On a third of a measured damper's record (666 samples)
+    an ARX of 91 parameters had the least error of the folds; quasi-LPV of 58 had 1.14 times it, and 0.65 times on all
+    training data: 91.4 % against 80.3 % on later data. Of several the one of the least AIC is taken.
+    """
+    size, least = tried[choice].n_parameters, tried[0].trial
+    if size is None:
+        return choice
+    fewer = [i for i, t in enumerate(tried) if t.n_parameters is not None and t.n_parameters < size
+             and t.trial.mean - least.mean <= spread(t.trial.esr - least.esr)]
+    best = _model(tried[choice]) if fewer else None
+    if best is None:
+        return choice
+    models = [(choice, best), *((i, m) for i in fewer if (m := _model(tried[i])) is not None)]
+    models = [models[k] for k in least_unstable([unstable_share_of_range(m) for _, m in models])]
+    count = independent_samples(best, records)
+    criteria = {choice: 0.0}
+    for i, model in models:
+        gain = _log_ratio(model, best, records)
+        if gain < 0:
+            criteria[i] = count * gain + 2 * ((tried[i].n_parameters or 0) - size)
+    return min(criteria, key=criteria.__getitem__)
+
+
+def _simplest_near(tried: Sequence[Tried], records: Sequence[Record]) -> int:
+    """Place of the simplest of the structures that the folds cannot tell apart, of those that all data support."""
     near = close_to_least([t.trial for t in tried])
     if len(near) < 2:
         return 0

@@ -179,8 +179,9 @@ def _concluded(
     chosen, highest = tested[0] if tested else 0, -np.inf
     try:
         for i in [i for i in tested if not table[i].diverges] or tested:
-            expected = table[i].fit_percent
-            assert expected is not None
+            own, first_of_all = table[i].fit_percent, table[tested[0]].fit_percent
+            assert own is not None and first_of_all is not None
+            expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been judged there
             if expected < highest + NEAR:
                 break
             found, fault = refits.get(ranked[i][0]) or _refit(search, in_full(ranked[i][0]), pieces)
