@@ -101,14 +101,15 @@ def repeated(views: Sequence[View], source: str, answer: str) -> list[Repeated]:
         size = _period(run[0], v.period)
         if size:
             whole = run[0].size // size * size
-            found.append(Repeated(*(c[:whole].reshape(-1, size) for c in run), v.period))
+            u, y = (c[:whole].reshape(-1, size) for c in run)
+            found.append(Repeated(u, y, v.period))
         else:
             others.append((run, v.period))
     while others:
         (u, y), period = others.pop(0)
         alike = [o for o in others if o[0][0].size == u.size and abs(o[1] / period - 1) < 1e-6 and _alike(u, o[0][0])]
         if alike:
-            found.append(Repeated(*(np.vstack(both) for both in zip((u, y), *(o[0] for o in alike), strict=True)),
+            found.append(Repeated(np.vstack([u, *(o[0][0] for o in alike)]), np.vstack([y, *(o[0][1] for o in alike)]),
                                   period))
             others = [o for o in others if not any(o is a for a in alike)]
     return found
@@ -208,9 +209,9 @@ def input_follows(repeats: Sequence[Repeated], false_alarm: float = FALSE_ALARM)
         inside = np.flatnonzero(cross)
         lags = min(one.input.shape[1] // 2, inside.size // SHARE)
         for k, x in enumerate((cross, cross * phase)):
-            course = np.fft.irfft(x.real, one.input.size)
+            course = np.fft.irfft(np.real(x), one.input.size)
             course[0], course[lags + 1:] = 0.0, 0.0
-            odd = (np.fft.rfft(course).imag * x.imag)[inside]
+            odd = (np.imag(np.fft.rfft(course)) * np.imag(x))[inside]
             sums[2 * k:2 * k + 2] += odd.sum(), (odd**2).sum()
         later = np.abs(np.fft.irfft(cross, one.input.size)[1:lags + 1])
         top = int(np.argmax(later))
@@ -256,7 +257,8 @@ def _apart(one: Repeated, false_alarm: float) -> tuple[np.ndarray, np.ndarray, f
     phase = np.interp(place, at, gain.real) + 1j * np.interp(place, at, gain.imag)
     phase /= np.maximum(np.abs(phase), 1e-300)
     cross = np.where(band, u * y.conj() / np.sqrt(powers[0] * powers[1]), 0.0)
-    averaged = (np.abs(uniform_filter1d(cross.real, width) + 1j * uniform_filter1d(cross.imag, width)) / kept)**2
+    smooth = uniform_filter1d(np.real(cross), width) + 1j * uniform_filter1d(np.imag(cross), width)
+    averaged = (np.abs(smooth) / kept)**2
     bias = 1 / (width * kept)
     return cross, phase, max(0.0, float(np.mean(((averaged - bias) / (1 - bias))[band])))
 
