@@ -43,7 +43,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     Raises
     ------
     InputError
-        No records; a scheduling variable that no record has.
+        No records; an input, output or scheduling variable that no record has.
 
     Examples
     --------
@@ -60,6 +60,9 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     listed = as_records(records, units=units)
     if not listed:
         raise InputError("no records to audit")
+    for name in (*inputs, *outputs):
+        if not any(record.has(name) for record in listed):
+            listed[0].resolve(name)  # one line: what there is
     views = [view(record, scheduling) for record in listed]
     found = [finding for one in views for check in RECORD_CHECKS for finding in check(one)]
     found += [finding for check in DATA_SET_CHECKS for finding in check(views)]

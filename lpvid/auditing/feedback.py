@@ -21,6 +21,8 @@ FEWEST = 64
 """frequencies, at least."""
 SHARE = 16
 """the lags are at most this part of the frequencies: what noise gives to the even part is then 1/16 of it at most."""
+EVENT = 8
+"""parts of a period, without any one of which there is feedback still: a loop acts all the time, an event once."""
 BESIDE = 2
 """lines of the excitation to either side over which spectra are averaged."""
 
@@ -40,6 +42,26 @@ class Repeated:
     input: np.ndarray
     output: np.ndarray
     sample_time: float
+
+    def without_largest(self) -> Repeated:
+        """The same with the mean over the periods in that part of all of them in which what does not repeat is largest.
+
+        Returns
+        -------
+        Repeated
+            Nothing is left there beside the mean: an eighth of the period (`EVENT`), where u and y together, by the
+            product of their squares, differ most between the periods.
+        """
+        size = self.input.shape[1]
+        means = [c.mean(axis=0) for c in (self.input, self.output)]
+        squares = [((c - m)**2).sum(axis=0) for c, m in zip((self.input, self.output), means, strict=True)]
+        width = max(size // EVENT, 1)
+        sums = [np.convolve(np.concatenate([q, q[:width - 1]]), np.ones(width), "valid") for q in squares]
+        there = (int(np.argmax(sums[0] * sums[1])) + np.arange(width)) % size
+        found = [c.copy() for c in (self.input, self.output)]
+        for channel, mean in zip(found, means, strict=True):
+            channel[:, there] = mean[there]
+        return Repeated(found[0], found[1], self.sample_time)
 
 
 @dataclass(frozen=True)
@@ -160,11 +182,13 @@ def input_follows(repeats: Sequence[Repeated], false_alarm: float = FALSE_ALARM)
       G₀ = Y₀/U₀ of the means, is taken off too: X G₀/\\|G₀\\| is real but for noise, whatever noise is read.
 
     In each the signs of Im X at different frequencies are independent and even, given Re X and \\|Im X\\| (a Gaussian
-    process that is real in this sense is the same backward in time). Then z = T/√Σ H² (Im X)², a sum of random signs
-    over its rms, exceeds c with probability exp(−c²/2) at most, for any number of frequencies (Hoeffding 1963), so that
-    c = √(2 ln(1/α)). Both z, with and without the phase of G₀, must exceed c, whose size is then α at most without a
-    correction for two tests (Berger 1982, intersection-union). It cannot be told from interference, and nothing is
-    found, where an u without any lag is fed back in phase, nor where most of what does not repeat in u is not fed back.
+    process that is real in this sense is the same backward in time). A single event, such as a jolt that reaches u
+    after y, is no such process: its phase is smooth over the frequencies. `feedback` asks for the same without the part
+    of the periods that differs most. Then z = T/√Σ H² (Im X)², a sum of random signs over its rms, exceeds c with
+    probability exp(−c²/2) at most, for any number of frequencies (Hoeffding 1963), so that c = √(2 ln(1/α)). Both z,
+    with and without the phase of G₀, must exceed c, whose size is then α at most without a correction for two tests
+    (Berger 1982, intersection-union). It cannot be told from interference, and nothing is found, where a u without any
+    lag is fed back in phase, nor where most of what does not repeat in u is not fed back.
 
     Frequencies are those between the first line and the last at which both means stand above their noise, exponential
     of mean S/k for k periods, at α over the number of lines. S_u and S_y, averaged over `BESIDE` lines to either side,
@@ -229,6 +253,8 @@ def _apart(one: Repeated, false_alarm: float) -> tuple[np.ndarray, np.ndarray, f
     from scipy.ndimage import uniform_filter1d
 
     count, size = one.input.shape
+    if count < 2:
+        return None
     both = [_level(c) for c in (one.input, one.output)]
     means = [c.mean(axis=0) for c in both]
     rests = [(c - m).ravel() for c, m in zip(both, means, strict=True)]
@@ -292,8 +318,12 @@ def feedback(views: Sequence[View], inputs: Sequence[str], outputs: Sequence[str
     """
     pairs = [(u, y) for u in inputs for y in outputs if len(one_per_motion(views, (u, y))) == 2 and u != y]
     for source, answer in pairs:
-        found = input_follows(repeated(views, source, answer), FALSE_ALARM / len(pairs))
+        repeats = repeated(views, source, answer)
+        found = input_follows(repeats, FALSE_ALARM / len(pairs))
         if found is None or not found.found:
+            continue
+        fewer = input_follows([one.without_largest() for one in repeats], FALSE_ALARM / len(pairs))
+        if fewer is None or not fewer.found:
             continue
         yield Finding(
             "feedback", views[0].name if len(views) == 1 else "", source, "warning",

@@ -73,7 +73,7 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
 
     Every check of a record runs over each of its parts; the gravest of equal findings stands for all, with the number
     of parts. Checks between records compare up to 16 parts, evenly spread, so that a zero or a gain that moves within
-    one file is found too.
+    one file is found too. Coherent inputs and feedback are looked for in the beginnings of these parts.
 
     Parameters
     ----------
@@ -126,6 +126,9 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
         report_progress(f"{sum(r.samples for r in records.values()):,} samples")
     if not records:
         raise InputError("no records to audit")
+    for name in (*inputs, *outputs):
+        if not any(v.record.has(name) for v in shared):
+            shared[0].record.resolve(name)  # one line: what there is
     found = [f for one in records.values() for f in one.findings()]
     found += [f for check in DATA_SET_CHECKS for f in check(shared)]
     found += coherent_inputs(shared, inputs)

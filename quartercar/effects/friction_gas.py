@@ -67,10 +67,12 @@ class CoulombFriction(ParallelForce):
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Valves, where it still turns round over much of the way: from their pressure on the force stays too."""
-        speed = np.sort(np.abs(np.concatenate([s["velocity"] for s in signals])))
-        way = np.cumsum(speed)
-        slides = float(values[2]) <= speed[np.searchsorted(way, TURNING * way[-1])]
-        return () if slides else ("saturating-damping", "relief-valve")
+        turning = travelled = 0.0
+        for s in signals:
+            way = np.abs(s["velocity"]) * s.sample_time
+            travelled += float(way.sum())
+            turning += float(way[np.abs(s["velocity"]) < float(values[2])].sum())
+        return ("saturating-damping", "relief-valve") if turning > TURNING * travelled else ()
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         friction, deflection, turn = (float(v) for v in values)

@@ -259,7 +259,7 @@ def usable_of(catalogue: Sequence[Effect], baseline: Baseline, signals: tuple[Si
         Of the family "noise" none counts.
     baseline : Baseline
     signals : tuple of Signals
-        One for each record, as recorded.
+        One for each record: thinned, not cut together.
 
     Returns
     -------

@@ -180,7 +180,8 @@ def _borne_out(search: SetSearch, refused: Collection[frozenset[str]], smaller: 
     """Visited sets and their probabilities, without the refused ones; the baseline alone where no other is left.
 
     A set of which some members do not lower the error out of fold says of the others what the set without those does:
-    its weight goes to that one. To drop it would count against every member, as well proven as it may be.
+    its weight goes to that one, or to the largest visited one within it. To drop it would count against every member,
+    as well proven as it may be.
     """
     visited = {w.members: w for w, _ in posterior(search)}
     weights = {members: 0.0 for members in visited if members not in smaller and members not in refused}
@@ -188,8 +189,9 @@ def _borne_out(search: SetSearch, refused: Collection[frozenset[str]], smaller: 
         members = w.members
         while members in smaller:
             members = smaller[members]
-        if members in weights:
-            weights[members] += p
+        if members not in refused:
+            within = [m for m in weights if m <= members]
+            weights[max(within, key=len)] += p
     total = sum(weights.values())
     if total <= 0:
         return [(search.visited[frozenset()], 1.0)]
@@ -395,7 +397,8 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
             continue
         late = any(e.path in LAGGING for e, _ in others)
         cost = _without_noise if late else _cost
-        against = 0.5 * samples * np.log(cost(w) / cost(_helped_alike(search, best, w) if helped else best))
+        beside = _helped_alike(search, best, w, cost) if helped else best
+        against = 0.5 * samples * np.log(cost(w) / cost(beside))
         works = bare is None or cost(w) ** 2 < cost(bare) * cost(best)
         if against < (0.0 if helped else -np.log(LISTED)) and works:
             found |= {e.name: Support.of(sets, component(k), search.structured).probability for e, k in others}
@@ -419,7 +422,7 @@ def _in_place_of(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str
     return sorted(found, key=lambda pair: len(pair[1].members))
 
 
-def _helped_alike(search: SetSearch, best: Weighed, w: Weighed) -> Weighed:
+def _helped_alike(search: SetSearch, best: Weighed, w: Weighed, cost: Callable[[Weighed], float]) -> Weighed:
     """The best set with the filter of all channels that another one has and it has not; itself where that is no less.
 
     A filter rounds what either leaves: beside it friction is compared with a spring beside it, not alone.
@@ -427,7 +430,7 @@ def _helped_alike(search: SetSearch, best: Weighed, w: Weighed) -> Weighed:
     places = w.fit.composition.places
     filters = [(e, w.fit.vector[p]) for e, p in zip(w.effects, places, strict=True)
                if e.path == "all" and e.name not in best.members]
-    return min([best, *(search.with_one_more(best, e, v) for e, v in filters)], key=_cost)
+    return min([best, *(search.with_one_more(best, e, v) for e, v in filters)], key=cost)
 
 
 def _cost(w: Weighed) -> float:

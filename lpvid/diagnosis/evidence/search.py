@@ -82,6 +82,8 @@ class SetSearch:
         By lag, where a fit beside the law alone may begin and the squared error there, the least first.
     enlarged : set
         Of those, the ones whose children are known.
+    anew : set
+        Those that `with_one_more` has refitted.
     kept : float
         κ of the best set's error, by which all sets are weighed.
     structured : float
@@ -102,6 +104,7 @@ class SetSearch:
     moved: list[Move] = field(default_factory=list)
     following: dict[str, list[tuple[float, np.ndarray]]] = field(default_factory=dict)
     enlarged: set[frozenset[str]] = field(default_factory=set)
+    anew: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     structured: float = 0.0
     floor: float = 0.0
@@ -206,13 +209,15 @@ class SetSearch:
         Returns
         -------
         Weighed
-            Kept among those visited.
+            Kept among those visited; the set itself where the refit comes to no end.
         """
-        known = self.visited.get(w.members | {e.name})
-        if known is None or known.fit.cost > w.fit.cost:
+        more = w.members | {e.name}
+        known = self.visited.get(more)
+        if known is None or (known.fit.cost > w.fit.cost and more not in self.anew):
+            self.anew.add(more)
             composition = Composition(w.fit.composition.baseline, (*w.effects, e))
             self._add(self._weighed(self._settled(composition, [placed(composition, w.fit, {e.name: values})], w.fit)))
-        return self.visited[w.members | {e.name}]
+        return self.visited.get(more, w)
 
     # -- visiting ----------------------------------------------------------------------------------------------------
     def enlarge(self, sets: Sequence[Weighed]) -> None:

@@ -262,6 +262,18 @@ def test_weights_are_averaged_over_what_a_structured_error_may_be_worth():
     assert given == pytest.approx(by_hand, abs=1e-12) and sum(given.values()) == pytest.approx(1.0)
 
 
+def test_a_set_with_one_effect_more_leaves_no_more_than_without_and_is_refitted_once(monkeypatch):
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
+    search.run(root_of(search.problem, Bent()))
+    dry, cubic = search.visited[frozenset({"dry"})], next(e for e in search.candidates if e.name == "cubic")
+    search.visited.pop(frozenset({"dry", "cubic"}), None)
+    found = search.with_one_more(dry, cubic, np.array([0.01]))
+    assert found.members == {"dry", "cubic"} and found.fit.cost <= dry.fit.cost
+    monkeypatch.setattr(search, "_settled", lambda *a, **k: pytest.fail("refitted again"))
+    assert search.with_one_more(dry, cubic, np.array([0.01])) is found
+
+
 def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     search, _ = prepared([run], Bent(), (Dry(), DryForm(), Cubic()), lambda text: None)
@@ -612,6 +624,8 @@ def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(m
     assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
     smaller[frozenset({"dry"})] = frozenset()
     assert judging._borne_out(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
+    smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited: the largest within it is
+    assert [p for w, p in judging._borne_out(search, (), smaller) if w is sets[3]] == [pytest.approx(0.45)]
     refused = {w.members for w in sets}
     assert judging._borne_out(search, refused, {}) == [(sets[3], 1.0)]
 

@@ -153,8 +153,12 @@ def test_friction_that_turns_round_over_much_of_the_way_is_listed_with_valves() 
     """On a sine a tenth of the way lies below .44 of the largest speed; a record that rests has no more of it."""
     v = np.concatenate([np.sin(np.linspace(0, 20 * np.pi, SAMPLES)), np.zeros(9 * SAMPLES)])
     s = Signals(PERIOD, {"velocity": v}, np.zeros(v.size))
+    coarse = Signals(10 * PERIOD, {"velocity": 0.05 * v[::10]}, np.zeros(v[::10].size))  # as long, by less than a tenth
     for turn, listed in ((0.4, ()), (0.48, ("saturating-damping", "relief-valve"))):
-        assert CoulombFriction().stands_for(np.array([30.0, 0.0, turn]), (s,)) == listed
+        for records in ((s,), (s, Signals(PERIOD, {"velocity": np.zeros(50)}, np.zeros(50)))):
+            assert CoulombFriction().stands_for(np.array([30.0, 0.0, turn]), records) == listed
+    assert not CoulombFriction().stands_for(np.array([30.0, 0.0, 0.3]), (s, coarse))  # whatever the rates
+    assert not CoulombFriction().stands_for(np.array([30.0, 0.0, 0.3]), (Signals(PERIOD, {"velocity": 0 * v}, 0 * v),))
 
 
 def test_a_resonance_beyond_half_the_rate_is_listed_with_what_comes_late() -> None:
