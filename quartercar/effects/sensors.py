@@ -65,8 +65,8 @@ def scaled(core: Core, sensor: float, factor: float) -> Core:
 class SensorScale(SensorEffect):
     """The gain of an input channel is off (equation sheet 3.20).
 
-    A damper's law takes up the gain of its motion or its current by numbers of its own, which are fitted: with
-    F(θ, v) = c v, the gain g is c (1 + g). What is left of it beside them is a number of the law beyond its bound. A
+    A damper's law takes up the gain of its motion or its current by numbers of its own, which are fitted: of
+    F = c v a gain g makes c (1 + g) v. What is left of it beside them is a number of the law beyond its bound. A
     car reads a road and an actuator's force besides, of which nothing in it sets the size.
     """
 

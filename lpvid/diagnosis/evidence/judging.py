@@ -189,8 +189,8 @@ def _borne_out(search: SetSearch, refused: Collection[frozenset[str]], smaller: 
         members = w.members
         while members in smaller:
             members = smaller[members]
-        if members not in refused:
-            within = [m for m in weights if m <= members]
+        within = [m for m in weights if m <= members]
+        if within and members not in refused:
             weights[max(within, key=len)] += p
     total = sum(weights.values())
     if total <= 0:
@@ -383,7 +383,8 @@ def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Wei
     One effect in the place of one is next of kin. Of any family is what has help: two that physics links (an entry of
     the catalogue that does their work alone, for the price of one, is no evidence: a dead zone of the force against a
     play and a spring), or one with the filter of all channels that every record has passed, which rounds the kinks of
-    a play as a spring would. With more freedom it has no allowance: it leaves less error. What leaves more of the work
+    a play as a spring would. With more freedom it has no allowance: it leaves less error, with the filter less than the
+    best set beside the same filter. What leaves more of the work
     of the effect than it does, in the logarithm, is no rival; nor is a pair of which one alone is.
     """
     found: dict[str, float] = {}
