@@ -9,7 +9,7 @@ from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.force import turned_apart
 from lpvid.auditing.streamed import audit_stream
-from lpvid.auditing.view import view
+from lpvid.auditing.view import check_names, view
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
@@ -43,7 +43,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     Raises
     ------
     InputError
-        No records; an input, output or scheduling variable that no record has.
+        No records; an input, output or scheduling variable that no record has and no channel gives.
 
     Examples
     --------
@@ -60,9 +60,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     listed = as_records(records, units=units)
     if not listed:
         raise InputError("no records to audit")
-    for name in (*inputs, *outputs):
-        if not any(record.has(name) for record in listed):
-            listed[0].resolve(name)  # one line: what there is
+    check_names(listed, (*inputs, *outputs))
     views = [view(record, scheduling) for record in listed]
     found = [finding for one in views for check in RECORD_CHECKS for finding in check(one)]
     found += [finding for check in DATA_SET_CHECKS for finding in check(views)]

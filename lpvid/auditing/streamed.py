@@ -9,7 +9,7 @@ from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.coherence import coherent_inputs
 from lpvid.auditing.feedback import feedback
 from lpvid.auditing.findings import SEVERITIES, Audit, Finding, ordered
-from lpvid.auditing.view import View, view
+from lpvid.auditing.view import View, check_names, view
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.timebase import GAP_FACTOR
@@ -126,9 +126,7 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
         report_progress(f"{sum(r.samples for r in records.values()):,} samples")
     if not records:
         raise InputError("no records to audit")
-    for name in (*inputs, *outputs):
-        if not any(v.record.has(name) for v in shared):
-            shared[0].record.resolve(name)  # one line: what there is
+    check_names([v.record for v in shared], (*inputs, *outputs))
     found = [f for one in records.values() for f in one.findings()]
     found += [f for check in DATA_SET_CHECKS for f in check(shared)]
     found += coherent_inputs(shared, inputs)

@@ -12,6 +12,8 @@ import numpy as np
 
 from lpvid.condition import differentiate
 from lpvid.condition.bandwidth import LONGEST
+from lpvid.condition.derivation import DERIVED
+from lpvid.condition.differentiation import DERIVATIONS
 from lpvid.condition.interference import interference
 from lpvid.condition.resampling import true_runs
 from lpvid.record import Channel, Record
@@ -233,6 +235,26 @@ def view(record: Record, scheduling: Sequence[str] | None) -> View:
     found = tuple(k for k, c in record.channels.items()
                   if c.unit_known and not c.fault and (c.unit in _SCHEDULING_UNITS or not c.unit))
     return View(record, found)
+
+
+def check_names(records: Sequence[Record], names: Sequence[str]) -> None:
+    """An error of one line for a name that no record has, unless it is that of a channel which follows from others.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    names : sequence of str
+        Channels or roles.
+
+    Raises
+    ------
+    InputError
+        With what there is.
+    """
+    follow = {*DERIVATIONS, *(d.name for d in DERIVED.values())}
+    for name in names:
+        if name not in follow and not any(r.has(name) for r in records):
+            records[0].resolve(name)
 
 
 def _distinct(values: np.ndarray, stop: int) -> int:

@@ -146,6 +146,7 @@ class TestAudit:
     def test_a_name_that_no_record_has_is_an_error(self):
         with pytest.raises(InputError, match="no channel 'w'"):
             audit(record(0.3), inputs=("u",), outputs=("w",))
+        assert audit(record(0.3), inputs=("velocity",), outputs=("y",))  # of a displacement, a command derives it
 
     def test_units_do_not_matter(self):
         one, = repeated([view(record(0.3), None)], "u", "y")
