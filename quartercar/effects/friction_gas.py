@@ -16,7 +16,7 @@ REVERSAL = 2e-3
 SLOW = 0.01
 """share of the root mean square speed at which the reversal of friction is looked at, where that is less"""
 TURNING = 0.1
-"""share of the way travelled within which dry friction has turned round: .08 at most by the fits to measured dampers"""
+"""share of the way travelled within which dry friction has turned round: .07 at most by the fits to measured dampers"""
 NIL = 1e-7
 """deflection below which there is none [m]: few samples lie within it, which a fit would follow"""
 
