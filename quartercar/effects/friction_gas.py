@@ -17,6 +17,10 @@ SLOW = 0.01
 """share of the root mean square speed at which the reversal of friction is looked at, where that is less"""
 TURNING = 0.1
 """share of the way travelled within which dry friction has turned round: .07 at most by the fits to measured dampers"""
+POLYTROPIC = 1.3
+"""exponent of gas between slow and quick strokes, as of air in the oil (equation sheet 3.5)"""
+SHORTEST = 0.05
+"""share of its length to which a column of gas is compressed at most: beyond it a fit ends in a pole"""
 NIL = 1e-7
 """deflection below which there is none [m]: few samples lie within it, which a fit would follow"""
 
@@ -210,22 +214,55 @@ class GasPreload(ParallelForce):
 
 
 class GasStiffness(ParallelForce):
-    """Gas spring (equation sheet 3.4)."""
+    """Gas spring (equation sheet 3.4), which hardens where the rod drives into a short column of gas.
+
+    F = (K/(n c)) ((1 − c x)^(−n) − 1), n = `POLYTROPIC`: K at mid stroke, 1/c the length of the column there along the
+    displacement, negative where the gas is compressed at negative displacement. As c → 0 it is K x. The ideal gas law
+    of a closed column, p V^n constant; a column is never compressed beyond a twentieth of itself.
+    """
 
     name: ClassVar[str] = "gas-stiffness"
     title: ClassVar[str] = "gas spring"
-    equation: ClassVar[str] = "F += K x"
-    reference: ClassVar[str] = "equation sheet 3.4"
+    equation: ClassVar[str] = "F += K/(n c) ((1 - c x)^-n - 1); K x for c = 0"
+    reference: ClassVar[str] = "equation sheet 3.4; polytropic gas column"
+    added_later: ClassVar[tuple[str, ...]] = ("closing",)
     experiment: ClassVar[str] = "creep over the full stroke, or the same stroke at two frequencies"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e8), (500.0,)),)
+        return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e8), (500.0,)),
+                EffectParameter("closing", "1/m", "c, one over the length of the gas column", 0.0, (-20.0, 20.0),
+                                (-1e4, 1e4), (-3.0, 0.0, 3.0)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        stiffness = float(values[0])
-        return lambda s: core(s) + stiffness * s["displacement"]
+        stiffness, closing = float(values[0]), float(values[1])
+        return (lambda s: core(s) + stiffness * column(s["displacement"], closing)) if stiffness else core
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the displacement as a further input", regressors=("displacement",))
+
+
+def column(displacement: np.ndarray, closing: float) -> np.ndarray:
+    """(n,) force of a gas column over its stiffness at mid stroke [m]: ((1 − c x)^(−n) − 1)/(n c), x for c = 0.
+
+    Parameters
+    ----------
+    displacement : (n,) array
+        x [m].
+    closing : float
+        c [1/m].
+
+    Returns
+    -------
+    (n,) array
+
+    Examples
+    --------
+    >>> column(np.array([-0.01, 0.0, 0.01]), 5.0).round(5).tolist()
+    [-0.00946, 0.0, 0.01061]
+    >>> bool(np.allclose(column(np.array([-0.01, 0.01]), 1e-7), [-0.01, 0.01]))
+    True
+    """
+    logarithm = np.log1p(np.maximum(-closing * displacement, SHORTEST - 1.0))
+    return np.expm1(-POLYTROPIC * logarithm) / (POLYTROPIC * closing) if closing else displacement

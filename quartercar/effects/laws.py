@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -33,7 +33,13 @@ class CubicSpring(ParallelForce):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("cubic", "N/m^3", "k_3", 0.0, (-1e9, 1e9), (-1e15, 1e15), (-1e6, 1e6)),
-                EffectParameter("quadratic", "N/m^2", "k_2", 0.0, (-1e7, 1e7), (-1e12, 1e12), (0.0,)))
+                EffectParameter("quadratic", "N/m^2", "k_2", 0.0, (-1e7, 1e7), (-1e12, 1e12), (-1e4, 1e4)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return _each_alone([p.grid for p in self.parameters])
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        return _each_alone([p.spread(scale(p.unit), strength=True) for p in self.parameters])
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         cubic, quadratic = float(values[0]), float(values[1])
@@ -43,6 +49,11 @@ class CubicSpring(ParallelForce):
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the displacement too", degree=2, schedule=("displacement",))
+
+
+def _each_alone(grids: Sequence[Sequence[float]]) -> list[np.ndarray]:
+    """Points at which one strength is away from zero, the others at it: what acts in proportion adds up."""
+    return [np.array([v if j == k else 0.0 for j in range(len(grids))]) for k, grid in enumerate(grids) for v in grid]
 
 
 class SaturatingDamping(HydraulicEffect):

@@ -66,7 +66,7 @@ def test_alone(model: LPVTransferFunction, polarity: int) -> None:
 
 
 @pytest.mark.parametrize(("names", "values"), [
-    (("coulomb-friction",), [20.0, 0.0, 2e-3]), (("displacement-delay", "gas-stiffness"), [500.0, 0.004, 0.2]),
+    (("coulomb-friction",), [20.0, 0.0, 2e-3]), (("displacement-delay", "gas-stiffness"), [500.0, 3.0, 0.004, 0.2]),
     (("asymmetry", "force-clipping"), [0.3, 1 / 60]), (("fixture-resonance",), [0.003, 0.2])])
 def test_inside_effects(names: tuple[str, ...], values: list[float]) -> None:
     causes = by_name(CATALOGUE)
