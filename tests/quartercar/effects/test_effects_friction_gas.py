@@ -69,7 +69,7 @@ def test_gas_does_no_work_over_a_cycle() -> None:
 
 
 def test_a_column_of_gas_keeps_pressure_times_volume_to_the_power() -> None:
-    """An independent count: 30 bar behind a rod of 11 mm, p V^1.3 = const along a column of 80 mm, the rod drives in."""
+    """p V^1.3 = const: 30 bar behind a rod of 11 mm that drives into a column of 80 mm."""
     area, pressure, length = np.pi / 4 * 0.011**2, 30e5, 0.08
     s = creep()
     x = s["displacement"]
