@@ -98,7 +98,7 @@ def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
 
 
 def distinct(stacks: Sequence[np.ndarray]) -> list[int]:
-    """The first of all points at which every block is the same, but for rounding.
+    """The first of all points at which every block is the same, but for rounding of its largest entry.
 
     Parameters
     ----------
@@ -112,7 +112,8 @@ def distinct(stacks: Sequence[np.ndarray]) -> list[int]:
 
     Examples
     --------
-    >>> distinct([np.cos([[-np.pi], [0.0], [np.pi]]), np.sin([[-np.pi], [0.0], [np.pi]])])
+    >>> p = np.array([-np.pi, 0.0, np.pi])
+    >>> distinct([np.stack([np.cos(p), np.sin(p)], axis=1)])
     [0, 1]
     """
     rows = np.hstack([s.reshape(len(s), -1) / max(float(np.abs(s).max(initial=0.0)), 1e-300) for s in stacks])
