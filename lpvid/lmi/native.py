@@ -81,9 +81,9 @@ class Conic:
         >>> unknowns = Unknowns()
         >>> t = unknowns.scalar()
         >>> problem = Conic.of([(t.times(np.eye(2)) - np.diag([1.0, 3.0]), {})], t, unknowns.size)
-        >>> x, status = problem.solve({}, {})
-        >>> x.round(4), status
-        (array([3.]), 'optimal')
+        >>> x, status, z = problem.solve({}, {})
+        >>> x.round(4), status, round(problem.floor({}, z, 10.0), 4)
+        (array([3.]), 'optimal', 3.0)
         """
         sizes = [matrix.shape[0] for matrix, _ in required]
         names = dict.fromkeys(["", *(name for _, scaled in required for name in scaled)])
@@ -99,8 +99,9 @@ class Conic:
             goal += wide.T @ squares.constant.ravel()
         return cls(parts, sizes, goal, curved)
 
-    def solve(self, values: Mapping[str, float], options: Mapping[str, Any]) -> tuple[np.ndarray | None, str]:
-        """x, or None, and the status.
+    def solve(self, values: Mapping[str, float], options: Mapping[str, Any]
+              ) -> tuple[np.ndarray | None, str, np.ndarray | None]:
+        """x, or None, the status and the dual matrices.
 
         Parameters
         ----------
@@ -115,10 +116,40 @@ class Conic:
             None where the solver gives no answer.
         str
             "optimal" or "optimal_inaccurate"; empty without an answer.
+        array or None
+            z of the dual problem, as b − Ax is stacked; for `floor`.
         """
         found = self._run(values, options)
         status = STATUS.get(str(found.status), "")
-        return (np.array(found.x, dtype=float) if status else None), status
+        if not status:
+            return None, status, None
+        return np.array(found.x, dtype=float), status, np.array(found.z, dtype=float)
+
+    def floor(self, values: Mapping[str, float], z: np.ndarray, radius: float) -> float:
+        """What cᵀx cannot fall below where the constraints hold and ‖x‖ ≤ radius, as a dual z shows; H must be zero.
+
+        With z in the dual cone, cᵀx ≥ cᵀx − zᵀ(b − Ax) = −bᵀz + (c + Aᵀz)ᵀx (weak duality). The solver proposes z; its
+        nearest point of the cone and both products are computed here.
+
+        Parameters
+        ----------
+        values : mapping of name to float
+            θ.
+        z : array
+            As `solve` gives it.
+        radius : float
+            Of the ball of unknowns that are looked at.
+
+        Returns
+        -------
+        float
+            −∞ where z is not finite.
+        """
+        if not np.all(np.isfinite(z)):
+            return -np.inf
+        a, b = self._assembled(values)
+        z = _into_cone(z, self.sizes)
+        return -float(b @ z) - radius * float(np.linalg.norm(self.c + a.T @ z))
 
     def refuted(self, values: Mapping[str, float]) -> float:
         """The norm of x below which the constraints were shown to have no solution; 0 where nothing was shown.

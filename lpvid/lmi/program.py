@@ -55,12 +55,15 @@ class SolverAnswer:
         Name as in `SOLVERS`.
     status : str
         "optimal", "optimal_inaccurate", or the word of cvxpy for another solver.
+    dual : array or None
+        Of the dual problem, for `Program.floor`; None of another solver than Clarabel.
     """
 
     x: np.ndarray
     objective: float
     solver: str
     status: str
+    dual: np.ndarray | None = None
 
     def __getitem__(self, matrix: Affine) -> np.ndarray:
         """Value of a matrix of unknowns."""
@@ -139,14 +142,48 @@ class Program:
         for solver in solvers:
             options = dict((settings or {}).get(solver, {}))
             if solver == native.NAME and native.installed():
-                x, status = self._direct().solve(known, options)
+                x, status, dual = self._direct().solve(known, options)
             else:
-                x, status = self._modelled(solver, known, options)
+                (x, status), dual = self._modelled(solver, known, options), None
             if x is not None and np.all(np.isfinite(x)):
                 value = float(self._objective.value(x)[0, 0]) if self._objective is not None else 0.0
                 if self._squares is not None:
                     value += 0.5 * float(np.sum(self._squares.value(x) ** 2))
-                yield SolverAnswer(x, value, solver, status)
+                yield SolverAnswer(x, value, solver, status, dual)
+
+    def floor(self, answer: SolverAnswer, times: float) -> float:
+        """What the linear objective of a program without θ cannot fall below, for unknowns up to so many times an
+        answer's norm.
+
+        Shown by the answer's dual matrices, with numpy (`lpvid.lmi.native.Conic.floor`): how far an answer can be from
+        the optimum, whatever its status.
+
+        Parameters
+        ----------
+        answer : SolverAnswer
+            Of this program.
+        times : float
+            Above 1.
+
+        Returns
+        -------
+        float
+            −∞ where nothing is shown: no dual, no objective, or squares in it.
+
+        Examples
+        --------
+        >>> program = Program()
+        >>> t = program.unknowns.scalar()
+        >>> program.require(t.times(np.eye(2)) - np.diag([1.0, 3.0]))
+        >>> program.minimise(t)
+        >>> answer = next(program.solve(solvers=("CLARABEL",)))
+        >>> answer.objective - program.floor(answer, 10.0) < 1e-5
+        True
+        """
+        if answer.dual is None or self._objective is None or self._squares is not None:
+            return -np.inf
+        radius = times * float(np.linalg.norm(answer.x))
+        return float(self._objective.constant[0, 0]) + self._direct().floor({}, answer.dual, radius)
 
     def refuted(self) -> float:
         """The norm of the unknowns below which the inequalities were shown to have no solution; 0 for nothing shown.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 
@@ -95,6 +95,33 @@ def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
         return np.unique(np.concatenate(parts)) if parts else axis
 
     return tuple(divided(axis) for axis in axes)
+
+
+def distinct(stacks: Sequence[np.ndarray]) -> list[int]:
+    """The first of all points at which every block is the same, but for rounding of its largest entry.
+
+    Parameters
+    ----------
+    stacks : sequence of (N, …) arrays
+        Blocks at N points.
+
+    Returns
+    -------
+    list of int
+        Rising.
+
+    Examples
+    --------
+    >>> p = np.array([-np.pi, 0.0, np.pi])
+    >>> distinct([np.stack([np.cos(p), np.sin(p)], axis=1)])
+    [0, 1]
+    """
+    rows = np.hstack([s.reshape(len(s), -1) / max(float(np.abs(s).max(initial=0.0)), 1e-300) for s in stacks])
+    kept: list[int] = []
+    for k, row in enumerate(rows):
+        if not (np.abs(rows[kept] - row).max(axis=1, initial=0.0) <= ROUNDING).any():
+            kept.append(k)
+    return kept
 
 
 def varies(stack: np.ndarray) -> bool:

@@ -38,18 +38,18 @@ class PlantMatrices:
     D21: np.ndarray
     D22: np.ndarray
 
-    def point(self, k: int | slice) -> PlantMatrices:
-        """The blocks at one point, as matrices.
+    def point(self, k: int | slice | Sequence[int]) -> PlantMatrices:
+        """The blocks at one point, as matrices; or at some of the points.
 
         Parameters
         ----------
-        k : int
+        k : int, slice or sequence of int
             Which of the N points.
 
         Returns
         -------
         PlantMatrices
-            Without the first axis.
+            Without the first axis, where k is a number.
         """
         return PlantMatrices(*(getattr(self, f)[k] for f in self.__dataclass_fields__))
 

@@ -13,7 +13,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes
 from lpvid.synthesis.controller_formula import ControllerFormula, FeedbackLaw, Variations
 from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
-from lpvid.synthesis.design_grid import tensor
+from lpvid.synthesis.design_grid import distinct, tensor
 from lpvid.synthesis.fast_states import FAST, fastest_pole, without_fast_states
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.infeasibility import hopeless, obstacle
@@ -113,10 +113,12 @@ class FeedbackProblem:
 
     @property
     def projected(self) -> ProjectedInequalities:
-        """The inequalities."""
-        return ProjectedInequalities(
-            self.plant.at(self.points), *self.variations.at(self.points, self.plant.units.time), self.strictly_proper
-        )
+        """The inequalities, once for points that are alike (the ends of a whole period)."""
+        plant, points = self.plant.at(self.points), self.points
+        x, y = self.variations.at(points, self.plant.units.time)
+        blocks = [getattr(plant, f) for f in plant.__dataclass_fields__]
+        apart = distinct([*blocks, x.values, x.slopes, y.values, y.slopes])
+        return ProjectedInequalities(plant.point(apart), x.part(apart), y.part(apart), self.strictly_proper)
 
     @property
     def richer(self) -> str:

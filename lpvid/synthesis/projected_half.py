@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,21 @@ class Variation:
             One function, one corner, no slope.
         """
         return cls(np.ones((points, 1)), np.zeros((points, 1, 1)))
+
+    def part(self, points: Sequence[int]) -> Variation:
+        """At some of the points.
+
+        Parameters
+        ----------
+        points : sequence of int
+            Which of the N points.
+
+        Returns
+        -------
+        Variation
+            Of the same functions.
+        """
+        return Variation(self.values[points], self.slopes[points])
 
     @property
     def moves(self) -> bool:

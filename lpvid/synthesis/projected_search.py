@@ -26,7 +26,8 @@ from lpvid.synthesis.riccati import Central, admits, central, least_gain, start
 
 ROUNDS = 6
 SETTLED = 1e-3
-"""relative change of the bound from one round of coordinates to the next at which it counts as found."""
+"""Share below a bound within which the least counts as found: the dual matrices show that no pair is lower by more, or
+the bound of the round before, in other coordinates, was not."""
 KEPT, ACCURATE = 2e-3, 1e-8
 """An answer counts that keeps its inequalities and the coupling, all raised by this share, to a solver's accuracy in
 rows of size one: answers of two disks, an autopilot and random plants miss them by nothing, false ones by 1e-3 to 0.3.
@@ -198,7 +199,8 @@ def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.n
         last, best = best, found if best is None or found.gamma < best.gamma else best
         settled = last is not None and found.gamma > (1 - SETTLED) * last.gamma
         stalled = stalled + 1 if settled else 0
-        if roughly or (stalled and (found.status == "optimal" or stalled > 1)):
+        least = found.floor > (1 - SETTLED) * found.gamma
+        if roughly or least or (stalled and (found.status == "optimal" or stalled > 1)):
             break
         pair, roots = found, roots_of(problem, found)
     return best if best is not None or rough is None else replace(rough, status=ROOMY)

@@ -23,6 +23,10 @@ from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.projected_half import Half, Variation, congruent
 
+REACH = 10.0
+"""Times the norm of an answer's unknowns up to which others are looked at for a lower bound: they are of size one in
+coordinates in which the last answer is the identity, and a dual matrix that is exact would reach over all."""
+
 
 @dataclass(frozen=True, eq=False)
 class MatrixPair:
@@ -38,6 +42,8 @@ class MatrixPair:
         Where it comes from.
     status : str
         Of the solver, or what the pair is otherwise.
+    floor : float
+        Bound that no pair comes below, as the solver's dual matrices show; −∞ where they show nothing.
     """
 
     x: np.ndarray
@@ -45,6 +51,7 @@ class MatrixPair:
     gamma: float
     solver: str = ""
     status: str = ""
+    floor: float = -np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +192,10 @@ class ProjectedProgram:
         """
         x, y = (np.array([root @ solution[m] @ root.T for m in matrices])
                 for root, matrices in zip(self.roots, (self.x, self.y), strict=True))
-        gamma = float(solution[self.bound][0, 0]) if self.gamma is None else self.gamma
-        return MatrixPair(x, y, gamma, solution.solver, solution.status)
+        if self.gamma is not None:
+            return MatrixPair(x, y, self.gamma, solution.solver, solution.status)
+        floor = self.program.floor(solution, REACH)
+        return MatrixPair(x, y, float(solution[self.bound][0, 0]), solution.solver, solution.status, floor)
 
 
 def sizes_at(

@@ -74,7 +74,8 @@ def bounds(case: lpv.GeneralizedPlant, design: lpv.OutputFeedback, verified: flo
     variations = Variations(None if design.lyapunov is None else design.lyapunov.bound(case.box), design.varying,
                             case.box)
     problem = FeedbackProblem(BalancedPlant.of(case, points), variations, grid.axes, grid.corners, False, points[:0])
-    found = {"frozen_optimum": max(least_gain(problem.projected.plant, k) for k in range(len(points)))}
+    plant = problem.projected.plant
+    found = {"frozen_optimum": max(least_gain(plant, k) for k in range(len(plant.A)))}
 
     if not rivals or (verified is not None and verified <= NEAR * found["frozen_optimum"]):
         return found

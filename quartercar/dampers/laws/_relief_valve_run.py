@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from lpvid.toolkit import copy_values, njit
-from quartercar.dampers.laws._relief_valve_kernels import passage, root_of, settled_lift
+from quartercar.dampers.laws._relief_valve_kernels import inverse, passage, root_of, settled_lift, square_root
 from quartercar.dampers.stepper import DamperStepper
 
 HELD, FREE, STOPPED = 0, 1, 2
@@ -141,9 +141,9 @@ def _gap(z, mode, j, law, shape):
     side = z[4] if j == 0 else -z[4]
     lift = z[2 * j]
     if mode[j] == HELD:
-        return 1.0 - side / law[2]
+        return 1.0 - side * inverse(law[2])
     if mode[j] == STOPPED:
-        return side / law[2] * passage(lift, law, shape)[2] - 1.0 - lift
+        return side * inverse(law[2]) * passage(lift, law, shape)[2] - 1.0 - lift
     return lift if lift.real < shape[2] - lift.real else shape[2] - lift
 
 
@@ -222,7 +222,7 @@ def _land(z, mode, shape):
 def _rates(z, mode, v, stiffness, law, shape, out, slopes):
     """Time derivative into `out`; into `slopes` per poppet ∂s̈/∂s, ∂s̈/∂F, ∂Ḟ/∂s; [0, 4:] is ∂Ḟ/∂F, v − q."""
     root, bend = root_of(z[4], law, shape)
-    passing = 1.0 / np.sqrt(law[1])
+    passing, closing = inverse(square_root(law[1])), inverse(law[2])
     for j in range(2):
         if mode[j] == HELD:
             out[2 * j] = 0.0
@@ -235,14 +235,14 @@ def _rates(z, mode, v, stiffness, law, shape, out, slopes):
             out[2 * j + 1] = 0.0
             continue
         sign = 1.0 if j == 0 else -1.0
-        side = sign * z[4] / law[2]
+        side = sign * z[4] * closing
         if side.real <= 0.0:
             side, sign = 0.0 * side, 0.0
         square = law[4] * law[4]
         out[2 * j] = z[2 * j + 1]
         out[2 * j + 1] = square * (side * push - 1.0 - z[2 * j]) - 2.0 * law[5] * law[4] * z[2 * j + 1]
         slopes[j, 0] = square * (side * relief - 1.0)
-        slopes[j, 1] = sign * square * push / law[2]
+        slopes[j, 1] = sign * square * push * closing
         slopes[j, 2] = -stiffness * root * steep
     out[4] = stiffness * (v - root * passing)
     slopes[0, 4] = -stiffness * bend * passing
@@ -253,8 +253,9 @@ def _rates(z, mode, v, stiffness, law, shape, out, slopes):
 def _stiffness(y, law, shape):
     """(k_h(y), dk_h/dy): stiffness of the oil columns l_1 − y and l_2 + y in series, k_h at y = 0."""
     one, two = 1.0 - y * shape[4], 1.0 + y * shape[5]
-    k = law[0] / (one * two)
-    return k, k * (shape[4] / one - shape[5] / two)
+    one, two = inverse(one), inverse(two)
+    k = law[0] * one * two
+    return k, k * (shape[4] * one - shape[5] * two)
 
 
 @njit(error_model="numpy")
@@ -266,52 +267,53 @@ def _step(z, mode, motion, now, h, law, shape, stages, slopes):
     k, bend = _stiffness(y0 + slope_y * now, law, shape)
     _rates(z, mode, v0 + slope_v * now, k, law, shape, u1, tangent)
     drift = k * slope_v + bend * slope_y * tangent[0, 5]
-    g = 2.0 / h
+    g, half = 2.0 * inverse(h), 0.5 * h
     arrow = g - tangent[0, 4]
     for j in range(2):  # eliminate each poppet from the row of the force
         if mode[j] == FREE:
-            tangent[j, 3] = 1.0 / (g + 2.0 * law[5] * law[4] - tangent[j, 0] / g)
-            arrow = arrow - tangent[j, 2] * tangent[j, 1] * tangent[j, 3] / g
-    arrow = 1.0 / arrow
+            tangent[j, 3] = inverse(g + 2.0 * law[5] * law[4] - tangent[j, 0] * half)
+            arrow = arrow - tangent[j, 2] * tangent[j, 1] * tangent[j, 3] * half
+    arrow = inverse(arrow)
     copy_values(u1, u2)
     u1[4] += 0.5 * h * drift
-    _solve(u1, mode, g, tangent, arrow)
+    _solve(u1, mode, half, tangent, arrow)
     for i in range(5):
-        u2[i] += 4.0 / h * u1[i]
+        u2[i] += 2.0 * g * u1[i]
     u2[4] += 1.5 * h * drift
-    _solve(u2, mode, g, tangent, arrow)
+    _solve(u2, mode, half, tangent, arrow)
     for i in range(5):
         new[i] = z[i] + 2.0 * u1[i]
     k = _stiffness(y0 + slope_y * (now + h), law, shape)[0]
     v = v0 + slope_v * (now + h)
     _rates(new, mode, v, k, law, shape, u3, spare)
     for i in range(5):
-        u3[i] += (u1[i] - u2[i]) / h
-    _solve(u3, mode, g, tangent, arrow)
+        u3[i] += (u1[i] - u2[i]) * (0.5 * g)
+    _solve(u3, mode, half, tangent, arrow)
     for i in range(5):
         new[i] += u3[i]
     _rates(new, mode, v, k, law, shape, error, spare)
     for i in range(5):
-        error[i] += (u1[i] - u2[i] - 8.0 / 3.0 * u3[i]) / h
-    _solve(error, mode, g, tangent, arrow)
+        error[i] += (u1[i] - u2[i] - 8.0 / 3.0 * u3[i]) * (0.5 * g)
+    _solve(error, mode, half, tangent, arrow)
     for i in range(5):
         new[i] += error[i]
 
 
 @njit(error_model="numpy")
-def _solve(b, mode, g, tangent, arrow):
-    """(g I − J) u = b in place: both poppets are eliminated, the force solved for, the poppets put back."""
+def _solve(b, mode, half, tangent, arrow):
+    """(g I − J) u = b in place, `half` = 1/g: both poppets are eliminated, the force solved for, the poppets put back.
+    """
     force = b[4]
     for j in range(2):
         if mode[j] == FREE:
-            b[2 * j + 1] = (b[2 * j + 1] + tangent[j, 0] * b[2 * j] / g) * tangent[j, 3]
-            force = force + tangent[j, 2] * (b[2 * j + 1] + b[2 * j]) / g
+            b[2 * j + 1] = (b[2 * j + 1] + tangent[j, 0] * b[2 * j] * half) * tangent[j, 3]
+            force = force + tangent[j, 2] * (b[2 * j + 1] + b[2 * j]) * half
     force = force * arrow
     b[4] = force
     for j in range(2):
         if mode[j] == FREE:
             b[2 * j + 1] += tangent[j, 1] * tangent[j, 3] * force
-            b[2 * j] = (b[2 * j] + b[2 * j + 1]) / g
+            b[2 * j] = (b[2 * j] + b[2 * j + 1]) * half
         else:
             b[2 * j] = 0.0
             b[2 * j + 1] = 0.0

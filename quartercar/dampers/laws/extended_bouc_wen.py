@@ -194,11 +194,13 @@ class ExtendedBoucWen(SemiActiveDamper):
             drive.displacement, drive.velocity, drive.current, drive.sample_time, sub_steps(drive.sample_time),
             self.switch_speed, np.array(self.nodes), tables, times, delays, float(self.exponent),
             self.rest(*begin, vector), first, last)
-        out, width, gas = np.empty((drive.n_samples, len(columns))), 2 * len(ROW), self.rows * 2 * len(ROW)
+        out, width, gas = np.zeros((drive.n_samples, len(columns))), 2 * len(ROW), self.rows * 2 * len(ROW)
+        beside = self._touched(drive.current[:1])
         for i, j in enumerate(columns):
             moved = vector.astype(complex)
             moved[j] += 1e-30j
-            out[:, i] = initial * (np.imag(self.rest(*begin, moved)[2]) / 1e-30)
+            if beside[0] <= j // width <= beside[1] or gas <= j < gas + 2:  # what the first z depends on
+                out[:, i] = initial * (np.imag(self.rest(*begin, moved)[2]) / 1e-30)
             if j < gas:
                 row, place = divmod(j, width)
                 if first <= row <= last:

@@ -40,6 +40,8 @@ COMMON = (
     Parameter("preload", "N", "constant force of gas or sensor", 0.0),
 )
 
+FRICTION, PRELOAD = (next(k for k, p in enumerate(COMMON) if p.name == name) for name in ("friction", "preload"))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LagDamper(DynamicDamper):
@@ -186,6 +188,37 @@ class LagDamper(DynamicDamper):
             z, mode, stages, slopes, out)
         return out + self._outside(drive.velocity, vector)
 
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """By the complex step; what acts beside the oil is explicit, but for the hydraulic force that it starts with.
+
+        With F = H(H_0) + c, c = f tanh(v/v_f) + p and H_0 what the measured force leaves, ∂F/∂p = 1 − S and
+        ∂F/∂f = tanh(v/v_f) − S tanh(v_0/v_f): S = ∂H/∂H_0 takes one run for both, and none without a measured force.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
+        wanted = np.asarray(columns, dtype=int)
+        explicit = (wanted == FRICTION) | (wanted == PRELOAD)
+        out = np.empty((drive.n_samples, wanted.size))
+        out[:, ~explicit] = super().sensitivity(drive, vector, wanted[~explicit].tolist())
+        if explicit.any():
+            begun: np.ndarray | float = 0.0
+            if drive.force is not None:
+                begun = 1.0 - super().sensitivity(drive, vector, [PRELOAD])[:, 0]
+            sides = {FRICTION: np.tanh(drive.velocity / self.friction_speed), PRELOAD: np.ones(drive.n_samples)}
+            for place in np.flatnonzero(explicit):
+                side = sides[int(wanted[place])]
+                out[:, place] = side - begun * side[0]
+        return out
+
     def rest(self, displacement: float, velocity: float, current: float, force: float | None,
              vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._relief_valve_kernels import settled_lift
@@ -327,7 +360,7 @@ class LagDamper(DynamicDamper):
 
     def _outside(self, velocity: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """What acts beside the oil: friction and preload."""
-        return vector[6] * np.tanh(velocity / self.friction_speed) + vector[7]
+        return vector[FRICTION] * np.tanh(velocity / self.friction_speed) + vector[PRELOAD]
 
     def _start(self, velocity: float, force: float | None, vector: np.ndarray) -> complex:
         """Hydraulic force to start with: what the measured force leaves for it, or that of the settled motion."""

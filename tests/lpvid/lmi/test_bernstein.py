@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy as np
@@ -75,3 +76,37 @@ def test_a_spent_budget_is_undecided():
     found = bernstein.positive(bernstein.coefficients(values, 1), 1, budget=30)
     assert found.holds is None
     assert bernstein.positive(bernstein.coefficients(values, 1), 1).holds is True
+
+
+@pytest.mark.parametrize("rows", [3, 12])
+@pytest.mark.parametrize("sharpness", [0.0, 0.5])
+def test_factors_of_large_matrices_show_what_eigenvalues_show(rows, sharpness, rng):
+    """A rotated diag((t − 0.3)² + least, 1, 2, …): its smallest eigenvalue is `least`, at t = 0.3."""
+    q, _ = np.linalg.qr(rng.normal(size=(rows, rows)))
+    t = bernstein.nodes(4)
+    least = 0.01
+
+    def boxes(lowest):
+        diagonals = np.stack([(t - 0.3) ** 2 + lowest, *(k + t**3 for k in range(1, rows))], axis=1)
+        return bernstein.coefficients(np.einsum("ik,tk,jk->tij", q, diagonals, q)[None], 1)
+
+    found = bernstein.positive(boxes(least), 1, sharpness=sharpness)
+    assert found.holds and sharpness * least <= found.bound <= least * (1 + 1e-9)
+    assert bernstein.positive(boxes(least), 1, above=1.01 * least).holds is False
+    assert bernstein.positive(boxes(least), 1, above=0.9999 * least).holds
+    assert bernstein.positive(boxes(-least), 1).holds is False
+    assert bernstein.positive(boxes(least), 1, above=0.9999 * least, budget=20).holds is None
+
+
+def test_a_factor_that_rounding_let_through_proves_nothing(rng):
+    """Of singular matrices every second or so is factored to the end; none is shown to be positive."""
+    factored = 0
+    for _ in range(40):
+        half = rng.normal(size=(12, 11))
+        singular = half @ half.T
+        assert not bernstein._exceed(singular[None, None], 0.0)[0]
+        with contextlib.suppress(np.linalg.LinAlgError):
+            np.linalg.cholesky(singular)
+            factored += 1
+    assert factored > 5
+    assert bernstein._exceed(np.eye(12)[None, None], 1 - 1e-12)[0]

@@ -1,10 +1,13 @@
 """Clarabel called directly against cvxpy's call of it, closed forms, and numbers that change between solves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from lpvid.lmi.affine import block, he
+from lpvid.lmi.affine import Unknowns, block, he
+from lpvid.lmi.native import Conic
 from lpvid.lmi.program import Program
 
 
@@ -81,3 +84,28 @@ def test_a_panic_of_the_solver_is_no_answer(monkeypatch):
     program.minimise(t)
     monkeypatch.setattr(clarabel, "DefaultSolver", Broken)
     assert next(program.solve(solvers=("CLARABEL",)), None) is None and program.refuted() == 0.0
+
+
+def test_a_dual_matrix_shows_how_low_the_objective_can_be(rng):
+    """max{1, 3} is the least t of tI ⪰ diag(1, 3); whatever z is proposed, no more is ever shown."""
+    unknowns = Unknowns()
+    t = unknowns.scalar()
+    problem = Conic.of([(t.times(np.eye(2)) - np.diag([1.0, 3.0]), {})], t, unknowns.size)
+    _, _, z = problem.solve({}, {})
+    assert problem.floor({}, z, 30.0) == pytest.approx(3.0, abs=1e-5)
+    for _ in range(50):
+        assert problem.floor({}, z + rng.normal(size=z.shape), 3.0) <= 3.0 + 1e-9
+    assert problem.floor({}, np.full(z.shape, np.nan), 3.0) == -np.inf
+
+
+def test_no_floor_without_a_dual_or_with_squares():
+    program = Program()
+    t = program.unknowns.scalar()
+    program.require(t - 1.0)
+    program.minimise(t)
+    answer = next(program.solve(solvers=("CLARABEL",)))
+    assert program.floor(answer, 10.0) == pytest.approx(1.0, abs=1e-5)
+    assert program.floor(replace(answer, dual=None), 10.0) == -np.inf
+    program.minimise(t, squares=t)
+    answer = next(program.solve(solvers=("CLARABEL",)))
+    assert program.floor(answer, 10.0) == -np.inf

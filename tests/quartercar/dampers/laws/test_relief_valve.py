@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from lpvid import InputError, Record
 from quartercar.dampers import FitSettings
 from quartercar.dampers.bench.characteristic import characteristic_line
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import complex_slope
 from quartercar.dampers.fitting import fit
 from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
 from quartercar.dampers.laws.relief_valve_design import ReliefValveDesign, effective_compressibility
@@ -125,6 +127,40 @@ def test_moving_volumes_stiffen_towards_the_ends_and_must_hold_the_stroke() -> N
         damper.response(sine(0.06), damper.vector)
     with pytest.raises(InputError, match="two lengths"):
         ReliefValve(chamber_lengths=(0.05,))  # type: ignore[arg-type]
+
+
+@KINDS
+@pytest.mark.parametrize("measured", [None, -900.0])
+def test_sensitivities_of_what_acts_beside_the_oil(kind: type[LagDamper], measured: float | None, monkeypatch) -> None:
+    """Friction and preload need one run at most, for the force that the oil starts with; by the complex step all."""
+    design = ReliefValveDesign(holes=4 if kind is ReliefValveOrifice else 0)
+    damper, drive = kind.from_design(design, friction=40.0, preload=25.0), sine(0.02)
+    if measured is not None:
+        drive = replace(drive, force=np.full(drive.n_samples, measured))
+    vector = np.array(damper.vector)
+    expected = np.stack([complex_slope(lambda x: damper.response(drive, x), vector, j) for j in range(vector.size)], 1)
+    assert np.abs(expected[:5, 7] - 1).max() > (0.01 if measured is not None else -1)
+    runs, response = [], kind.response
+    monkeypatch.setattr(kind, "response", lambda *args: runs.append(1) or response(*args))
+    found = damper.sensitivity(drive, vector, range(vector.size))
+    assert len(runs) == vector.size - (2 if measured is None else 1)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(damper.sensitivity(drive, vector, [7, 2, 6]), expected[:, [7, 2, 6]], rtol=1e-12,
+                               atol=1e-12)
+
+
+@KINDS
+def test_first_order_arithmetic_is_the_derivative(kind: type[LagDamper]) -> None:
+    """Against central differences of real runs, whose steps' grid is the same at a change of 1e-7."""
+    design = ReliefValveDesign(holes=4 if kind is ReliefValveOrifice else 0)
+    damper, drive = kind.from_design(design), sine(0.01)
+    vector = np.array(damper.vector)
+    slopes = damper.sensitivity(drive, vector, range(vector.size))
+    for j in (1, 2, 3):  # orifice, opening force, valve
+        step = np.zeros(vector.size)
+        step[j] = 1e-7 * vector[j]
+        differences = (damper.response(drive, vector + step) - damper.response(drive, vector - step)) / (2 * step[j])
+        assert np.median(np.abs(slopes[:, j] - differences)) < 1e-5 * np.abs(slopes[:, j]).max()
 
 
 @pytest.mark.slow
