@@ -151,5 +151,5 @@ def undrawn() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def without_drawing() -> Callable[[], AbstractContextManager[None]]:
-    """What `undrawn` does for a whole module, for a block: beside tests of the same module that look at the drawings."""
+    """What `undrawn` does for a module, for a block: beside tests of the same module that look at the drawings."""
     return _undrawn
