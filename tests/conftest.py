@@ -11,7 +11,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # small matrices:
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("MPLBACKEND", "agg")  # an example that shows its figure opens no window
 
-from collections.abc import Iterator  # noqa: E402
+from collections.abc import Callable, Iterator  # noqa: E402
+from contextlib import AbstractContextManager, contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import TYPE_CHECKING  # noqa: E402
 
@@ -71,7 +72,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
-LONG_PAGES = ("docs/dampers.md", "docs/fixed_structure.md", "docs/synthesis.md")
+LONG_PAGES = ("docs/dampers.md", "docs/fixed_structure.md", "docs/howto/current_lags.md", "docs/performance.md",
+              "docs/plants.md", "docs/ride.md", "docs/robustness.md", "docs/synthesis.md")
 """pages whose examples fit and design for seconds what the tests of the same rooms do too: marked ``seconds``"""
 
 
@@ -121,12 +123,8 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20260101)
 
 
-@pytest.fixture(scope="module")
-def undrawn() -> Iterator[None]:
-    """Reports with their figures made but not drawn: half of what a command takes that writes one.
-
-    For modules about the answers of commands. The look of reports is tested where they are drawn: `test_report*.py`.
-    """
+@contextmanager
+def _undrawn() -> Iterator[None]:
     import lpvid.plot
     import lpvid.plot.export
     from lpvid.plot.style import figure_of
@@ -139,3 +137,19 @@ def undrawn() -> Iterator[None]:
         patch.setattr(lpvid.plot, "svg", frame)
         patch.setattr(lpvid.plot.export, "svg", frame)
         yield
+
+
+@pytest.fixture(scope="module")
+def undrawn() -> Iterator[None]:
+    """Reports with their figures made but not drawn: half of what a command takes that writes one.
+
+    For modules about the answers of commands. The look of reports is tested where they are drawn: `test_report*.py`.
+    """
+    with _undrawn():
+        yield
+
+
+@pytest.fixture(scope="session")
+def without_drawing() -> Callable[[], AbstractContextManager[None]]:
+    """What `undrawn` does for a module, for a block: beside tests of the same module that look at the drawings."""
+    return _undrawn

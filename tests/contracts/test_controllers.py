@@ -16,8 +16,8 @@ from quartercar.parameters import MEGANE
 EVERY = [name for name, _, _ in laws.LAWS if name not in ("scheduled", "identified-plant")]
 NAMES = [name for name in EVERY if not name.startswith("lpv") and name != "mpc"]
 """those without a synthesis or a damper behind them"""
-SECONDS = ("mpc",)
-"""laws whose kernels take longer to compile than those of all others together"""
+SECONDS = ("mpc", "lpv-hinf-identified")
+"""laws whose kernels take longer to compile, or whose design takes longer, than those of all others together"""
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -175,6 +175,7 @@ def test_what_to_run_is_less_biased():
     assert gains["mean"] == pytest.approx(2, rel=0.1)
 
 
+@pytest.mark.seconds
 def test_measured_records(shared_data: Path):
     """Every pair of channels of every measured record. One system is under control, the positioning one; it alarms with
     the motion as input and the motor's force, which the controller makes of it, as output."""

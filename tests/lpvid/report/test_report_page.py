@@ -288,6 +288,7 @@ def test_no_grave_findings_of_accessibility(width, tmp_path):
     assert grave_findings(render(page), tmp_path, width) == ""
 
 
+@pytest.mark.seconds
 @needs_browser
 @pytest.mark.skipif(axe_source() is None, reason="no axe-core here")
 def test_the_search_for_findings_finds_them(tmp_path):

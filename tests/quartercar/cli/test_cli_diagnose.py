@@ -60,12 +60,16 @@ def files(tmp_path_factory) -> tuple[Path, Path]:
     return tuple(write_csv(rig.run(road(8.0), 0, k), folder / f"run-{k}.csv") for k in (0, 1))  # type: ignore[return-value]
 
 
-@pytest.fixture(scope="module")
-def written(files, tmp_path_factory) -> tuple[Path, str]:
-    out = tmp_path_factory.mktemp("diagnose") / "out"
+def diagnosed(files: tuple[Path, Path], out: Path) -> tuple[Path, str]:
     shown = run("diagnose", files[0], "--baseline", "guo", "--held-out", files[1], "--catalogue", "quartercar",
                 "--plan-experiment", "--out", out)
     return out, shown.stdout
+
+
+@pytest.fixture(scope="module")
+def written(files, tmp_path_factory, without_drawing) -> tuple[Path, str]:
+    with without_drawing():
+        return diagnosed(files, tmp_path_factory.mktemp("diagnose") / "out")
 
 
 def test_it_names_the_cause_and_writes_its_files(written):
@@ -108,8 +112,9 @@ def test_the_extended_model_as_baseline_leaves_nothing(written, files):
 
 
 @pytest.mark.seconds
-def test_the_report_opens_in_a_browser(written, tmp_path):
-    page = (written[0] / "report.html").read_text()
+def test_the_report_opens_in_a_browser(files, tmp_path):
+    report = diagnosed(files, tmp_path / "out")[0] / "report.html"  # drawn, which `written` is not
+    page = report.read_text()
     assert "<h1>Diagnosis of guo</h1>" in page and "http" not in page.replace("http://www.w3.org", "")
     assert page.count("data:image/svg+xml") >= 5 and "coulomb-friction" in page
     browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -117,7 +122,7 @@ def test_the_report_opens_in_a_browser(written, tmp_path):
         pytest.skip("no browser here")
     shot = tmp_path / "page.png"
     subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", f"--screenshot={shot}",
-                    "--window-size=1200,3000", (written[0] / "report.html").as_uri()], capture_output=True, timeout=60,
+                    "--window-size=1200,3000", report.as_uri()], capture_output=True, timeout=60,
                    check=True)
     assert shot.stat().st_size > 50_000
 

@@ -171,6 +171,7 @@ def test_currents_beyond_the_fit_count_as_extrapolation(fitted: dict[str, Damper
 # -- through the command line ------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", [
     "linear", *(pytest.param(n, marks=pytest.mark.slow) for n in ("lpv-arx", "compliance"))])
+@pytest.mark.usefixtures("undrawn")
 def test_validate_on_the_command_line(name: str, fitted: dict[str, Damper], tmp_path: Path) -> None:
     damper = fit(Linear(), record()).damper if name == "linear" else fitted[name]
     model = lpv.save(damper, tmp_path / "damper.json")

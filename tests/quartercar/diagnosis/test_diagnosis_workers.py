@@ -19,7 +19,7 @@ SOME = ("series-compliance", "coil-lag", "coulomb-friction", "asymmetry")
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forks are used on Linux")
 def test_one_and_two_processes_write_the_same_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    record = Rig().run(replace(EXPERIMENTS["test-1"], duration=5.0), seed=1)
+    record = Rig().run(replace(EXPERIMENTS["test-1"], duration=3.0), seed=1)
     effects = [e for e in CATALOGUE if e.name in SOME]
     begun, fork = [], os.fork
     monkeypatch.setattr(os, "fork", lambda: begun.append(1) or fork())

@@ -78,7 +78,7 @@ def test_equations_hold_at_every_sample(name: str) -> None:
     assert output_gap(embedding, driven(damper)) < 1e-9
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6, "seconds")
 @pytest.mark.parametrize("name", list(embeddings()))
 def test_replay_is_the_run_to_integration_accuracy(name: str) -> None:
     # both sides are of second order in the step
