@@ -232,8 +232,8 @@ class GasStiffness(ParallelForce):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e8), (500.0,)),
-                EffectParameter("closing", "1/m", "c, one over the length of the gas column", 0.0, (-1.0, 1.0), (-1e4, 1e4),
-                                (-3.0, 0.0, 3.0)))  # plausible at the scale of the data alone
+                EffectParameter("closing", "1/m", "c, one over the length of the gas column", 0.0,
+                                (-1.0, 1.0), (-1e4, 1e4), (-3.0, 0.0, 3.0)))  # its prior is of the data's scale
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         stiffness, closing = float(values[0]), float(values[1])
