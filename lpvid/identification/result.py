@@ -11,8 +11,10 @@ import numpy as np
 from lpvid._shown import Shown
 from lpvid.identification.layout import ModelLayout, ParameterCloud
 from lpvid.model.noise_model import NoiseModel
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.validation import Validation
+from lpvid.validation.trust import training_doubt
 
 COVARIANCE_LIMIT = 200
 """models with more parameters than this do not carry their covariance in the file."""
@@ -86,6 +88,20 @@ class Identification(Shown):
     def standard_errors(self) -> np.ndarray:
         """(k,) standard errors of the parameters."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def doubt(self) -> str | None:
+        """Why the fit cannot be trusted, or None: of the held-out data, or else of the training data.
+
+        A state space counts without the n² entries that only choose its state coordinates.
+        """
+        if self.held_out is not None:
+            return self.held_out.doubt
+        if self.training is None:
+            return None
+        coordinates = self.model.order**2 if isinstance(self.model, LPVStateSpace) else 0
+        each = (self.n_parameters - coordinates) / len(self.model.outputs)
+        return training_doubt(self.n_samples, each) or self.training.doubt
 
     @property
     def fit(self) -> float | None:
@@ -180,12 +196,13 @@ class Identification(Shown):
             "n_parameters": self.n_parameters, "n_samples": self.n_samples,
             "condition": self.condition, "scaled_condition": self.scaled_condition,
             "training": None if self.training is None else self.training.to_dict(),
-            "held_out": None if self.held_out is None else self.held_out.to_dict(),
+            "held_out": None if self.held_out is None else self.held_out.to_dict(), "doubt": self.doubt,
             "notes": list(self.notes),
         }
 
     def __repr__(self) -> str:
-        lines = [f"Identification: {self.model!r}",
+        doubt = "" if self.doubt is None else f" ({self.doubt})"
+        lines = [f"Identification{doubt}: {self.model!r}",
                  f"  {self.n_parameters} parameters from {self.n_samples} equations, condition number "
                  f"{self.condition:.1e} ({self.scaled_condition:.1e} with unit columns)"]
         lines += [f"  {v.label}: {v.summary()}" for v in (self.training, self.held_out) if v is not None]

@@ -101,6 +101,8 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
         lines.append("All figures are on training data: nothing was held out. They show little of other data.")
+    if found.doubt is not None:
+        lines.append(f"{found.doubt[:1].upper()}{found.doubt[1:]}.")
     lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK) or n.startswith(TOGETHER)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):

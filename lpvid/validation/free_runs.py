@@ -19,6 +19,7 @@ from lpvid.training_fingerprint import recalled, seen_records
 from lpvid.validation.figures import Figures, Pool
 from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.report import acting_model, along
+from lpvid.validation.trust import held_out_doubt, independent_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +74,15 @@ class FreeRuns:
         stems = [re.sub(r"[^\w.-]+", "_", r.record.name) or "record" for r in self.runs]
         return tuple(s if stems.count(s) == 1 else f"{s}-{k + 1}" for k, s in enumerate(stems))
 
+    @property
+    def doubt(self) -> str | None:
+        """Why the fit cannot be trusted (`held_out_doubt`), or None."""
+        if self.overall is None or self.overall.esr is None:
+            return None
+        first = self.model.outputs[0].name
+        errors = [r.record[first][r.run.start:] - r.run.output[r.run.start:, 0] for r in self.runs]
+        return held_out_doubt(self.overall, independent_samples(errors))
+
     def to_dict(self) -> dict:
         """simulation.json.
 
@@ -82,7 +92,7 @@ class FreeRuns:
             Plain values by name.
         """
         return {"schema": "lpvid/simulation/1", "kind": "free-run", "data": self.label,
-                "overall": None if self.overall is None else self.overall.to_dict(),
+                "overall": None if self.overall is None else self.overall.to_dict(), "doubt": self.doubt,
                 "records": [{"name": r.record.name, "n_samples": r.record.n_samples, "start": r.run.start,
                              "initial": r.run.initial, "diverged_at": r.run.diverged_at,
                              "free_run": None if r.figures is None else r.figures.to_dict(),
@@ -91,7 +101,9 @@ class FreeRuns:
                 "notes": list(self.notes)}
 
     def __repr__(self) -> str:
-        total = "the output was not measured: no figures" if self.overall is None else f"{self.label}: {self.overall}"
+        doubt = "" if self.doubt is None else f" ({self.doubt})"
+        total = ("the output was not measured: no figures" if self.overall is None else
+                 f"{self.label}{doubt}: {self.overall}")
         count = f"{len(self.runs)} record{'s' if len(self.runs) != 1 else ''}"
         lines = [f"Simulation of {count}, free run from {self.runs[0].run.initial}; {total}"]
         for r in self.runs[:8]:

@@ -29,6 +29,7 @@ from lpvid.validation.regimes import FreeRunStretch, regimes
 from lpvid.validation.residuals import OTHER_LAGS, Instrument, residual_of, residual_tests
 from lpvid.validation.result import Validation
 from lpvid.validation.streamed import validate_stream
+from lpvid.validation.trust import independent_samples
 
 __all__ = ["Validation", "acting_model", "along", "figures", "validate"]
 
@@ -220,7 +221,8 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
         residual_tests(residuals, inputs, other_lags=OTHER_LAGS, further=_further(model, tested)), share, notes,
         regimes(stretches, model.inputs[0].name if model.inputs else "",
                 list(zip(model.box.names, model.box.units, strict=True)), model.sample_time),
-        tuple(pool.total(f"{h}-step") for pool, h in zip(further, steps, strict=True)))
+        tuple(pool.total(f"{h}-step") for pool, h in zip(further, steps, strict=True)),
+        independent_samples([s.measured - s.model for s in stretches]) if stretches else None)
 
 
 def _further(model: Model, tested: Sequence[tuple[Record, int]]) -> dict[str, Callable[[], list[Instrument]]]:

@@ -10,6 +10,7 @@ from lpvid._shown import Shown
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures
 from lpvid.validation.regimes import Regime
 from lpvid.validation.residuals import ResidualTest
+from lpvid.validation.trust import held_out_doubt
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,8 @@ class Validation(Shown):
     k_steps : tuple of Figures
         Pooled figures of the prediction horizons requested.
     notes : tuple of str
+    independent_samples : float or None
+        Independent samples that tell the free-run error as well as these (first output); None where not determined.
     """
 
     label: str
@@ -43,6 +46,7 @@ class Validation(Shown):
     notes: tuple[str, ...] = ()
     regimes: tuple[Regime, ...] = ()
     k_steps: tuple[Figures, ...] = ()
+    independent_samples: float | None = None
 
     @property
     def judged(self) -> tuple[RecordFigures, ...]:
@@ -55,6 +59,11 @@ class Validation(Shown):
         if len(self.judged) < 2:
             return None
         return max(self.judged, key=lambda r: np.inf if r.free_run.esr is None else r.free_run.esr)
+
+    @property
+    def doubt(self) -> str | None:
+        """Why the free-run fit cannot be trusted (`held_out_doubt`), or None."""
+        return held_out_doubt(self.overall.free_run, self.independent_samples)
 
     def summary(self) -> str:
         """One line of figures.
@@ -79,10 +88,12 @@ class Validation(Shown):
                 "records": [r.to_dict() for r in self.records],
                 "residual_tests": [t.to_dict() for t in self.residual_tests],
                 "regimes": [r.to_dict() for r in self.regimes],
-                "extrapolation_share": self.extrapolation_share, "notes": list(self.notes)}
+                "extrapolation_share": self.extrapolation_share, "independent_samples": self.independent_samples,
+                "doubt": self.doubt, "notes": list(self.notes)}
 
     def __repr__(self) -> str:
-        lines = [f"Validation ({self.label}): {self.summary()}"]
+        doubt = "" if self.doubt is None else f"; {self.doubt}"
+        lines = [f"Validation ({self.label}{doubt}): {self.summary()}"]
         lines += [f"  {r.name}: {r.free_run}" for r in self.records[:8]]
         if len(self.records) > 8 and self.worst is not None:
             lines.append(f"  worst of {len(self.records)} records, {self.worst.name}: {self.worst.free_run}")

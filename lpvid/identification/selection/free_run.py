@@ -98,6 +98,14 @@ def spread(values: np.ndarray) -> float:
     return float(np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
 
 
+def _too_short(records: Sequence[Record], count: int, start: int) -> InputError:
+    return InputError(
+        "the records are too short to compare structures by cross-validation",
+        got=f"{sum(r.n_samples for r in records)} samples for {count} folds, {GAP * start} samples apart from what is "
+            "fitted",
+        mend="longer records, smaller orders, or one structure by name instead of a choice (--structure arx --na 2)")
+
+
 def make_folds(records: Sequence[Record], count: int, start: int,
                channels: Sequence[str]) -> tuple[list[Fold], list[str]]:
     """Blocks for cross-validation, and notes on them.
@@ -139,7 +147,10 @@ def make_folds(records: Sequence[Record], count: int, start: int,
         if same and longest / count >= length * sample_time:
             period = longest
             notes.append(f"the excitation repeats every {period:.4g} s: folds hold out stretches of the pattern")
-    made = folds(records, count, GAP * start * sample_time, period=period)
+    try:
+        made = folds(records, count, GAP * start * sample_time, period=period)
+    except InputError as error:
+        raise _too_short(records, count, start) from error
     far = furthest(records, channels, count, length)
     usable = [([r for r in training if r.n_samples > start + 2], [r for r in held if r.n_samples > 2 * start + 10])
               for training, held in made + ([] if far is None else [far])]
@@ -149,8 +160,7 @@ def make_folds(records: Sequence[Record], count: int, start: int,
         notes.append(f"one more fold holds out 1/{count} of the training data: the stretches in which "
                      f"{' or '.join(channels)} goes furthest")
     if not all(training and held for training, held in usable):
-        raise InputError("the records are too short for these folds", got=f"{count} folds, pasts of {start} samples",
-                         mend="fewer folds, longer records, or smaller orders")
+        raise _too_short(records, count, start)
     share = leaks(*usable[0], channel)
     if share is not None and share > 0.01:
         notes.append(f"{100 * share:.0f} % of the first held-out block's '{channel}' also occurs in its training "

@@ -185,7 +185,7 @@ def test_two_records_and_mistakes(record):
     assert select(parts, grid).best.na == 2
     with pytest.raises(InputError, match="nothing to select from"):
         select(record, [])
-    with pytest.raises(InputError, match="too short for these folds"):
+    with pytest.raises(InputError, match="too short to compare structures"):
         select(record.slice(0, 60), grid, folds=20)
     with pytest.raises(InputError, match="affine must be one of"):
         Candidates("u", "y", affine=("some",))
