@@ -103,7 +103,7 @@ def read_toml(path: str | Path, template: str = "--template prints one") -> dict
     Raises
     ------
     InputError
-        A missing file, a folder, or text that is not TOML.
+        A missing file, a folder, an empty file, or text that is not TOML.
     """
     path = Path(path)
     try:
@@ -111,6 +111,9 @@ def read_toml(path: str | Path, template: str = "--template prints one") -> dict
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"cannot read '{path}'", why=why, mend=f"check the path; {template}") from None
+    if not text.strip():
+        raise InputError(f"{path.name}: the file is empty", why="all that it should state would be left to defaults",
+                         mend=template)
     return parse_toml(text, path.name, template)
 
 

@@ -349,8 +349,10 @@ def _read_object(path: Path) -> dict:
     except OSError as error:
         raise InputError(f"'{path}' cannot be read", why=error.strerror, mend="check its permissions") from None
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"'{path}' is not a JSON file", why=_one_line(error),
-                         mend="give a file written by lpvid.save") from None
+        order = "" if path.suffix == ".json" else "; the model comes before the data"
+        why = _one_line(error) if size else "the file is empty (0 bytes)"
+        raise InputError(f"'{path}' is not a JSON file", why=why,
+                         mend=f"give a file written by lpvid.save{order}") from None
     except (_NotFinite, ValueError) as error:
         raise InputError(f"'{path}' holds a number that cannot be used", got=_one_line(error),
                          why="a model file holds finite numbers", mend="write it again with lpvid.save") from None

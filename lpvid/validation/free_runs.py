@@ -102,8 +102,8 @@ class FreeRuns:
 
     def __repr__(self) -> str:
         doubt = "" if self.doubt is None else f" ({self.doubt})"
-        total = ("the output was not measured: no figures" if self.overall is None
-                 else f"{self.label}{doubt}: {self.overall}")
+        total = ("the output was not measured: no figures" if self.overall is None else
+                 f"{self.label}{doubt}: {self.overall}")
         count = f"{len(self.runs)} record{'s' if len(self.runs) != 1 else ''}"
         lines = [f"Simulation of {count}, free run from {self.runs[0].run.initial}; {total}"]
         for r in self.runs[:8]:

@@ -117,7 +117,7 @@ def test_a_run_that_diverges_has_empty_cells_and_says_where(folder, tmp_path):
 
 @pytest.mark.parametrize(("arguments", "stated"), [
     (("model.json", "none.csv"), "there is no such file"),
-    (("run0.csv", "run1.csv"), "is not a JSON file"),
+    (("run0.csv", "run1.csv"), "the model comes before the data"),
     (("model.json", "run0.csv", "--sample-rate", "100"), "runs at its own rate"),
     (("model.json", "run0.csv", "--sample-rate", "fast"), "must be a number"),
     (("model.json", "run0.csv", "--role", "current=force"), "another"),

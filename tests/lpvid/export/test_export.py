@@ -103,7 +103,7 @@ def altered(**changes) -> str:
 
 BAD = {
     "not json": ("{\"schema\": ", "is not a JSON file"),
-    "empty": ("", "is not a JSON file"),
+    "empty": ("", r"is not a JSON file; the file is empty \(0 bytes\)"),
     "binary": (b"\x89HDF\r\n\x1a\n\xff\xfe", "is not a JSON file"),
     "deep": ("[" * 200_000, "is not a JSON file"),
     "array": ("[1, 2]", "a JSON list"),

@@ -281,3 +281,11 @@ def test_roads_in_words():
     assert road_from_text("bump@36 km/h").to_dict()["speed"] == pytest.approx(10.0)
     with pytest.raises(InputError, match="iso-b@quick"):
         road_from_text("iso-b@quick")
+
+
+def test_an_empty_file_is_no_ride_of_defaults(tmp_path):
+    (tmp_path / "ride.toml").write_text("\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["ride", str(tmp_path / "ride.toml"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert "ride.toml: the file is empty" in result.stderr
+    assert not (tmp_path / "out").exists()
