@@ -35,7 +35,7 @@ class Validation(Shown):
         Pooled figures of the prediction horizons requested.
     notes : tuple of str
     independent_samples : float or None
-        Independent samples that tell the free-run error as well as these (first output); None where not determined.
+        That determine the free-run error of the first output as well as these do; None where not determined.
     """
 
     label: str

@@ -1,4 +1,4 @@
-"""How far a fit can be trusted: what its parameters hide on training data, what few samples leave open on held-out."""
+"""How far a fit can be trusted: the error of many parameters on other data, the interval of few held-out samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ QUIET = 10
 
 
 def independent_samples(residuals: Sequence[np.ndarray]) -> float:
-    """How many independent samples tell the residual's variance as well as these: n / Σ_j ρ_j², j over both signs.
+    """How many independent samples determine the residual's variance as well as these: n / Σ_j ρ_j², j over both signs.
 
     Bartlett 1946; Priestley 1981, 5.3. A lag counts where its autocorrelation ρ_j leaves its own 95 % band, which
     Bartlett's formula widens by the lags before it, until ten in a row stay inside or half of the longest record.
@@ -101,8 +101,8 @@ def held_out_doubt(figures: Figures, count: float | None) -> str | None:
     high = esr_interval(figures.esr, count)[1]
     if high < 1:
         return None
-    return (f"fit cannot be trusted: {figures.n_samples} samples tell as much as {count:.2g} independent ones, which "
-            f"leave it open whether the model is better than the mean")
+    return (f"fit cannot be trusted: {figures.n_samples} samples are worth {count:.2g} independent ones, which "
+            "leave it open whether the model is better than the mean")
 
 
 def training_doubt(samples: int, parameters: float) -> str | None:
@@ -110,7 +110,7 @@ def training_doubt(samples: int, parameters: float) -> str | None:
 
     With n samples and k parameters least squares leaves the error σ²(1 − k/n) on the data it is fitted to and
     σ²(1 + k/n) on others of their kind: (n + k)/(n − k) times as much (Akaike's final prediction error, 1969; Ljung
-    1999, 16.4). The figure cannot be trusted where that is over 2, so that it hides more of the error than it shows:
+    1999, 16.4). The figure cannot be trusted where that is over 2, with more of the error missing than shown:
     below n = 3k.
 
     Parameters

@@ -70,7 +70,7 @@ def test_validation_of_a_handful_of_samples_states_it():
     model = lpv.identify(linear(400), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y")).model
     few = lpv.validate(model, linear(400, 5).slice(40, 45))
     assert few.doubt is not None
-    assert repr(few).startswith("Validation (held-out; fit cannot be trusted: 4 samples tell as much as")
+    assert repr(few).startswith("Validation (held-out; fit cannot be trusted: 4 samples are worth")
     assert few.to_dict()["independent_samples"] == few.independent_samples
     assert lpv.validate(model, linear(400, 5)).doubt is None
 
