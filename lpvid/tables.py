@@ -112,7 +112,7 @@ def read_toml(path: str | Path, template: str = "--template prints one") -> dict
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"cannot read '{path}'", why=why, mend=f"check the path; {template}") from None
     if not text.strip():
-        raise InputError(f"{path.name}: the file is empty", why="all that it should state would be left to defaults",
+        raise InputError(f"{path.name} is empty", why="all that it should state would be left to defaults",
                          mend=template)
     return parse_toml(text, path.name, template)
 

@@ -82,7 +82,7 @@ def test_template_is_a_plan(tmp_path):
 
 
 @pytest.mark.parametrize("plan, parts", [
-    (None, ("plan",)), ("", ("at least one experiment",)), ("seed = [", ("plan.toml",)),
+    (None, ("plan",)), ("", ("error: plan.toml is empty",)), ("seed = [", ("plan.toml",)),
     ("[[experiments]]\npreset = \"test-9\"\n", ("test-9", "test-1")), ("sed = 1\n", ("sed", "seed")),
     ("[[experiments]]\npreset = \"test-1\"\nduration = \"5 kg\"\n", ("duration",)),
     ("[[effects]]\nname = \"rust\"\n[[experiments]]\npreset = \"test-1\"\n", ("rust",)),

@@ -287,5 +287,5 @@ def test_an_empty_file_is_no_ride_of_defaults(tmp_path):
     (tmp_path / "ride.toml").write_text("\n", encoding="utf-8")
     result = CliRunner().invoke(app, ["ride", str(tmp_path / "ride.toml"), "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
-    assert "ride.toml: the file is empty" in result.stderr
+    assert "error: ride.toml is empty" in result.stderr
     assert not (tmp_path / "out").exists()
