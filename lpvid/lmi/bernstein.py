@@ -214,7 +214,7 @@ def _exceed(groups: np.ndarray, level: float) -> np.ndarray:
     """
     n = groups.shape[-1]
     if n == 1:
-        return (groups > level).all(axis=(1, 2, 3))
+        return np.asarray((groups > level).all(axis=(1, 2, 3)))
     if not math.isfinite(level):
         return np.full(len(groups), level < 0)
     diagonal, lowered = np.arange(n), groups.copy()

@@ -240,8 +240,11 @@ def _stacked(matrices: Sequence[Affine | None], sizes: Sequence[int], size: int)
 
     Both triangles count half. All entries go into one sparse matrix: an own one for each is a hundred times dearer.
     """
-    places, unknowns, data = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], [np.zeros(0)]
-    constants, first = [np.zeros(0)], 0
+    places: list[np.ndarray] = [np.zeros(0, dtype=int)]
+    unknowns: list[np.ndarray] = [np.zeros(0, dtype=int)]
+    data: list[np.ndarray] = [np.zeros(0)]
+    constants: list[np.ndarray] = [np.zeros(0)]
+    first = 0
     for matrix, n in zip(matrices, sizes, strict=True):
         columns, rows = np.tril_indices(n)
         weight = np.where(rows == columns, 1.0, np.sqrt(2.0)) / 2
