@@ -63,13 +63,15 @@ def grade(esr: float | None) -> Mark:
     return "good" if esr <= GOOD else "warn" if esr <= FAIR else "bad"
 
 
-def verdict_grade(found: Validation) -> Mark:
-    """Colour of a validation: that of the pooled figure, but never good where one record's is bad.
+def verdict_grade(found: Validation, doubt: str | None = None) -> Mark:
+    """Colour of a validation: that of the pooled figure, but never good where one record's is bad, or it is in doubt.
 
     Parameters
     ----------
     found : Validation
         On one data set.
+    doubt : str, optional
+        Why its fit cannot be trusted, where that is not its own `doubt`.
 
     Returns
     -------
@@ -78,7 +80,7 @@ def verdict_grade(found: Validation) -> Mark:
     """
     pooled = grade(found.overall.free_run.esr)
     worst = [grade(r.free_run.esr) for r in found.judged]
-    return "warn" if pooled == "good" and "bad" in worst else pooled
+    return "warn" if pooled == "good" and ("bad" in worst or doubt or found.doubt) else pooled
 
 
 def overall_table(found: Sequence[Validation]) -> PageTable:

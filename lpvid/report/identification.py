@@ -55,8 +55,8 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
                         "function, in free run from rest."), forms_table(gaps)) if gaps else ()),
                 Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(found.notes),)),
                 Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
-    return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}", validation.verdict(best),
-                verdict_grade(best), _facts(found, best), _caveats(found),
+    return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}",
+                validation.verdict(best, found.doubt), verdict_grade(best, found.doubt), _facts(found, best), _caveats(found),
                 tuple(s for s in sections if s.items and s.items != (Notes(()),)), _steps(found, best))
 
 
@@ -101,8 +101,6 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
         lines.append("All figures are on training data: nothing was held out. They show little of other data.")
-    if found.doubt is not None:
-        lines.append(f"{found.doubt[:1].upper()}{found.doubt[1:]}.")
     lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK) or n.startswith(TOGETHER)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):

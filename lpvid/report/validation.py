@@ -87,18 +87,20 @@ def _steps(found: Validation, name: str) -> tuple[NextStep, ...]:
     return tuple(steps)
 
 
-def verdict(found: Validation) -> str:
+def verdict(found: Validation, doubt: str | None = None) -> str:
     """The free run in one sentence.
 
     Parameters
     ----------
     found : Validation
         On one data set.
+    doubt : str, optional
+        Why its fit cannot be trusted, where that is not its own `doubt`.
 
     Returns
     -------
     str
-        With a second sentence on the worst record, where there are several.
+        With further sentences: why it cannot be trusted, and on the worst record, where there are several.
     """
     run = found.overall.free_run
     if run.diverged_at is not None:
@@ -108,9 +110,11 @@ def verdict(found: Validation) -> str:
         return f"No figure on {found.label} data: the output does not move there."
     explained = (f"{_share(run.esr)}\u00a0% of the output's variance" if run.esr < 1 else
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
+    doubt = doubt or found.doubt
     return (f"In free run on {found.label} data the model explains {explained} "
             f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
-            f"{number(run.mean_error, 3, run.rmse_unit)}).{_worst_record(found)}")
+            f"{number(run.mean_error, 3, run.rmse_unit)}).{f' {doubt[0].upper()}{doubt[1:]}.' if doubt else ''}"
+            f"{_worst_record(found)}")
 
 
 def _share(esr: float) -> str:

@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.record import Record
+from lpvid.report.figures import grade, verdict_grade
+from lpvid.report.validation import verdict
 from lpvid.validation.trust import esr_interval, independent_samples, training_doubt
 
 
@@ -84,3 +86,14 @@ def test_auto_on_a_short_record_names_what_helps(tmp_path: Path):
     line = ran.stderr.strip().splitlines()[-1]
     assert "too short to compare structures" in line
     assert "--structure" in line
+
+
+def test_the_report_of_such_a_fit_is_not_green():
+    structure = lpv.ARX(na=4, nb=4, nk=1, input="u", output="y", affine=1)
+    found = lpv.identify(linear(20), structure)
+    assert grade(found.training.overall.free_run.esr) == "good"
+    assert verdict_grade(found.training, found.doubt) == "warn"
+    assert "Training fit cannot be trusted" in verdict(found.training, found.doubt)
+    few = lpv.validate(lpv.identify(linear(400), structure).model, linear(400, 5).slice(40, 50))
+    assert few.doubt is not None and verdict_grade(few) != "good"
+    assert "cannot be trusted" in verdict(few)
