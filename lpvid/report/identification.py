@@ -56,7 +56,8 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
                 Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(found.notes),)),
                 Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
     return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}",
-                validation.verdict(best, found.doubt), verdict_grade(best, found.doubt), _facts(found, best), _caveats(found),
+                validation.verdict(best, found.doubt), verdict_grade(best, found.doubt),
+                _facts(found, best), _caveats(found),
                 tuple(s for s in sections if s.items and s.items != (Notes(()),)), _steps(found, best))
 
 
