@@ -17,6 +17,7 @@ from lpvid._threads import single_thread
 from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
 from lpvid.record import Record
 from lpvid.validation.residuals import residual_tests
+from lpvid.validation.trust import autocovariance
 
 BLOCKS = 100
 """fewest blocks for which the spread of block sums says anything."""
@@ -310,7 +311,7 @@ def residual_memory(residuals: Sequence[np.ndarray]) -> int:
     centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
     if not centred:
         return 1
-    covariance = np.sum([_autocovariance(e, longest) for e in centred], axis=0)
+    covariance = np.sum([autocovariance(e, longest) for e in centred], axis=0)
     if not covariance[0] > 0:
         return 1
     inside, squares = 0, 0.0
@@ -321,9 +322,3 @@ def residual_memory(residuals: Sequence[np.ndarray]) -> int:
         if inside == 10:
             return max(lag - 9, 1)
     return longest
-
-
-def _autocovariance(e: np.ndarray, lags: int) -> np.ndarray:
-    """(lags,) sums Σ e(t) e(t−τ), by fast Fourier transform."""
-    size = 1 << (len(e) + lags - 1).bit_length()
-    return np.fft.irfft(np.abs(np.fft.rfft(e, size)) ** 2, size)[:lags]

@@ -39,15 +39,38 @@ def independent_samples(residuals: Sequence[np.ndarray]) -> float:
     power = sum(float(e @ e) for e in residuals)
     if not power > 0:
         return float(n)
+    lags = max(len(e) for e in residuals) // 2 + 1
+    correlation = np.sum([autocovariance(e, lags) for e in residuals], axis=0) / power
     squares, inside = 0.0, 0
-    for lag in range(1, max(len(e) for e in residuals) // 2 + 1):
-        rho = sum(float(e[lag:] @ e[:-lag]) for e in residuals if len(e) > lag) / power
+    for rho in correlation[1:].tolist():
         inside = inside + 1 if rho**2 < 4 * (1 + 2 * squares) / n else 0
         if inside == QUIET:
             break
         if not inside:
             squares += rho**2
     return n / (1 + 2 * squares)
+
+
+def autocovariance(e: np.ndarray, lags: int) -> np.ndarray:
+    """Sums Σ e(t) e(t−τ) at lags from none on, by fast Fourier transform.
+
+    Parameters
+    ----------
+    e : (n,) array
+    lags : int
+
+    Returns
+    -------
+    (lags,) array
+        Zero from n on.
+
+    Examples
+    --------
+    >>> autocovariance(np.array([1.0, 2.0, 3.0]), 3).round(9).tolist()
+    [14.0, 8.0, 3.0]
+    """
+    size = 1 << (len(e) + lags - 1).bit_length()
+    return np.fft.irfft(np.abs(np.fft.rfft(e, size)) ** 2, size)[:lags]
 
 
 def esr_interval(esr: float, count: float) -> tuple[float, float]:

@@ -218,7 +218,7 @@ class GasStiffness(ParallelForce):
 
     F = (K/(n c)) ((1 − c x)^(−n) − 1), n = `POLYTROPIC`: K at mid stroke, 1/c the length of the column there along the
     displacement, negative where the gas is compressed at negative displacement. As c → 0 it is K x. The ideal gas law
-    of a closed column, p V^n constant; a column is never compressed beyond a twentieth of itself.
+    of a closed column, p V^n constant; a column is compressed to a twentieth of its length at most.
     """
 
     name: ClassVar[str] = "gas-stiffness"
