@@ -394,7 +394,7 @@ class Diagnosis(Shown):
 
     @property
     def stand_ins(self) -> tuple[str, ...]:
-        """Effects of the extended model that are not named: they resemble what is wrong and simulate it in part."""
+        """Effects of the extended model that are not named: they lower its error on data that its fit has not seen."""
         stated = {*(n for c in self.causes for n in (c.name, c.form)),
                   *(n for r in self.rivals for n in (*r.names, *r.parameters))}
         return () if self.extended is None else tuple(n for n in self.extended.effects if n not in stated)
@@ -437,7 +437,7 @@ class Diagnosis(Shown):
                   for c in self.causes[:3]]
         lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
-            other = f"; {', '.join(self.stand_ins)} stands in for a cause that is not known" if self.stand_ins else ""
+            other = f"; with {', '.join(self.stand_ins)}, not named" if self.stand_ins else ""
             lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} {self.after.part}, "
                          f"gain {self.gain_percent:.1f} %{other}")
         if self.wrong:

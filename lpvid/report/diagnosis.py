@@ -135,8 +135,8 @@ def _caveats(found: Diagnosis) -> tuple[str, ...]:
         stated.append("The extended model contains one of several rivals that do equally well here: it simulates these "
                     "conditions, and does not show which rival is at work.")
     if found.stand_ins:
-        stated.append(f"The extended model contains {', '.join(found.stand_ins)} in place of a cause that is not "
-                    "named: with it the model simulates these conditions better.")
+        stated.append(f"The extended model also contains {', '.join(found.stand_ins)}. The error on data that the fit "
+                      "has not seen is lower with it; as a cause it is too uncertain to be named.")
     return tuple(stated)
 
 

@@ -154,7 +154,8 @@ class EvidenceOutcome:
         structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
-            if self.of_law <= MISSED and not contested and all(m.probability >= SURE for m in named):
+            sure = all(m.probability >= SURE for m in named) and all(m.change <= MISSED for m in others)
+            if self.of_law <= MISSED and not contested and sure:
                 return "explained", f"{described}; {structure}, as much as a good law leaves"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -242,8 +243,10 @@ class EvidenceOutcome:
         return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
 
     def _stories(self, esr: float) -> tuple[VisitedSet, ...]:
-        return tuple(VisitedSet(tuple(e.name for e in w.effects), p, esr if k == 0 and self.significant else None)
-                     for k, (w, p) in enumerate(self.judged.sets[:STORIES]))
+        reported = self.judged.fit.composition.members
+        return tuple(VisitedSet(tuple(e.name for e in w.effects), p,
+                                esr if w.members == reported and self.significant else None)
+                     for k, (w, p) in enumerate(self.judged.sets) if k < STORIES or w.members == reported)
 
     def _noise(self) -> dict[str, Any]:
         s = self.search

@@ -505,6 +505,30 @@ def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contr
     assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)
 
 
+@pytest.mark.parametrize(("hidden", "weight", "wanted"), [
+    (0.5, 0.25, {"dry", "wave"}),  # nearly as probable, and it predicts better
+    (0.5, 0.04, {"dry"}),  # beyond all but a twentieth of the weight
+    (0.0, 0.25, {"dry"}),  # no better
+])
+def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hidden, weight, wanted):
+    """The story is friction. What the weights leave uncertain takes no name from what the error out of fold says."""
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u) + hidden * np.sin(9 * u))
+
+    weights = {frozenset({"dry"}): 1.0 - weight - 1e-9, frozenset({"dry", "wave"}): weight, frozenset(): 1e-9}
+
+    def weighed(search):
+        return [(search.visited[m], p) for m, p in weights.items() if m in search.visited]
+
+    monkeypatch.setattr(judging, "posterior", weighed)
+    monkeypatch.setattr(engine, "posterior", weighed)
+    found = diagnose([data], Bent(), [Dry(), Wave()])
+    assert found.extended is not None and set(found.extended.effects) == wanted
+    assert [c.name for c in found.causes] == ["dry"] and set(found.stand_ins) == wanted - {"dry"}
+    assert found.weights is not None
+    reported = [set(w.names) for w in found.weights.sets if w.held_out_esr is not None]
+    assert reported == [wanted]  # the error stands beside the set that has it
+
+
 def visited(**changes: float) -> SimpleNamespace:
     """A set of effects by name and by what each changes; a name before "__" is the component."""
     effects = [SimpleNamespace(name=n, contains=("spring",) if n == "loop" else ()) for n in changes]
