@@ -63,6 +63,26 @@ def predictable_share(
     return float(gains.sum()) / total, spread / total
 
 
+def predicted_share(problem: DiagnosisProblem, errors: Sequence[np.ndarray], channels: Sequence[str]) -> float:
+    """`predictable_share` where it exceeds twice its standard error, else 0.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    errors : sequence of (n,) arrays
+        Per record.
+    channels : sequence of str
+        Inputs.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
+    share, spread = predictable_share(problem, errors, channels)
+    return float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
+
+
 def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.ndarray]:
     """Per record, (n, f) random functions of the inputs, the same for all records."""
     raw = [_regressors(s, channels) for s in signals]

@@ -28,7 +28,6 @@ from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import LONG, Signals, in_turn
@@ -124,11 +123,11 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     refused: list[frozenset[str]] = []
     first = None
     while True:
-        judged, predictable = _measured(search, refused, records, baseline, report_progress)
+        judged = _measured(search, refused, records, baseline, report_progress)
         whole = judged.problem
         driving = [c for c in baseline.channels if c != baseline.output]
         level = noise_level(whole.signals, driving, whole.blocks.mask())
-        found = EvidenceOutcome(baseline, search, judged, screened, unusable, level, predictable, held_out,
+        found = EvidenceOutcome(baseline, search, judged, screened, unusable, level, held_out,
                                 tuple(sorted({n for members in refused for n in members})))
         first = first or found
         if found.predicts:
@@ -140,12 +139,10 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
 
 
 def _measured(search: SetSearch, refused: Sequence[frozenset[str]], records: Sequence[Record], baseline: Baseline,
-              report_progress: Callable[[str], None]) -> tuple[JudgedSet, float]:
-    """The most probable set but for the refused ones, on all samples, and what the inputs predict of its error."""
+              report_progress: Callable[[str], None]) -> JudgedSet:
+    """The set to report but for the refused ones, on all samples."""
     problem = search.problem
     judged = judge(search, report_progress, refused)
-    share, spread = predictable_share(problem, problem.errors(judged.fit.composition, judged.fit.vector),
-                                      search.channels)
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         for s in problem.signals:
             s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
@@ -153,7 +150,7 @@ def _measured(search: SetSearch, refused: Sequence[frozenset[str]], records: Seq
             collect()
         report_progress("refitting the best set to all samples")
         judged = on_all_samples(search, judged, problem_of(records, baseline))
-    return judged, float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
+    return judged
 
 
 def best_of(search: SetSearch) -> BestSoFar:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.remainder import predicted_share
 from lpvid.diagnosis.screening import placed
 from lpvid.diagnosis.spectra import noisier
 
@@ -114,6 +115,10 @@ class JudgedSet:
         Their errors out of fold.
     members : tuple of Member
         Largest change first.
+    left : float
+        Error out of fold of the set, over the output: root mean squares.
+    predictable : float
+        Share of its squared error that the inputs predict.
     dropped : tuple of (str, str)
         Effects that held-out data did not bear out, and what was said.
     sets : list of (Weighed, float)
@@ -127,13 +132,35 @@ class JudgedSet:
     before: Folds
     after: Folds
     members: tuple[Member, ...]
+    left: float
+    predictable: float
     dropped: tuple[tuple[str, str], ...]
     sets: list[tuple[Weighed, float]]
+
+    @property
+    def of_law(self) -> float:
+        """That part of the error which the inputs predict, over the output."""
+        return float(np.sqrt(self.predictable)) * self.left
+
+    def objection(self, m: Member) -> str | None:
+        """Why a member is not named; None where it is, or has rivals.
+
+        Parameters
+        ----------
+        m : Member
+
+        Returns
+        -------
+        str or None
+        """
+        return m.objection(self.left, self.of_law)
 
 
 def judge(search: SetSearch, report_progress: Callable[[str], None],
           refused: Collection[frozenset[str]] = ()) -> JudgedSet:
-    """The probable set that predicts best, whose every member lowers the error out of fold, and its members.
+    """The story, or the probable set that predicts best and takes no name away, and its members.
+
+    Every member of either lowers the error out of fold.
 
     Parameters
     ----------
@@ -146,55 +173,87 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
     -------
     JudgedSet
     """
-    problem, root = search.problem, search.visited[frozenset()].fit
+    root = search.visited[frozenset()].fit
     smaller: dict[frozenset[str], frozenset[str]] = {}
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
     while True:
         sets = _borne_out(search, refused, smaller)
-        best = _predicting(search, fits, sets)
+        best = story(sets)
         report_progress(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
-        fit = fits[best.members]
-        without = [_less(fit.composition, e) for e in best.effects]
-        _check(search, fits, fit, (fit.composition, *without, root.composition))
-        after, rests = folds_of(problem, fit), [fits[c.members] for c in without]
-        useless = [(e, r) for e, r in zip(best.effects, rests, strict=True) if not _helps(problem, r, after)]
+        rests, useless = _less_one(search, fits, best)
         if not useless:
             break
-        smaller[best.members] = best.members - {e.name for e, _ in useless}
-        dropped |= {e.name: "held-out error is no lower with it" for e, _ in useless}
-    members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
+        smaller[best.members] = best.members - useless
+        dropped |= dict.fromkeys(useless, "held-out error is no lower with it")
+    found = _judged(search, fits, sets, best, rests, dropped)
+    for w in _better(search, fits, sets, best):
+        rests, useless = _less_one(search, fits, w)
+        other = None if useless else _judged(search, fits, sets, w, rests, dropped)
+        if other is not None and _keeps(_named(w, other), _named(best, found)):
+            return other
+    return found
+
+
+def _less_one(search: SetSearch, fits: dict[frozenset[str], Refit], w: Weighed) -> tuple[list[Refit], set[str]]:
+    """Refits of a set without each of its members, and the members without which its error out of fold is no higher."""
+    fit = fits[w.members] = fits.get(w.members) or _refitted(search, w.fit.composition, w.fit, search.each)
+    without = [_less(fit.composition, e) for e in w.effects]
+    _check(search, fits, fit, (fit.composition, *without, search.visited[frozenset()].fit.composition))
+    after, rests = folds_of(search.problem, fit), [fits[c.members] for c in without]
+    return rests, {e.name for e, r in zip(w.effects, rests, strict=True) if not _helps(search.problem, r, after)}
+
+
+def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tuple[Weighed, float]], w: Weighed,
+            rests: Sequence[Refit], dropped: Mapping[str, str]) -> JudgedSet:
+    """A set with what is known of its members."""
+    problem, root, fit = search.problem, search.visited[frozenset()].fit, fits[w.members]
+    after = folds_of(problem, fit)
+    members = [_member(search, sets, w, fit, after, e, r) for e, r in zip(w.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
     for k, m in enumerate(members):  # a component is named once, by the form that changes most
         if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
             form = Support.of(sets, _in_this_form(m.effect), search.structured)
             members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
     kept = {m.effect.name for m in members}
-    return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
-                  tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
+    left = float(np.sqrt(np.mean(after.plain**2))) / search.data.discrepancy.force
+    share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
+    return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members), left,
+                     share, tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
 
 
-def _predicting(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence[tuple[Weighed, float]]
-                ) -> Weighed:
-    """The set to report: the story, or a set nearly as probable that predicts better what its fit has not seen.
+def _named(w: Weighed, judged: JudgedSet) -> dict[str, float]:
+    """Components of a set that are named outright, and the work of each: what it changes in the error's logarithm."""
+    kinds = dict(zip((e.name for e in w.effects), w.kinds, strict=True))
+    left = max(judged.root.cost - judged.won, 1e-300)
+    return {kinds[m.effect.name]: float(np.log1p(max(m.cost, 0.0) / left)) for m in judged.members
+            if judged.objection(m) is None and not m.rivals}
+
+
+def _keeps(here: Mapping[str, float], of_story: Mapping[str, float]) -> bool:
+    """Whether what the story names does half of its work here too: else something less probable does it here."""
+    return all(2 * here.get(kind, 0.0) >= work for kind, work in of_story.items())
+
+
+def _better(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence[tuple[Weighed, float]], best: Weighed
+            ) -> list[Weighed]:
+    """Sets nearly as probable as the story that predict better what their fit has not seen, the best first.
 
     Evidence counts a structured error as few samples, so that sets share the weight of which one leaves half the error
-    out of fold. Of the most probable sets that hold all but `LISTED` of the weight it is the one of the lowest error
-    out of fold, if that is lower than the story's by more than one standard error of the blocks' gains. A set whose
-    error on the samples of its fit is above the story's out of fold cannot be that one, and is not refitted. Where
-    nothing is the story, it stays so.
+    out of fold. Of the most probable sets that hold all but `LISTED` of the weight these have an error out of fold that
+    is lower than the story's by more than one standard error of the blocks' gains. A set whose error on the samples of
+    its fit is above the story's out of fold cannot be one, and is not refitted. Where nothing is the story it stays.
     """
-    problem, best = search.problem, story(sets)
     if not best.members:
-        return best
-    near = fits[best.members] = fits.get(best.members) or _refitted(search, best.fit.composition, best.fit, search.each)
-    _check(search, fits, near, (near.composition,))
+        return []
+    problem, near = search.problem, fits[best.members]
     least = _squares(problem, near)
     before = np.cumsum([0.0, *(p for _, p in sets[:-1])])
-    others = [w for (w, _), held in zip(sets, before, strict=True) if held < 1.0 - LISTED and w.fit.cost < least]
+    others = [w for (w, _), held in zip(sets, before, strict=True)
+              if held < 1.0 - LISTED and w.fit.cost < least and w is not best]
     _check(search, fits, near, [w.fit.composition for w in others])
     better = [w for w in others if _helps(problem, near, folds_of(problem, fits[w.members]))]
-    return min([best, *better], key=lambda w: _squares(problem, fits[w.members]))
+    return sorted(better, key=lambda w: _squares(problem, fits[w.members]))
 
 
 def _squares(problem: DiagnosisProblem, fit: Refit) -> float:
@@ -261,7 +320,7 @@ def on_all_samples(search: SetSearch, judged: JudgedSet, problem: DiagnosisProbl
     Returns
     -------
     JudgedSet
-        Its probabilities, gains and shares stay those of the search.
+        Its probabilities, gains, shares and what is left stay those of the search.
     """
     def refitted(f: Refit) -> Refit:
         found = refit(problem, f.composition, f.vector, rough=True)

@@ -53,8 +53,6 @@ class EvidenceOutcome:
         Of all candidates beside the baseline alone.
     unusable : tuple of CannotTell
     level : NoiseLevel
-    predictable : float
-        Share of the squared error of the set that a regression on the inputs predicts.
     held_out : sequence of Record
     refused : tuple of str
         Members of more probable sets whose error on data that the fit has not seen is no smaller.
@@ -66,7 +64,6 @@ class EvidenceOutcome:
     screened: tuple[Evidence, ...]
     unusable: tuple[CannotTell, ...]
     level: NoiseLevel
-    predictable: float
     held_out: Sequence[Record]
     refused: tuple[str, ...] = ()
 
@@ -76,16 +73,6 @@ class EvidenceOutcome:
         j = self.judged
         gains = j.problem.block_sums(j.before.plain**2 - j.after.plain**2)
         return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT or float(np.mean(gains > 0)) > 0.9
-
-    @property
-    def left(self) -> float:
-        """Error out of fold of the set, over the output: root mean squares."""
-        return float(np.sqrt(np.mean(self.judged.after.plain**2))) / self.search.data.discrepancy.force
-
-    @property
-    def of_law(self) -> float:
-        """That part of it which the inputs predict."""
-        return float(np.sqrt(self.predictable)) * self.left
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:
@@ -113,7 +100,7 @@ class EvidenceOutcome:
         before, extended = self.errors
         found = j.members if self.significant else ()
         members = found if self.predicts else ()
-        objections = {m.effect.name: m.objection(self.left, self.of_law) for m in members}
+        objections = {m.effect.name: j.objection(m) for m in members}
         named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
@@ -144,18 +131,19 @@ class EvidenceOutcome:
             ExtendedModel.of(final, covariance(j.problem, final), self.baseline), self.baseline.output_unit, None,
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
-            weights=SetProbabilities(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
+            weights=SetProbabilities(self._families(), float(sum(p for w, p in sets if not w.members)), j.of_law,
                             _place(rest), self._stories(after.esr_held_out),
                             components(j.sets, self.search.structured)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]
                  ) -> tuple[str, str]:
-        structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
+        of_law, left = self.judged.of_law, self.judged.left
+        structure = f"what the inputs still predict is {of_law:.1%} of the output"
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
             sure = all(m.probability >= SURE for m in named) and all(m.change <= MISSED for m in others)
-            if self.of_law <= MISSED and not contested and sure:
+            if of_law <= MISSED and not contested and sure:
                 return "explained", f"{described}; {structure}, as much as a good law leaves"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -166,10 +154,10 @@ class EvidenceOutcome:
             nearest = "come nearest" if len(others) > 1 else "comes nearest"
             return "unexplained", f"{', '.join(m.effect.name for m in others)} {nearest}, and cannot be named; " \
                                   f"{structure}"
-        if self.of_law > MISSED:
+        if of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
-        noise = "" if self.left <= MISSED else \
-            f"; what is left, {self.left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
+        noise = "" if left <= MISSED else \
+            f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
         return "nothing-to-explain", f"no cause is called for; {structure}{noise}"
 
     def _of_family(self, m: Member) -> str:
@@ -251,9 +239,9 @@ class EvidenceOutcome:
     def _noise(self) -> dict[str, Any]:
         s = self.search
         m = self.judged.sets[0][0].marginal(s.kept)
-        white = s.kept > 0.5
+        white, share = s.kept > 0.5, self.judged.predictable
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
-                "coefficients": [1.0], "from_repeats": self.level.description, "predictable_share": self.predictable,
+                "coefficients": [1.0], "from_repeats": self.level.description, "predictable_share": share,
                 "independent_samples": s.kept * s.problem.n_samples}
 
 
