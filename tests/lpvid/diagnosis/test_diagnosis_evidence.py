@@ -529,6 +529,15 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
     assert reported == [wanted]  # the error stands beside the set that has it
 
 
+@pytest.mark.parametrize(("here", "kept"), [
+    ({"friction": 1.6, "valve": 0.2}, True),
+    ({"friction": 0.4}, False),  # a valve that is less probable does the rest: its number would be no friction's
+    ({"valve": 3.0}, False),
+])
+def test_what_the_story_names_does_half_of_its_work_in_the_set_to_report(here, kept):
+    assert judging._keeps(here, {"friction": 3.0}) is kept
+
+
 def visited(**changes: float) -> SimpleNamespace:
     """A set of effects by name and by what each changes; a name before "__" is the component."""
     effects = [SimpleNamespace(name=n, contains=("spring",) if n == "loop" else ()) for n in changes]
