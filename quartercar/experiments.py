@@ -181,7 +181,7 @@ PAIRS: Mapping[frozenset[str], tuple[PlannedExperiment, ...] | str] = {frozenset
     (("asymmetry", "force-offset"), (SPEEDS, FULL_RANGE)),
     (("current-saturation", "scheduling-degree"), (FULL_RANGE,)),
     (("gas-preload", "force-offset"),
-     "at one gas pressure and one temperature no motion tells them apart: read the load cell with the rod "
+     "at one gas pressure and one temperature no motion separates them: read the load cell with the rod "
      "disconnected, or repeat the run warm or at another gas pressure; the offset stays"),
     (("series-compliance", "entrained-air"), (SWEEP, LARGE_SWEEP)),
 )}

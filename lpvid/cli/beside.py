@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def labels(files: Sequence[str]) -> list[str]:
-    """Names of model files, short where that tells them apart: stems, else with their folders.
+    """Names of model files, short where that distinguishes them: stems, else with their folders.
 
     Parameters
     ----------

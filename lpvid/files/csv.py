@@ -33,7 +33,7 @@ _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
 class _Layout:
     """How the text is laid out; `data_line` is the number of the first data line, from 1.
 
-    `stamps` tells how columns of dates or times of day count, and is None for the others.
+    `stamps` states how columns of dates or times of day count, and is None for the others.
     """
 
     encoding: str

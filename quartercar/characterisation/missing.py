@@ -63,7 +63,7 @@ def unchecked_band(forces: Sequence[StandardForce], tolerance: Tolerance) -> tup
         run = "--nominal with a row for each (speed, direction, current, force)"
     else:
         why = "a percentage is one of the mean over specimens, and these records are of one"
-        run = "the same tests on more specimens (--specimen tells them apart), or --nominal TABLE.csv"
+        run = "the same tests on more specimens (named by --specimen), or --nominal TABLE.csv"
     return (Missing("tolerance band", why, run),)
 
 

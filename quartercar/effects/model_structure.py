@@ -192,7 +192,7 @@ class ColouredNoise(Effect):
         return []
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return "noise is told by the colour of what is left"
+        return "noise is estimated from the colour of what is left"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core

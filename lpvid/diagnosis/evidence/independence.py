@@ -71,7 +71,7 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
     p is the share beyond the noise floor: what the error holds in the band where nothing moves, as white noise, which
-    is not free to take up more than that. All else is a misfit of the law, or noise so slow that nothing tells it from
+    is not free to take up more than that. All else is a misfit of the law, or noise so slow that it looks like
     one. White noise is worth its samples, a misfit α in all. Repeats are no floor: where their inputs differ by a per
     cent, so do their outputs.
 

@@ -367,7 +367,7 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     Sets that hold the same components in different forms add up. Every component that is more probable than not is in
     it, where some set holds all of these (the median probability model of Barbieri and Berger 2004): rivals that share
     the weight of a set must not let the baseline alone come before each of them. Of the sets of the most probable
-    components the most probable one is taken whose special forms are sure themselves; a form that is not gives way to
+    components the most probable one is taken whose special forms are sure themselves; a form that is not is replaced by
     its component.
 
     Parameters

@@ -39,7 +39,7 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
     """Records decimated by a whole number, and it: 1 where stretches of them are few enough samples, or not allowed.
 
     Not allowed where they move or jump too fast for a slower clock, and where the baseline runs at its own clock alone:
-    a law with memory, run at a rate of less than `SPARE` times the band, errs by what its causes are told from.
+    a law with memory, run at a rate of less than `SPARE` times the band, errs by what distinguishes its causes.
 
     Parameters
     ----------
