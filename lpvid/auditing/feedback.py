@@ -189,8 +189,8 @@ def input_follows(repeats: Sequence[Repeated], false_alarm: float = FALSE_ALARM)
     of the periods that differs most. Then z = T/√Σ H² (Im X)², a sum of random signs over its rms, exceeds c with
     probability exp(−c²/2) at most, for any number of frequencies (Hoeffding 1963), so that c = √(2 ln(1/α)). Both z,
     with and without the phase of G₀, must exceed c, whose size is then α at most without a correction for two tests
-    (Berger 1982, intersection-union). Not distinguishable from interference, so that nothing is found, is a u fed back in phase without
-    any lag; nor is anything found where most of what does not repeat in u is not fed back.
+    (Berger 1982, intersection-union). Not distinguishable from interference, so that nothing is found, is a u fed
+    back in phase without any lag; nor is anything found where most of what does not repeat in u is not fed back.
 
     Frequencies are those between the first line and the last at which both means stand above their noise, exponential
     of mean S/k for k periods, at α over the number of lines. S_u and S_y, averaged over `BESIDE` lines to either side,

@@ -93,9 +93,9 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
 
     the comparison of two AIC (Akaike 1974, IEEE TAC 19, 716) with E the squared error of the free run and k the number
     of parameters. A residual with autocorrelation ρ_j determines its variance as well as N independent samples do
-    (Bartlett 1946; Priestley 1981, 5.3), so that a coloured one does not count every sample. A redundant term is left out, and a
-    term whose gain is small and sure is kept: by one standard error alone (Breiman et al. 1984, 3.4) the gyroscope's
-    third order was taken for its fourth, at a fifth of a point of fit on later data.
+    (Bartlett 1946; Priestley 1981, 5.3), so that a coloured one does not count every sample. A redundant term is
+    left out, and a term whose gain is small and sure is kept: by one standard error alone (Breiman et al. 1984,
+    3.4) the gyroscope's third order was taken for its fourth, at a fifth of a point of fit on later data.
 
     The bound of `TOLERATED` keeps simplicity from costing fit. It is not needed for a structure that has fewer
     parameters and the lower error on all training data too (`_dominant`).
