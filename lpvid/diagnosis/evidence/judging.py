@@ -190,7 +190,7 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
     for w in _better(search, fits, sets, best):
         rests, useless = _less_one(search, fits, w)
         other = None if useless else _judged(search, fits, sets, w, rests, dropped)
-        if other is not None and _keeps(_named(w, other), _named(best, found)):
+        if other is not None and _keeps(_named(other), _named(found)):
             return other
     return found
 
@@ -222,17 +222,16 @@ def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tup
                      share, tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
 
 
-def _named(w: Weighed, judged: JudgedSet) -> dict[str, float]:
-    """Components of a set that are named outright, and the work of each: what it changes in the error's logarithm."""
-    kinds = dict(zip((e.name for e in w.effects), w.kinds, strict=True))
+def _named(judged: JudgedSet) -> dict[str, float]:
+    """What a set names outright, and the work of each: what it changes in the logarithm of the error."""
     left = max(judged.root.cost - judged.won, 1e-300)
-    return {kinds[m.effect.name]: float(np.log1p(max(m.cost, 0.0) / left)) for m in judged.members
+    return {m.name: float(np.log1p(max(m.cost, 0.0) / left)) for m in judged.members
             if judged.objection(m) is None and not m.rivals}
 
 
 def _keeps(here: Mapping[str, float], of_story: Mapping[str, float]) -> bool:
     """Whether what the story names does half of its work here too: else something less probable does it here."""
-    return all(2 * here.get(kind, 0.0) >= work for kind, work in of_story.items())
+    return all(2 * here.get(name, 0.0) >= work for name, work in of_story.items())
 
 
 def _better(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence[tuple[Weighed, float]], best: Weighed
@@ -242,15 +241,16 @@ def _better(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence
     Evidence counts a structured error as few samples, so that sets share the weight of which one leaves half the error
     out of fold. Of the most probable sets that hold all but `LISTED` of the weight these have an error out of fold that
     is lower than the story's by more than one standard error of the blocks' gains. A set whose error on the samples of
-    its fit is above the story's out of fold cannot be one, and is not refitted. Where nothing is the story it stays.
+    its fit is above the story's out of fold cannot be one, and is not refitted; nor is one with a special form that is
+    not sure. Where nothing is the story it stays.
     """
     if not best.members:
         return []
     problem, near = search.problem, fits[best.members]
     least = _squares(problem, near)
-    before = np.cumsum([0.0, *(p for _, p in sets[:-1])])
+    before, mass = np.cumsum([0.0, *(p for _, p in sets[:-1])]), _masses(sets)
     others = [w for (w, _), held in zip(sets, before, strict=True)
-              if held < 1.0 - LISTED and w.fit.cost < least and w is not best]
+              if held < 1.0 - LISTED and w.fit.cost < least and w is not best and _sure(w, sets, mass)]
     _check(search, fits, near, [w.fit.composition for w in others])
     better = [w for w in others if _helps(problem, near, folds_of(problem, fits[w.members]))]
     return sorted(better, key=lambda w: _squares(problem, fits[w.members]))
@@ -379,15 +379,25 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     -------
     Weighed
     """
-    mass: dict[frozenset[str], float] = {}
-    for w, p in sets:
-        mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
+    mass = _masses(sets)
     likely = {c for kinds in mass for c in kinds if sum(p for k, p in mass.items() if c in k) > 0.5}
     kinds = max([k for k in mass if likely <= k] or mass, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
-    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= FORM * mass[kinds]
-                                    for e, k in zip(w.effects, w.kinds, strict=True))]
-    return (sure or alike)[0]
+    return next((w for w in alike if _sure(w, sets, mass)), alike[0])
+
+
+def _masses(sets: Sequence[tuple[Weighed, float]]) -> dict[frozenset[str], float]:
+    """Probability of every set of components, in whatever forms."""
+    mass: dict[frozenset[str], float] = {}
+    for w, p in sets:
+        mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
+    return mass
+
+
+def _sure(w: Weighed, sets: Sequence[tuple[Weighed, float]], mass: Mapping[frozenset[str], float]) -> bool:
+    """Whether the special forms in a set have nearly all of the weight of its components."""
+    return all(e.component == k or _form(e, sets) >= FORM * mass[frozenset(w.kinds)]
+               for e, k in zip(w.effects, w.kinds, strict=True))
 
 
 def _form(effect: Effect, sets: Sequence[tuple[Weighed, float]]) -> float:
