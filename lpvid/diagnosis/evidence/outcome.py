@@ -22,7 +22,8 @@ from lpvid.diagnosis.diagnosis import (
 )
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, components, family
-from lpvid.diagnosis.evidence.judging import NAMED, SURE, JudgedSet, Member
+from lpvid.diagnosis.evidence.judging import SURE, JudgedSet, Member
+from lpvid.diagnosis.evidence.rivals import NAMED
 from lpvid.diagnosis.evidence.search import MISSED, SetSearch
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.intervals import covariance

@@ -18,13 +18,14 @@ from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.evidence import engine, judging
+from lpvid.diagnosis.evidence import engine, judging, rivals
 from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component, components
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
-from lpvid.diagnosis.evidence.judging import LEAST, NAMED, NOTABLE, SURE, Member, named_as
+from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
 from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_shape, of_strength, off_prior
+from lpvid.diagnosis.evidence.rivals import NAMED, named_as
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import akin, posterior
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
@@ -554,7 +555,7 @@ def test_what_comes_in_the_place_of_a_member_does_its_work(other, of_spring, of_
     best = visited(friction=0.6, spring=0.1)
     sets = [(best, 0.6), (other, 0.4)]
     for kind, wanted in (("spring", of_spring), ("friction", of_friction)):
-        found = judging._instead(sets, best, kind, component(kind), 0.9)
+        found = rivals._instead(sets, best, kind, component(kind), 0.9)
         assert [n for n, _ in found] == wanted
 
 
@@ -562,7 +563,7 @@ def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     """Air without pressure is play; in less likely sets its pressure is a little more than none."""
     air = SimpleNamespace(name="air", component="air", form_of="spring")
     sets = [(SimpleNamespace(effects=[air], kinds=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
-    name, _, support = judging.named_as(air, "play", sets, 0.9)
+    name, _, support = rivals.named_as(air, "play", sets, 0.9)
     assert name == "play" and support.weight == pytest.approx(1.0)
 
 
@@ -617,7 +618,7 @@ def _rivals_beside(best: SimpleNamespace, *others: SimpleNamespace, filtered: fl
     search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, *others)},
                              with_one_more=lambda w, e, values: stood(filtered, *w.effects, e))
-    found = judging._as_good(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
+    found = rivals._as_good(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
     return [n for n, _ in found]
 
 
@@ -638,7 +639,7 @@ OTHER = part("other", "lags")
     ((stood(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
 ])
 def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
-    monkeypatch.setattr(judging, "_without_noise", judging._cost)  # clean sensors
+    monkeypatch.setattr(rivals, "_without_noise", rivals._cost)  # clean sensors
     best = stood(1.0, part("lag", "lags"))
     for w in others:
         if "lag" in w.members:
@@ -667,4 +668,4 @@ def test_sets_that_held_out_data_refused_take_no_name():
     best, other = stood(1.0, part("dead-zone", "loose")), stood(1.05, KIN)
     search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, other)})
-    assert not judging._as_good(search, [(best, 1.0)], best, best.effects[0])
+    assert not rivals._as_good(search, [(best, 1.0)], best, best.effects[0])
