@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -75,19 +76,19 @@ class ComplianceProblem(FreeRunProblem):
         return cls(model, *cls.columns(records, model), free_filter, tie)
 
     # -- parameters -----------------------------------------------------------------------------------------------
-    @property
+    @cached_property
     def spread(self) -> float:
         """Standard deviation of the output."""
         return float(np.std(np.concatenate(self.outputs)))
 
-    @property
+    @cached_property
     def widths(self) -> np.ndarray:
         """Knot spacing that belongs to every rise parameter."""
         out = np.zeros(self.tie.max() + 1)
         out[self.tie] = np.diff(self.model.knots)
         return out
 
-    @property
+    @cached_property
     def matrix(self) -> np.ndarray:
         """(model parameters, own parameters) selection of each model parameter."""
         from scipy.linalg import block_diag
@@ -127,14 +128,11 @@ class ComplianceProblem(FreeRunProblem):
         whole = self.matrix @ x
         cut = whole.size - self.filter_scales.size
         vector = whole[:cut].copy()
-        logs = len(self.model.elements) * (self.model.current.size * self.tie.size + 1)
-        floor = np.log(SMALLEST * self.spread)
         per = self.model.current.size * self.tie.size + 1
-        for place in range(logs):
-            if place % per != per - 1:
-                vector[place] = np.clip(vector[place], floor, floor + 60)
-            else:
-                vector[place] = np.clip(vector[place], -60, 60)
+        low = np.full(len(self.model.elements) * per, np.log(SMALLEST * self.spread))
+        high = low + 60
+        low[per - 1:: per], high[per - 1:: per] = -60, 60  # stiffness, last of every element
+        vector[: low.size] = np.clip(vector[: low.size], low, high)
         return self.with_filter(self.model.with_vector(vector), whole[cut:])
 
     # -- errors ---------------------------------------------------------------------------------------------------

