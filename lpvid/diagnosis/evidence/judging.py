@@ -88,12 +88,27 @@ class Member:
         -------
         str or None
         """
-        least = max(min(NOTABLE, BESIDE * left), LEAST, of_law)
+        least = least_change(left, of_law)
         if self.change < least:
             return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
         if self.probability < NAMED and not self.rivals:
             return f"probability {self.probability:.2f} only, and nothing takes its place"
         return None
+
+
+def least_change(left: float, of_law: float) -> float:
+    """Change of the output, over its rms, below which a cause is small print.
+
+    Parameters
+    ----------
+    left, of_law : float
+        As of `Member.objection`.
+
+    Returns
+    -------
+    float
+    """
+    return max(min(NOTABLE, BESIDE * left), LEAST, of_law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +201,7 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
     for w in _better(search, fits, sets, best):
         rests, useless = _less_one(search, fits, w)
         other = None if useless else _judged(search, fits, sets, w, rests, dropped)
-        if other is not None and _keeps(_named(other), _named(found)):
+        if other is not None and _keeps(_named(other), _named(found)) and _counts(other):
             return other
     return found
 
@@ -228,6 +243,11 @@ def _named(judged: JudgedSet) -> dict[str, float]:
 def _keeps(here: Mapping[str, float], of_story: Mapping[str, float]) -> bool:
     """Whether what the story names does half of its work here too: else something less probable does it here."""
     return all(2 * here.get(name, 0.0) >= work for name, work in of_story.items())
+
+
+def _counts(judged: JudgedSet) -> bool:
+    """Whether no member of a set is small print."""
+    return all(m.change >= least_change(judged.left, judged.of_law) for m in judged.members)
 
 
 def _better(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence[tuple[Weighed, float]], best: Weighed
