@@ -12,10 +12,10 @@ import numpy as np
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.report import number
-from lpvid.toolkit import Shown, checks
+from lpvid.toolkit import Shown, checks, in_forks
 from quartercar.controllers.contract import Controller
 from quartercar.dampers import Identified
-from quartercar.rides.simulation import Ride, RideSettings, drive, without_run
+from quartercar.rides.simulation import Ride, RideSettings, drive, side_by_side, without_run
 from quartercar.roads.ride_roads import RideRoad
 from quartercar.vehicle.assembly import CarAssembly
 from quartercar.vehicle.nonlinear import QuarterCar
@@ -395,16 +395,24 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
     names = list(controllers)
     chosen = reference or ("sh-add" if "sh-add" in names else names[0])
     checks.known_name(chosen, names, "controller")
-    rows = []
-    for road in roads:
-        report_progress(f"riding {road.name}")
-        laws = [controllers[n] for n in names for _ in seeds]
-        rides = drive(car, road, laws, list(seeds) * len(names), settings)
-        for k, name in enumerate(names):
-            mine = rides[k * len(seeds):(k + 1) * len(seeds)]
-            kept = (mine[0], *(without_run(r) for r in mine[1:]))
-            rows.append(LawRow(name, controllers[name].title, controllers[name], road.name, kept))
-        del rides
+    report_progress(f"riding {', '.join(r.name for r in roads)}")
+    for law in controllers.values():
+        checks.instance(law, Controller, "a ride is under a control law", "quartercar.controllers.Skyhook()")
+    laws, theirs = [controllers[n] for n in names for _ in seeds], list(seeds) * len(names)
+    parts = side_by_side(laws)
+
+    def driven(job: tuple[RideRoad, list[int]]) -> list[Ride]:
+        road, part = job
+        rides = drive(car, road, [laws[k] for k in part], [theirs[k] for k in part], settings)
+        return [r if theirs[k] == seeds[0] else without_run(r) for k, r in zip(part, rides, strict=True)]
+
+    jobs = [(road, part) for road in roads for part in parts]
+    held = (car, car.damper, *roads, *controllers.values())
+    found = dict(zip([(road.name, k) for road, part in jobs for k in part],
+                     [r for rides in in_forks(driven, jobs, held) for r in rides], strict=True))
+    rows = [LawRow(name, controllers[name].title, controllers[name], road.name,
+                   tuple(found[road.name, n * len(seeds) + k] for k in range(len(seeds))))
+            for road in roads for n, name in enumerate(names)]
     return RideComparison(tuple(rows), tuple(seeds), chosen, _notes(car, rows))
 
 

@@ -225,13 +225,29 @@ def drive(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller], se
         raise InputError("every controller needs a seed", got=f"{len(seeds)} for {len(controllers)}")
     settings = settings or RideSettings()
     found: dict[int, Ride] = {}
+    for part in side_by_side(controllers):
+        rides = _together(car, road, [controllers[k] for k in part], [seeds[k] for k in part], settings)
+        found.update(zip(part, rides, strict=True))
+    return [found[k] for k in range(len(controllers))]
+
+
+def side_by_side(controllers: Sequence[Controller]) -> list[list[int]]:
+    """Which laws run side by side: those that demand the same thing, `MOST` at a time.
+
+    Parameters
+    ----------
+    controllers : sequence of Controller
+
+    Returns
+    -------
+    list of list of int
+        Their places in the sequence.
+    """
+    found = []
     for kind in dict.fromkeys(c.demands for c in controllers):
         places = [k for k, c in enumerate(controllers) if c.demands == kind]
-        for first in range(0, len(places), MOST):
-            part = places[first:first + MOST]
-            rides = _together(car, road, [controllers[k] for k in part], [seeds[k] for k in part], settings)
-            found.update(zip(part, rides, strict=True))
-    return [found[k] for k in range(len(controllers))]
+        found += [places[first:first + MOST] for first in range(0, len(places), MOST)]
+    return found
 
 
 def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller], seeds: Sequence[int],

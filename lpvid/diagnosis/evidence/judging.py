@@ -246,8 +246,8 @@ def _keeps(here: Mapping[str, float], of_story: Mapping[str, float]) -> bool:
 
 
 def _counts(judged: JudgedSet) -> bool:
-    """Whether no member of a set is small print."""
-    return all(m.change >= least_change(judged.left, judged.of_law) for m in judged.members)
+    """Whether every member of a set changes enough to be worth a name, whatever the law still gets wrong."""
+    return all(m.change >= least_change(judged.left, 0.0) for m in judged.members)
 
 
 def _better(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence[tuple[Weighed, float]], best: Weighed

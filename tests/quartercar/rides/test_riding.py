@@ -329,6 +329,8 @@ def test_comparisons_that_are_none():
         compare_rides(car(), [SHORT, SHORT], {"a": Skyhook()}, [0])
     with pytest.raises(InputError, match="controller"):
         compare_rides(car(), [SHORT], {"a": Skyhook()}, [0], reference="b")
+    with pytest.raises(InputError, match="control law"):
+        compare_rides(car(), [SHORT], {"a": 3}, [0])
 
 
 # -- tuning ------------------------------------------------------------------------------------------------------------
