@@ -183,11 +183,12 @@ def _sets(weights: SetProbabilities) -> list[Item]:
 
 def _share(found: Diagnosis) -> str:
     assert found.explained_share is not None
+    who = "the causes, with what else the extended model contains, explain" if found.stand_ins else "they explain"
     value, std = found.explained_share
     if found.noise_floor is None:
-        return (f"Of the error that follows the inputs at all, they explain {percent(min(value, 1.0))}. Nothing "
+        return (f"Of the error that follows the inputs at all, {who} {percent(min(value, 1.0))}. Nothing "
                 "repeats in these data, so that noise is what no regression on the inputs predicts.")
-    return f"Together they explain {percent(value)} ± {percent(std)} of the error beyond the noise that repeats show."
+    return f"Of the error beyond the noise that repeats show, {who} {percent(value)} ± {percent(std)}."
 
 
 def _cause_row(c: Cause) -> list[tuple[str, ...]]:

@@ -432,8 +432,8 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     rivals = rivals_of(search, sets, best, effect, values)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
-    without = search.visited.get(best.members - {effect.name})
-    gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
+    without = search.visited.get(best.members - {effect.name}) or Weighed(search.data, rest)
+    gain = search.score(best) - search.score(without)
     return Member(effect, name, values, support.probability, of_family, support.weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
