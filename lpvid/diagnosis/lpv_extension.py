@@ -75,7 +75,8 @@ class LpvExtension:
         stated = "; ".join(self.changes) or "nothing changed"
         if before is None or after is None:
             return f"LPV extension ({stated}): a free run diverged on held-out data"
-        return f"LPV extension ({stated}): free-run ESR {before:.4g} to {after:.4g} held-out"
+        end = "; no model of these data, the mean is as near" if after >= 1 else "; no gain" if after >= before else ""
+        return f"LPV extension ({stated}): free-run ESR {before:.4g} to {after:.4g} held-out{end}"
 
 
 def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effect],

@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from lpvid.diagnosis import registry
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.facade import answer, pose
-from lpvid.diagnosis.lpv_extension import enlarged, measured_extension
+from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
 from lpvid.report.diagnosis import _facts
@@ -380,6 +381,14 @@ def test_an_lpv_structure_takes_in_what_the_causes_ask_for():
     assert wide.schedule_filter == "rise-fall-delay"
     with pytest.raises(InputError, match="needs temperature"):
         enlarged(start, [LpvChange("", schedule=("temperature",))], [record])
+
+
+@pytest.mark.parametrize(("before", "after", "end"), [(0.4, 0.1, "held-out"), (0.1, 0.2, "; no gain"),
+                                                    (1.4, 1.5, "no model of these data, the mean is as near")])
+def test_an_lpv_extension_that_gains_nothing_says_so(before, after, end):
+    runs = [SimpleNamespace(held_out=SimpleNamespace(overall=SimpleNamespace(free_run=SimpleNamespace(esr=e))))
+            for e in (before, after)]
+    assert str(LpvExtension(*runs, ("a constant as a further input",), ())).endswith(end)
 
 
 def test_the_lpv_extension_gains_what_the_cause_costs():
