@@ -161,8 +161,8 @@ def _first(leader: ARX) -> tuple[Structure, ...]:
 def _around(best: Structure | None) -> tuple[Structure, ...]:
     """Output-error structures that differ from this one by one lag, in one place.
 
-    Near the ceiling too: there the least error may be a tie of many orders, which the range of the scheduling decides
-    apart (`simplest_supported`), and only what was tried can be chosen.
+    Near the ceiling too: there the least error may be a tie of many orders, which the range of the scheduling
+    separates (`simplest_supported`), and only what was tried can be chosen.
     """
     if not isinstance(best, OutputError):
         return ()
