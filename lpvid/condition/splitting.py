@@ -15,6 +15,10 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 
 
+class EmptyFold(InputError):
+    """A fold without samples to train on or to hold out: the records are too short for so many folds and such a gap."""
+
+
 @dataclass(frozen=True)
 class Repetition:
     """A signal repeats itself: x(t + seconds) = sign·x(t).
@@ -120,8 +124,10 @@ def folds(records: Record | Sequence[Record], k: int, gap_seconds: float = 0.0, 
 
     Raises
     ------
+    EmptyFold
+        A fold whose training or held-out part is empty; an InputError.
     InputError
-        A fold whose training or held-out part is empty.
+        Fewer than two folds, a negative gap, or a record with unsteady time stamps.
 
     Examples
     --------
@@ -143,8 +149,8 @@ def folds(records: Record | Sequence[Record], k: int, gap_seconds: float = 0.0, 
             held_out += _runs(record, held)
             training += _runs(record, ~near)
         if not training or not held_out:
-            raise InputError("a fold has no samples left", got=f"fold {fold + 1} of {k}",
-                             mend="fewer folds or a smaller gap")
+            raise EmptyFold("a fold has no samples left", got=f"fold {fold + 1} of {k}",
+                            mend="fewer folds or a smaller gap")
         result.append((training, held_out))
     return result
 

@@ -11,6 +11,7 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.analysis.frozen import family, stability_margin
 from lpvid.condition import folds, leaks, repetition_period
+from lpvid.condition.splitting import EmptyFold
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.levenberg_marquardt import STEP_DOWN_POINTS
@@ -132,7 +133,7 @@ def make_folds(records: Sequence[Record], count: int, start: int,
     Raises
     ------
     InputError
-        The records are too short.
+        The records are too short, or fewer than two blocks.
     """
     notes: list[str] = []
     channel, sample_time = channels[0], records[0].sample_time
@@ -149,7 +150,7 @@ def make_folds(records: Sequence[Record], count: int, start: int,
             notes.append(f"the excitation repeats every {period:.4g} s: folds hold out stretches of the pattern")
     try:
         made = folds(records, count, GAP * start * sample_time, period=period)
-    except InputError as error:
+    except EmptyFold as error:  # other faults of the call keep their own words
         raise _too_short(records, count, start) from error
     far = furthest(records, channels, count, length)
     usable = [([r for r in training if r.n_samples > start + 2], [r for r in held if r.n_samples > 2 * start + 10])

@@ -85,6 +85,15 @@ def test_short_or_still_records_have_no_such_fold() -> None:
     assert len(parts) == 6 and any("1/5 of the training data" in n for n in notes)
 
 
+def test_only_an_error_about_shortness_is_told_as_one() -> None:
+    """One block of a long record is a fault of the call, which a longer record does not mend."""
+    with pytest.raises(lpv.InputError, match="k must be") as fault:
+        make_folds([yielding(1)], 1, 5, ["velocity"])
+    assert "too short" not in str(fault.value)
+    with pytest.raises(lpv.InputError, match="too short to compare structures"):
+        make_folds([yielding(1, 60)], 5, 20, ["velocity"])
+
+
 def test_a_basis_without_support_outside_fails_where_it_is_asked() -> None:
     """A polynomial of high degree in the velocity follows most blocks as the tanh does, and the excursions not."""
     record = yielding(3)
