@@ -85,7 +85,7 @@ def test_short_or_still_records_have_no_such_fold() -> None:
     assert len(parts) == 6 and any("1/5 of the training data" in n for n in notes)
 
 
-def test_only_an_error_about_shortness_is_told_as_one() -> None:
+def test_only_an_error_about_shortness_is_called_one() -> None:
     """One block of a long record is a fault of the call, which a longer record does not mend."""
     with pytest.raises(lpv.InputError, match="k must be") as fault:
         make_folds([yielding(1)], 1, 5, ["velocity"])
