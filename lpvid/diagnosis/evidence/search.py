@@ -16,7 +16,7 @@ from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, independent, share_of
 from lpvid.diagnosis.evidence.priors import inclusion, of_misfit
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.weighing import Data, Weighed
+from lpvid.diagnosis.evidence.weighing import ABSENT, Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import ITERATIONS, Refit, descend, hopped_on, refit
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
@@ -168,8 +168,7 @@ class SetSearch:
         self._reweigh()
         for _ in range(DEEPEST):
             before = self.best
-            open_sets = [w for w in self.visited.values() if self._open(w)]
-            self.enlarge(sorted(open_sets, key=self.score, reverse=True)[:BEAM])
+            self.enlarge(self._apart())
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
@@ -194,6 +193,18 @@ class SetSearch:
     def _open(self, w: Weighed) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
         return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
+
+    def _apart(self) -> list[Weighed]:
+        """The most probable open sets of which none holds all components of a more probable one.
+
+        Forms of one component, and sets that grew from one another, would take every place: beside a law that lacks
+        friction and a resonance a spring comes first, alone and with whatever else, and either of the two long after.
+        """
+        chosen: list[Weighed] = []
+        for w in sorted(filter(self._open, self.visited.values()), key=self.score, reverse=True):
+            if len(chosen) < BEAM and not any(set(w.kinds) >= set(c.kinds) for c in chosen):
+                chosen.append(w)
+        return chosen
 
     def with_one_more(self, w: Weighed, e: Effect, values: np.ndarray) -> Weighed:
         """A set with one effect more, refitted from its numbers elsewhere; one that was visited and leaves less.
@@ -483,9 +494,23 @@ class SetSearch:
         return self._weighed(min(found, key=lambda f: f.cost)) if found else None
 
     def _add(self, w: Weighed) -> None:
-        known = self.visited.get(w.members)
-        if np.isfinite(w.fit.cost) and (known is None or w.fit.cost < known.fit.cost):
+        """Keep a set if it leaves less than before; one that a refit has emptied of a member leads to the smaller set.
+
+        From where that began it may have ended in another minimum.
+        """
+        if not np.isfinite(w.fit.cost):
+            return
+        if self._less(w.members, w.fit.cost):
             self.visited[w.members] = w
+        there = tuple(e for e, change in zip(w.effects, w.changes, strict=True) if change >= ABSENT)
+        if len(there) < len(w.effects) and self._less(frozenset(e.name for e in there), w.fit.cost):
+            composition = Composition(w.fit.composition.baseline, there)
+            self._add(self._weighed(self._settled(composition, [placed(composition, w.fit, {})], w.fit)))
+
+    def _less(self, members: frozenset[str], cost: float) -> bool:
+        """Whether a squared error is below that of a visited set, or there is no such set."""
+        known = self.visited.get(members)
+        return known is None or cost < known.fit.cost
 
     def _reweigh(self) -> None:
         """κ anew from the error of the best set, until the best set stays."""
