@@ -234,7 +234,7 @@ def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tup
 
 
 def _named(judged: JudgedSet) -> dict[str, float]:
-    """What a set names, outright or with rivals, and the work of each: what it changes in the logarithm of the error."""
+    """What a set names, outright or with rivals, and the work of each: its change of the logarithm of the error."""
     left = max(judged.root.cost - judged.won, 1e-300)
     return {m.name: float(np.log1p(max(m.cost, 0.0) / left)) for m in judged.members if judged.objection(m) is None}
 
@@ -396,9 +396,9 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     Weighed
     """
     mass = _masses(sets)
-    likely = {c for kinds in mass for c in kinds if sum(p for k, p in mass.items() if c in k) > 0.5}
-    median = frozenset(likely)
-    kinds = median if median and median in mass else max([k for k in mass if likely <= k] or mass, key=lambda k: mass[k])
+    median = frozenset(c for kinds in mass for c in kinds if sum(p for k, p in mass.items() if c in k) > 0.5)
+    whole = [k for k in mass if median <= k] or list(mass)
+    kinds = median if median and median in mass else max(whole, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
     return next((w for w in alike if _sure(w, sets, mass)), alike[0])
 

@@ -234,6 +234,8 @@ class SetSearch:
     def enlarge(self, sets: Sequence[Weighed]) -> None:
         """Visit the most promising sets with one effect more, of one set after the other.
 
+        A set that was visited from another one is visited again where less error is in sight from here.
+
         Parameters
         ----------
         sets : sequence of Weighed
@@ -248,7 +250,7 @@ class SetSearch:
         leader = ", ".join(sorted(best.members)) or "nothing"
         self.report_progress(f"looking beyond {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
         for w, found in zip(sets, self.look(sets), strict=True):
-            chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
+            chosen = [e for e, cost in self._promising(w, found).items() if self._less(w.members | {e.name}, cost)]
             _ = w.fit.jacobian, self.visited[frozenset()].fit.jacobian  # found once, for all forks
             for child in self._children(w, chosen, found):
                 self._add(child)
@@ -364,8 +366,11 @@ class SetSearch:
         ranked = sorted(outside, key=lambda e: (e.name not in linked | unseen, -promised[e.name]))
         return ranked[: LOOKED + len((linked | unseen) & promised.keys())]
 
-    def _promising(self, w: Weighed, found: Sequence[Direction]) -> list[Effect]:
-        """Children worth a refit: the best by what they would take away, and the best of either kind."""
+    def _promising(self, w: Weighed, found: Sequence[Direction]) -> dict[Effect, float]:
+        """Children worth a refit, the best by what they would take away and the best of either kind: what they leave.
+
+        To first order: a squared error.
+        """
         left = {e: lags[0][0] / w.fit.cost for e in self.candidates if (lags := self.following.get(e.name))
                 and not w.members}
         for d in found:
@@ -381,7 +386,7 @@ class SetSearch:
             have = sum(e.memoryless is memoryless for e in chosen)
             more = [e for e in ranked[CHILDREN:] if e.memoryless is memoryless]
             chosen = [*chosen, *more[: max(OF_EACH - have, 0)]]
-        return chosen
+        return {e: left[e] * w.fit.cost for e in chosen}
 
     def _child(self, w: Weighed, added: tuple[Effect, ...], found: Sequence[Direction]) -> Refit:
         """A set with one effect more, refitted from the points that promise most."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
-from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
+from lpvid.diagnosis.evidence.priors import SHAPE, determined, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
 from lpvid.diagnosis.signals import Signals
@@ -150,7 +150,7 @@ class Weighed:
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
         parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` for each that the
-        data determine (`_determined`). A parameter that these data do not reach costs nothing. A set with a strength at
+        data determine (`determined`). A parameter that these data do not reach costs nothing. A set with a strength at
         its bound has none.
 
         Parameters
@@ -187,7 +187,7 @@ class Weighed:
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
         prior += off_prior(apart, precision, np.diag(hessian).clip(0))
         shapes = ~amplitudes
-        prior -= SHAPE * _determined(np.diag(hessian).clip(0)[shapes], precision[shapes])
+        prior -= SHAPE * determined(np.diag(hessian).clip(0)[shapes], precision[shapes])
         held = hessian + np.diag(precision)
         reached = np.diag(held) > TINY  # a number of the law of 1e200, to which nothing answers, is in every set alike
         own, amplitudes = reached & (np.arange(precision.size) < self.fit.composition.own), reached & amplitudes
@@ -222,14 +222,6 @@ class Weighed:
         if not alone:
             return abs(apart) * slope, slope
         return change, change / abs(apart) if apart else slope
-
-
-def _determined(curvature: np.ndarray, precision: np.ndarray) -> float:
-    """Σ h/(h + Λ), the number of parameters that the data determine and their priors do not (MacKay 1992, eq. 2.23).
-
-    A choice has no precision (Λ = 0) and counts as one.
-    """
-    return float(np.sum(np.where(precision > 0, curvature / np.maximum(curvature + precision, TINY), 1.0)))
 
 
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
