@@ -237,6 +237,14 @@ def test_a_small_misfit_of_the_law_is_no_cause():
     assert "dry" in [c.name for c in both.causes]
 
 
+@pytest.mark.parametrize(("level", "stated"), [(0.3, True), (0.02, False)])
+def test_what_an_explained_error_leaves_for_noise_is_stated(level: float, stated: bool) -> None:
+    """A regression that finds nothing in it does not prove that it is noise."""
+    run = record(np.random.default_rng(3), level=level, hidden=lambda u: 1.5 * np.sign(u))
+    found = diagnose([run], Bent(), [Dry(), Cubic()])
+    assert found.verdict == "explained" and ("is taken for noise; a repeat" in found.reason) is stated
+
+
 class Linked(Dry):
     """Dry friction that is sought together with another cause."""
 
