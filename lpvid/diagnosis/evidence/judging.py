@@ -234,9 +234,10 @@ def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tup
 
 
 def _named(judged: JudgedSet) -> dict[str, float]:
-    """What a set names, outright or with rivals, and the work of each: its change of the logarithm of the error."""
+    """What a set names outright, and the work of each: what it changes in the logarithm of the error."""
     left = max(judged.root.cost - judged.won, 1e-300)
-    return {m.name: float(np.log1p(max(m.cost, 0.0) / left)) for m in judged.members if judged.objection(m) is None}
+    return {m.name: float(np.log1p(max(m.cost, 0.0) / left)) for m in judged.members
+            if judged.objection(m) is None and not m.rivals}
 
 
 def _keeps(here: Mapping[str, float], of_story: Mapping[str, float]) -> bool:
