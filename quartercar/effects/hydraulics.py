@@ -19,9 +19,6 @@ UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share leaves the force as it is [m/s]"""
 DRY = 0.02
 """share of the top speed up to which the force of a law counts as dry friction"""
-DRY_EXPONENT = 0.3
-"""exponent below which a power of the speed doubles over a decade at most, which no record separates from friction: the
-lower end of what is plausible of a restriction"""
 ALL_OF_IT = 0.05
 """by how much the share that passes a valve may differ from 1 and be all of it"""
 ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
@@ -224,8 +221,15 @@ class InputNonlinearity(HydraulicEffect):
         return viscous_slope(s, core, baseline) * v * (ratio ** (float(values[0]) - 1.0) - 1.0)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """|v|^n sgn v of a small n is dry friction with another reversal: one group with it."""
-        return ("coulomb-friction",) if float(values[0]) < DRY_EXPONENT else ()
+        """Dry friction with another reversal, where |v|^n sgn v is closer to it than to a viscous loss along the data.
+
+        Σ|v|^n/√N > Σ|v|^(n+1)/√Σv²: its correlation with sgn v is above that with v. With speeds that are evenly
+        distributed, n < .37.
+        """
+        speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
+        power = speed ** float(values[0])
+        dry, viscous = power.sum() / np.sqrt(speed.size), power @ speed / max(float(np.linalg.norm(speed)), 1e-300)
+        return ("coulomb-friction",) if dry > viscous else ()
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Turbulent losses where the force grows faster than the speed, valves that open where it grows less fast."""

@@ -380,11 +380,12 @@ def _helps(problem: DiagnosisProblem, rest: Refit, after: Folds) -> bool:
 def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     """The set to report: of the most probable components, in the forms that the data bear out.
 
-    Sets that hold the same components in different forms add up. Every component that is more probable than not is in
-    it, where some set holds all of these (the median probability model of Barbieri and Berger 2004): rivals that share
-    the weight of a set must not let the baseline alone come before each of them. Of the sets of the most probable
-    components the most probable one is taken whose special forms are sure themselves; a form that is not is replaced by
-    its component.
+    Sets that hold the same components in different forms add up. The components are those that are more probable than
+    not, if a set holds these and no other: the median probability model, which predicts best where a single set must
+    (Barbieri and Berger 2004). Otherwise, or where no component is, they are those of the most probable set that holds
+    all of these: rivals that share the weight of a set must not let the baseline alone come before each of them. Of the
+    sets of these components the most probable one is taken whose special forms are sure themselves; a form that is not
+    is replaced by its component.
 
     Parameters
     ----------
@@ -396,8 +397,9 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
     Weighed
     """
     mass = _masses(sets)
-    likely = {c for kinds in mass for c in kinds if sum(p for k, p in mass.items() if c in k) > 0.5}
-    kinds = max([k for k in mass if likely <= k] or mass, key=lambda k: mass[k])
+    median = frozenset(c for kinds in mass for c in kinds if sum(p for k, p in mass.items() if c in k) > 0.5)
+    whole = [k for k in mass if median <= k] or list(mass)
+    kinds = median if median and median in mass else max(whole, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
     return next((w for w in alike if _sure(w, sets, mass)), alike[0])
 

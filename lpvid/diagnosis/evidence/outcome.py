@@ -141,11 +141,13 @@ class EvidenceOutcome:
                  ) -> tuple[str, str]:
         of_law, left = self.judged.of_law, self.judged.left
         structure = f"what the inputs still predict is {of_law:.1%} of the output"
+        noise = "" if left <= MISSED else \
+            f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
             sure = all(m.probability >= SURE for m in named) and all(m.change <= MISSED for m in others)
             if of_law <= MISSED and not contested and sure:
-                return "explained", f"{described}; {structure}, as much as a good law leaves"
+                return "explained", f"{described}; {structure}, as much as a good law leaves{noise}"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
@@ -157,8 +159,6 @@ class EvidenceOutcome:
                                   f"{structure}"
         if of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
-        noise = "" if left <= MISSED else \
-            f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
         return "nothing-to-explain", f"no cause is called for; {structure}{noise}"
 
     def _of_family(self, m: Member) -> str:

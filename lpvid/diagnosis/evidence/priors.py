@@ -16,7 +16,8 @@ DECADES = 1.0
 """standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
 
 SHAPE = 1.0
-"""log-likelihood that a fitted shape wins by its mere freedom (Akaike 1974), which every one of them costs"""
+"""log-likelihood that a fitted shape wins by its mere freedom (Akaike 1974): its cost, as far as the data determine it
+(`determined`)"""
 
 MISFIT, FACTOR = 0.086, 0.47
 """structured error that the best law leaves, as a share of the output's rms: median and standard deviation of the
@@ -151,3 +152,27 @@ def off_prior(apart: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -
     [0.0, -1.0, -1.999999998]
     """
     return -0.5 * float(np.sum(apart**2 * curvature / np.maximum(curvature + precision, 1e-300))) + 0.0
+
+
+def determined(curvature: np.ndarray, precision: np.ndarray) -> float:
+    """Σ h/(h + Λ), the number of parameters that the data determine and their priors do not (MacKay 1992,
+    Neural Computation 4, 415).
+
+    A choice among few values has no precision and counts as one.
+
+    Parameters
+    ----------
+    curvature, precision : (P,) arrays
+        h and Λ.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> determined(np.array([0.0, 1.0, 1e9]), np.ones(3))
+    1.499999999
+    """
+    shares = curvature / np.maximum(curvature + precision, 1e-300)
+    return float(np.sum(np.where(precision > 0, shares, 1.0)))

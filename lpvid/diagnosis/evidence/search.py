@@ -16,7 +16,7 @@ from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, independent, share_of
 from lpvid.diagnosis.evidence.priors import inclusion, of_misfit
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.weighing import Data, Weighed
+from lpvid.diagnosis.evidence.weighing import ABSENT, Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import ITERATIONS, Refit, descend, hopped_on, refit
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
@@ -168,8 +168,7 @@ class SetSearch:
         self._reweigh()
         for _ in range(DEEPEST):
             before = self.best
-            open_sets = [w for w in self.visited.values() if self._open(w)]
-            self.enlarge(sorted(open_sets, key=self.score, reverse=True)[:BEAM])
+            self.enlarge(self._apart())
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
@@ -194,6 +193,18 @@ class SetSearch:
     def _open(self, w: Weighed) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
         return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
+
+    def _apart(self) -> list[Weighed]:
+        """The most probable open sets of which none holds all components of a more probable one.
+
+        Forms of one component, and sets that grew from one another, would take every place: beside a law that lacks
+        friction and a resonance a spring comes first, alone and with whatever else, and either of the two long after.
+        """
+        chosen: list[Weighed] = []
+        for w in sorted(filter(self._open, self.visited.values()), key=self.score, reverse=True):
+            if len(chosen) < BEAM and not any(set(w.kinds) >= set(c.kinds) for c in chosen):
+                chosen.append(w)
+        return chosen
 
     def with_one_more(self, w: Weighed, e: Effect, values: np.ndarray) -> Weighed:
         """A set with one effect more, refitted from its numbers elsewhere; one that was visited and leaves less.
@@ -223,6 +234,8 @@ class SetSearch:
     def enlarge(self, sets: Sequence[Weighed]) -> None:
         """Visit the most promising sets with one effect more, of one set after the other.
 
+        A set that was visited from another one is visited again where less error is in sight from here.
+
         Parameters
         ----------
         sets : sequence of Weighed
@@ -237,7 +250,7 @@ class SetSearch:
         leader = ", ".join(sorted(best.members)) or "nothing"
         self.report_progress(f"looking beyond {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
         for w, found in zip(sets, self.look(sets), strict=True):
-            chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
+            chosen = [e for e, cost in self._promising(w, found).items() if self._less(w.members | {e.name}, cost)]
             _ = w.fit.jacobian, self.visited[frozenset()].fit.jacobian  # found once, for all forks
             for child in self._children(w, chosen, found):
                 self._add(child)
@@ -353,8 +366,11 @@ class SetSearch:
         ranked = sorted(outside, key=lambda e: (e.name not in linked | unseen, -promised[e.name]))
         return ranked[: LOOKED + len((linked | unseen) & promised.keys())]
 
-    def _promising(self, w: Weighed, found: Sequence[Direction]) -> list[Effect]:
-        """Children worth a refit: the best by what they would take away, and the best of either kind."""
+    def _promising(self, w: Weighed, found: Sequence[Direction]) -> dict[Effect, float]:
+        """Children worth a refit, the best by what they would take away and the best of either kind: what they leave.
+
+        To first order: a squared error.
+        """
         left = {e: lags[0][0] / w.fit.cost for e in self.candidates if (lags := self.following.get(e.name))
                 and not w.members}
         for d in found:
@@ -370,7 +386,7 @@ class SetSearch:
             have = sum(e.memoryless is memoryless for e in chosen)
             more = [e for e in ranked[CHILDREN:] if e.memoryless is memoryless]
             chosen = [*chosen, *more[: max(OF_EACH - have, 0)]]
-        return chosen
+        return {e: left[e] * w.fit.cost for e in chosen}
 
     def _child(self, w: Weighed, added: tuple[Effect, ...], found: Sequence[Direction]) -> Refit:
         """A set with one effect more, refitted from the points that promise most."""
@@ -483,9 +499,23 @@ class SetSearch:
         return self._weighed(min(found, key=lambda f: f.cost)) if found else None
 
     def _add(self, w: Weighed) -> None:
-        known = self.visited.get(w.members)
-        if np.isfinite(w.fit.cost) and (known is None or w.fit.cost < known.fit.cost):
+        """Keep a set if it leaves less than before; one that a refit has emptied of a member leads to the smaller set.
+
+        From where that began it may have ended in another minimum.
+        """
+        if not np.isfinite(w.fit.cost):
+            return
+        if self._less(w.members, w.fit.cost):
             self.visited[w.members] = w
+        there = tuple(e for e, change in zip(w.effects, w.changes, strict=True) if change >= ABSENT)
+        if len(there) < len(w.effects) and self._less(frozenset(e.name for e in there), w.fit.cost):
+            composition = Composition(w.fit.composition.baseline, there)
+            self._add(self._weighed(self._settled(composition, [placed(composition, w.fit, {})], w.fit)))
+
+    def _less(self, members: frozenset[str], cost: float) -> bool:
+        """Whether a squared error is below that of a visited set, or there is no such set."""
+        known = self.visited.get(members)
+        return known is None or cost < known.fit.cost
 
     def _reweigh(self) -> None:
         """κ anew from the error of the best set, until the best set stays."""

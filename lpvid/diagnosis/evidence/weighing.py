@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
-from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
+from lpvid.diagnosis.evidence.priors import SHAPE, determined, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
 from lpvid.diagnosis.signals import Signals
@@ -149,8 +149,9 @@ class Weighed:
 
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
-        parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` each. A parameter
-        that these data do not reach costs nothing. A set with a strength at its bound has none.
+        parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` for each that the
+        data determine (`determined`). A parameter that these data do not reach costs nothing. A set with a strength at
+        its bound has none.
 
         Parameters
         ----------
@@ -185,6 +186,8 @@ class Weighed:
         prior, apart, precision, amplitudes = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
         prior += off_prior(apart, precision, np.diag(hessian).clip(0))
+        shapes = ~amplitudes
+        prior -= SHAPE * determined(np.diag(hessian).clip(0)[shapes], precision[shapes])
         held = hessian + np.diag(precision)
         reached = np.diag(held) > TINY  # a number of the law of 1e200, to which nothing answers, is in every set alike
         own, amplitudes = reached & (np.arange(precision.size) < self.fit.composition.own), reached & amplitudes
@@ -206,7 +209,7 @@ class Weighed:
             for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
                 if k >= effect.strengths:
                     apart[j], curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
-                    value, amplitudes[j] = -SHAPE, False
+                    value, amplitudes[j] = 0.0, False
                 else:
                     value, curved = of_strength(*self._size(j, float(vector[j]) - p.neutral, change, force,
                                                             effect.strengths == 1))

@@ -21,10 +21,11 @@ from quartercar.baselines.damper import DamperBaseline
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
-from quartercar.effects.hydraulics import QuadraticLoss, SeriesOrifice, ValveDynamics
+from quartercar.effects.hydraulics import InputNonlinearity, QuadraticLoss, SeriesOrifice, ValveDynamics
+from quartercar.effects.hysteresis import BoucWenHysteresis
 from quartercar.effects.laws import CubicSpring
-from quartercar.effects.measurement import DisplacementDelay, OneSidedFilter
-from quartercar.effects.structure import EndStop, FixtureResonance
+from quartercar.effects.measurement import DisplacementDelay, ForceDelay, OneSidedFilter
+from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance
 
 SAMPLES = 6000
 OF_NOISE = "the motion was recorded with noise, which a lag smooths and an undone filter raises: it counts as error"
@@ -210,3 +211,28 @@ def test_a_progressive_stop_that_presses_in_most_samples_is_a_hardening_spring()
         values = np.array([1e4, float(np.quantile(reach, place)), exponent])
         assert component_of(EndStop(), values, (s,), known) == comes_to
     assert component_of(EndStop(), np.array([1e4, 0.0, 1.0]), (s,), known) == "gas-stiffness"
+
+
+@pytest.mark.seconds
+@pytest.mark.parametrize(("friction", "resonance"), [((600.0, 7e-5, 0.02), (0.0032, 0.08)),
+                                                     ((900.0, 3e-4, 0.05), (0.006, 0.1))])
+def test_two_causes_are_found_that_each_come_after_a_spring_by_themselves(
+        friction: tuple[float, ...], resonance: tuple[float, ...], rng: np.random.Generator) -> None:
+    """A spring in series does part of the work of both, in every set that grows from it."""
+    s, hidden = inputs(), Composition(guo(), (BoucWenHysteresis(), FixtureResonance()))
+    vector = hidden.neutral
+    for place, values in zip(hidden.places, (friction, resonance), strict=True):
+        vector[place] = values
+    force = hidden.predict(s, vector)
+    found = diagnosed(s, force + rng.normal(0.0, 0.003 * force.std(), SAMPLES), SeriesCompliance(), EntrainedAir(),
+                      BoucWenHysteresis(), FixtureResonance(), FixtureInertia(), ForceDelay())
+    assert {c.name for c in found.causes} == {"hysteresis", "fixture-resonance"} and found.verdict == "explained"
+
+
+@pytest.mark.parametrize(("exponent", "dry"), [(0.3, True), (0.36, True), (0.38, False), (0.8, False)])
+def test_a_power_of_the_speed_is_friction_where_it_is_closer_to_it_than_to_a_viscous_loss(
+        exponent: float, dry: bool) -> None:
+    """Oracle: with speeds that are evenly distributed the correlations are equal at n = (2 − √3)/(√3 − 1) = .366."""
+    v = np.linspace(-1.0, 1.0, 20001)
+    s = Signals(PERIOD, {"velocity": v}, np.zeros(v.size))
+    assert InputNonlinearity().comes_to(np.array([exponent]), (s,)) == (("coulomb-friction",) if dry else ())
