@@ -48,6 +48,8 @@ class StabilityStudy(Shown):
         One for each scheduling variable, at most four.
     reach : Reach
         How far the statement reaches, as far as that was requested.
+    caution : str
+        Why there is no probability although the model carries a covariance, or what it is worth; empty for neither.
     """
 
     model: Model
@@ -56,17 +58,23 @@ class StabilityStudy(Shown):
     probability: StabilityProbability | None
     loci: tuple[tuple[PoleLocus, PoleBand | None], ...]
     reach: StabilityAnswers = NOTHING
+    caution: str = ""
 
     @property
     def certified(self) -> bool:
-        """Frozen-stable, and proven for the moving scheduling variable in question."""
-        return self.frozen.stable and self.certificate.verified
+        """Frozen-stable, and proven for the moving scheduling variable in question.
+
+        The poles decide of a model without scheduling: where no Lyapunov function was found it is stable all the same.
+        """
+        return self.frozen.stable and (self.certificate.verified or not self.model.box.names)
 
     @property
     def mark(self) -> Mark:
         """Colour of the verdict."""
         if not self.frozen.stable:
             return "bad"
+        if not self.model.box.names:
+            return "good"
         return "good" if self.certificate.verified and self.certificate.between_grid else "warn"
 
     @property
@@ -101,7 +109,8 @@ class StabilityStudy(Shown):
                 "stable_intervals": critical.to_dict()["stable_intervals"], "critical_exact": critical.exact,
                 "probability": None if self.probability is None else self.probability.to_dict(),
                 "certificate": self.certificate.to_dict(), **self.reach.to_dict(), "caveat": CAVEAT,
-                "notes": [*critical.notes, *_locus_notes([found for found, _ in self.loci])]}
+                "notes": [*critical.notes, *_locus_notes([found for found, _ in self.loci]),
+                          *([self.caution] if self.caution else [])]}
 
     def __str__(self) -> str:
         lines = [f"Stability: {self.verdict}"]
@@ -117,6 +126,8 @@ class StabilityStudy(Shown):
             lines.append("  no scheduling value on the whole real line changes the stability of the frozen model")
         if self.probability is not None:
             lines.append("  " + str(self.probability).splitlines()[0])
+        if self.caution:
+            lines.append(f"  note: {self.caution}")
         if self.certificate.verified:
             lines += [f"  certificate: {line.strip()}" for line in repr(self.certificate).splitlines()[1:]]
         lines += [f"  {line}" for line in self.reach.lines()]
@@ -153,11 +164,13 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     certificate = certify_stability(ranged, rate=rate)
     report_progress("frozen poles and critical values")
     frozen = frozen_stability(ranged)
-    drawn = _drawn(ranged, seed, questions.draws if questions is not None and questions.draws else DRAWS)
+    cloud = ParameterCloud.of(ranged)
+    drawn = _drawn(cloud, seed, questions.draws if questions is not None and questions.draws else DRAWS)
     report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
     further = reach(ranged, certificate, rate, questions, seed, report_progress) if questions is not None else NOTHING
-    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further)
+    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further,
+                          _caution(cloud, frozen, probability))
 
 
 def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, PoleBand | None], ...]:
@@ -206,7 +219,8 @@ def locus_items(model: Model | SelfScheduled) -> list[Item]:
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
         return [PageFigure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
-    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, _drawn(model, 0))]
+    drawn = _drawn(ParameterCloud.of(model), 0)
+    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, drawn)]
 
 
 def stability_page(study: StabilityStudy, name: str) -> Page:
@@ -258,6 +272,8 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
             steps.append(NextStep("See how far it reaches: the largest range and the largest rate.",
                               f"lpvid stability {name} --largest-range --largest-rate --out reach"))
         return tuple(steps)
+    if not study.model.box.names:
+        return ()
     return (NextStep("State how fast the scheduling moves: a bounded rate is easier to certify.",
                  f"lpvid stability {name} --rate RATE --out bounded"),
             NextStep("Or ask for the largest range that is certified.",
@@ -322,9 +338,24 @@ def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy
                      f"Pole locus over {found.variable}")
 
 
-def _drawn(model: Model, seed: int, draws: int = DRAWS) -> list[Model]:
-    cloud = ParameterCloud.of(model)
-    return [] if cloud is None else list(cloud.draw(np.random.default_rng(seed), draws))
+def _drawn(cloud: ParameterCloud | None, seed: int, draws: int = DRAWS) -> list[Model]:
+    """Models from the normal law of the estimate; none where its covariance is unknown or none."""
+    return [] if cloud is None or cloud.fault else list(cloud.draw(np.random.default_rng(seed), draws))
+
+
+def _caution(cloud: ParameterCloud | None, frozen: FrozenStability, found: StabilityProbability | None) -> str:
+    """Why draws give no probability, or why it is worth little; empty for neither.
+
+    The draws lie evenly about the estimate. Where the pole that limits stability changes in proportion to the
+    parameters, at least half of them are then as stable as the estimate; where surely fewer are, the spread is wider
+    than that proportion holds.
+    """
+    if cloud is not None and cloud.fault:
+        return f"no probability of stability: {cloud.fault}, the data determine too few of the parameters together"
+    if found is None or not frozen.stable or found.interval[1] >= 0.5:
+        return ""
+    return ("the estimate itself is stable, but its parameters are so uncertain that most models drawn are not: "
+            "longer or richer data, or fewer parameters, would settle it")
 
 
 def narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:

@@ -172,6 +172,8 @@ def _share(model: Model, certificate: StabilityCertificate, count: int, seed: in
     cloud = ParameterCloud.of(model)
     if cloud is None:
         return None, "the covariance of the parameters is not known: no models can be drawn"
+    if cloud.fault:
+        return None, f"{cloud.fault}: no models can be drawn"
     if not certificate.verified:
         return None, "without a certificate there is no share of draws that it covers"
     return certified_share(certificate, cloud.draw(np.random.default_rng(seed), count)), ""
