@@ -113,6 +113,8 @@ def identify(
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
+    Exits with 3 where the free run of the model diverges on its training data, or with --passive where there is no
+    certificate; the files are written all the same.
     """
     from lpvid.cli.beside import compared, load_beside
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
@@ -164,6 +166,8 @@ def identify(
             streamed = fit_parts(request, chunks, apart, whole, out, report_progress)
             streamed.deliver(results, report_progress)
             conclude(results, streamed.to_dict(), str(streamed), json)
+            if streamed.diverges:
+                raise typer.Exit(SHORTFALL)
             return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
         working_at, notes = working_rate([*records, *kept], rate, raw)
@@ -177,5 +181,5 @@ def identify(
         found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
-    if passive and not found.certified:
+    if found.diverges or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

@@ -100,7 +100,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
         An option that needs whole records, or a structure other than arx and recursive, or a passive one.
     """
     from lpvid.auditing.streamed import audit_stream
-    from lpvid.cli.modelling import ReportedIdentification, _marked, _settled
+    from lpvid.cli.modelling import ReportedIdentification, _settled, marked
     from lpvid.identification.streaming import identify_stream
     from lpvid.validation.streamed import validate_stream
 
@@ -135,5 +135,5 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
                        f"{head.n_samples} samples",) if request.searches_delay else ()),
             f"the report draws the first {head.n_samples} samples")
     return ReportedIdentification(
-        _marked(found.replace(notes=(*stated, *found.notes)), audited), (), audited, (head,), shown, request.form
+        marked(found.replace(notes=(*stated, *found.notes)), bool(audited.of("reversed-polarity"))), (), audited, (head,), shown, request.form
     )

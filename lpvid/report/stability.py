@@ -28,6 +28,8 @@ MOST_LOCI = 4
 BECOMES = {"to-stable": "becomes stable", "to-unstable": "becomes unstable", "touching": "touches the limit"}
 CROSSES = {"complex": "a complex pair", "zero": "0", "imaginary": "an imaginary pair"}
 """words for the direction and the crossing of a critical value"""
+FREE_RUN = ("oe", "state-space-error")
+"""kinds of structure whose estimate minimises the free-run error, unless it has an observer gain"""
 WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
            "unless a certificate states so.")
 
@@ -256,14 +258,12 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
     """What would settle what is open, and what to do with a proof."""
     if not study.frozen.stable:
         return (
-            NextStep(
-                "Keep the scheduling out of where the frozen model is unstable, and see whether the rest is stable.",
-                f"lpvid stability {name} --range LOW:HIGH --out narrower",
-            ),
-            NextStep(
-                "Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
-                "or --passive for a damper."
-            ),
+            *((NextStep("Keep the scheduling out of where the frozen model is unstable, and see whether the rest is "
+                        "stable.", f"lpvid stability {name} --range LOW:HIGH --out narrower"),)
+              if study.model.box.names else ()),
+            NextStep("Try a lower order or degree, or --passive for a damper." if fits_free_run(study.model) else
+                     "Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
+                     "or --passive for a damper."),
         )
     if study.certificate.verified:
         again = f"lpvid verify {OUT}/certificate.json {name}"
@@ -279,6 +279,24 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
             NextStep("Or ask for the largest range that is certified.",
                  f"lpvid stability {name} --largest-range --out reach"))
 
+
+
+def fits_free_run(model: Model | SelfScheduled) -> bool:
+    """Whether a model was already fitted by its free run, so that advice to do so is of no use.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
+
+    Returns
+    -------
+    bool
+        False where its file states no structure.
+    """
+    structure = model.metadata.get("structure", {})
+    if not isinstance(structure, Mapping) or structure.get("noise") == "innovation":
+        return False
+    return structure.get("kind") in FREE_RUN or bool(structure.get("passive"))
 
 
 def _facts(study: StabilityStudy) -> tuple[tuple[str, str], ...]:
