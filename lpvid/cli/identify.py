@@ -9,7 +9,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 
 On = Literal["output", "trial", "input"]
 Shape = Literal["none", "tanh", "three-zone"]
@@ -117,11 +117,12 @@ def identify(
     certificate; the files are written all the same.
     """
     from lpvid.cli.beside import compared, load_beside
-    from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
+    from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, with_cause, working_rate
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.modelling import fit
     from lpvid.cli.parts import refuse_still_output
     from lpvid.cli.structures import Request
+    from lpvid.training_fingerprint import unstated_units
 
     results = Results(out)
     rate, raw = asked_rate(sample_rate)
@@ -174,8 +175,11 @@ def identify(
         training, tail = part(records, hold_out)
         apart = [*tail, *kept]
         refuse_still_output(apart, request.output)
-        found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
-        found = found.with_notes(notes)
+        try:
+            found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
+        except TooFewSamples as error:
+            raise with_cause(error, records, training, hold_out, rate) from None
+        found = found.with_notes((*notes, *unstated_units([*records, *kept], request.channels)))
         label = "held-out" if apart else "training"
         beside_it = compared((name, found.found.model), others, apart or training, label, working_at, {})
         found = replace(found, beside=beside_it)

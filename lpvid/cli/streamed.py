@@ -134,6 +134,5 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     stated = (*notes, *(("the first input lag was chosen on the first "
                        f"{head.n_samples} samples",) if request.searches_delay else ()),
             f"the report draws the first {head.n_samples} samples")
-    return ReportedIdentification(
-        marked(found.replace(notes=(*stated, *found.notes)), bool(audited.of("reversed-polarity"))), (), audited, (head,), shown, request.form
-    )
+    found = marked(found.replace(notes=(*stated, *found.notes)), bool(audited.of("reversed-polarity")))
+    return ReportedIdentification(found, (), audited, (head,), shown, request.form)

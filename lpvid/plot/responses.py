@@ -97,7 +97,8 @@ def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: FrozenResponse,
         low, high = (np.where(zero, np.nan, edge) for edge in _band(np.abs(ratio), level))
         turn = [np.where(zero, np.nan, edge) for edge in _band(np.degrees(np.angle(ratio)), level)]
         top = column[0].get_ylim()[1]
-        column[0].fill_between(hertz, np.minimum(low * size, top), np.minimum(high * size, top), color=colour, alpha=0.28, linewidth=0)
+        low_size, high_size = (np.minimum(edge * size, top) for edge in (low, high))
+        column[0].fill_between(hertz, low_size, high_size, color=colour, alpha=0.28, linewidth=0)
         column[1].fill_between(hertz, phase + turn[0], phase + turn[1], color=colour, alpha=0.28, linewidth=0)
         column[2].plot(hertz, np.maximum(50 * (high - low), 1e-6), color=colour, linewidth=1.1, linestyle=dash)
     column[0].plot(hertz, size, color=colour, linewidth=1.2, linestyle=dash, label=response.name)

@@ -76,8 +76,8 @@ def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:
             )
         )
     if best.from_estimated_past is not None:
-        steps.append(NextStep("The error is that of the start: a slow mode carries it on. A lower order (--na) may have "
-                          "none, and lpv.simulate(model, record, 'estimate') starts from an estimated past."))
+        steps.append(NextStep("The error is that of the start: a slow mode carries it on. A lower order (--na) may "
+                          "have none, and lpv.simulate(model, record, 'estimate') starts from an estimated past."))
     elif grade(best.overall.free_run.esr) != "good":
         other = "" if fits_free_run(found.model) else (", or try --structure oe, which fits the free run itself")
         steps.append(NextStep(f"The free run misses much of the output: let structures compete with --auto{other}."))

@@ -142,8 +142,8 @@ def drawn_from(cloud: ParameterCloud | None) -> list:
     Returns
     -------
     list
-        Empty where the covariance is missing, zero or none (`ParameterCloud.fault`), or where some draws are no models of this kind, so
-        that a normal law does not describe the parameters.
+        Empty where the covariance is missing, zero or none (`ParameterCloud.fault`), or where some draws are no models
+        of this kind, so that a normal law does not describe the parameters.
     """
     from lpvid.errors import InputError
 

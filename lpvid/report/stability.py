@@ -118,7 +118,8 @@ class StabilityStudy(Shown):
         lines = [f"Stability: {self.verdict}"]
         if self.frozen.max_modulus is not None:
             at = ", ".join(f"{n} = {number(v)}" for n, v in self.frozen.at.items())
-            lines.append(f"  frozen: largest pole modulus {self.frozen.max_modulus:.6g}" + (f" at {at}" if at else ""))
+            size = _modulus(self.frozen.max_modulus)
+            lines.append(f"  frozen: largest pole modulus {size}" + (f" at {at}" if at else ""))
         box = dict(zip(self.model.box.names, zip(self.model.box.lower, self.model.box.upper, strict=True),
                        strict=True))
         for v in self.frozen.critical.values:
@@ -171,6 +172,8 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
     further = reach(ranged, certificate, rate, questions, seed, report_progress) if questions is not None else NOTHING
+    if rate is not None and not ranged.box.names:
+        further = replace(further, notes=(*further.notes, "the rate has no effect: nothing schedules this model"))
     return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further,
                           _caution(cloud, frozen, probability))
 
@@ -299,10 +302,18 @@ def fits_free_run(model: Model | SelfScheduled) -> bool:
     return structure.get("kind") in FREE_RUN or bool(structure.get("passive"))
 
 
+def _modulus(value: float, digits: int = 6) -> str:
+    """A largest modulus with so many digits that it shows on which side of 1 it lies."""
+    shown = number(value, digits)
+    if value == 1 or float(shown) != 1:
+        return shown
+    return f"1 {'−' if value < 1 else '+'} {abs(1 - value):.2g}"
+
+
 def _facts(study: StabilityStudy) -> tuple[tuple[str, str], ...]:
     box, rows = study.model.box, []
     if study.frozen.max_modulus is not None:
-        rows.append(("largest frozen pole modulus", number(study.frozen.max_modulus, 5)))
+        rows.append(("largest frozen pole modulus", _modulus(study.frozen.max_modulus, 5)))
     for n, low, high, unit in zip(box.names, box.lower, box.upper, box.units, strict=True):
         rows.append((f"range of {n}", f"{number(low)} … {number(high)} {unit}".rstrip()))
     if study.probability is not None:

@@ -110,7 +110,8 @@ class StabilityAnswers:
         if self.l2_gain is not None:
             gain = self.l2_gain
             rows += [("induced gain, certified", f"{number(gain.upper, 6, self.gain_unit)} ({gain.verdict})"),
-                     ("induced gain, reached", f"{number(gain.lower, 6, self.gain_unit)}" + (f": {gain.worst}" if gain.worst else ""))]
+                     ("induced gain, reached", number(gain.lower, 6, self.gain_unit)
+                      + (f": {gain.worst}" if gain.worst else ""))]
         items: list[Item] = [PageTable((), tuple(rows), "Every bound was re-checked with numpy.")] if rows else []
         return items + ([Notes(self.notes)] if self.notes else [])
 

@@ -110,8 +110,8 @@ def verdict(found: Validation, doubt: str | None = None) -> str:
         return f"No figure on {found.label} data: the output does not move there."
     late = found.from_estimated_past
     if late is not None and late.esr is not None:
-        return (f"In free run on {found.label} data the error is that of the start: from the first measured samples ESR "
-                f"{run.esr:.4g} (fit {run.fit_percent:.1f}\u00a0%), from an estimated past ESR {late.esr:.4g} (fit "
+        return (f"In free run on {found.label} data the error is that of the start: from the first measured samples "
+                f"ESR {run.esr:.4g} (fit {run.fit_percent:.1f}\u00a0%), from an estimated past ESR {late.esr:.4g} (fit "
                 f"{late.fit_percent:.1f}\u00a0%).{_worst_record(found)}")
     explained = (f"{_share(run.esr)}\u00a0% of the output's variance" if run.esr < 1 else
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")

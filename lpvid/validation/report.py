@@ -21,7 +21,7 @@ from lpvid.model.lpv_model import LPVModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import beyond_training, recalled, seen_records
+from lpvid.training_fingerprint import beyond_training, recalled, seen_records, unit_doubt
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
@@ -116,6 +116,7 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
         count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
         notes += (f"{count} resampled to the model's {rate:.6g} Hz",)
     notes += beyond_training(pieces, model.metadata, [s.name for s in model.inputs])
+    notes += unit_doubt(pieces, model.metadata, channels)
     return model, pieces, notes
 
 
