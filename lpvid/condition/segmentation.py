@@ -110,8 +110,8 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
 def _refuse_time(record: Record) -> None:
     base = record.time_base
     if record.n_samples < 2:
-        raise InputError(f"record '{record.name}' has too few rows", got=record.n_samples,
-                         why="two samples are the least")
+        raise TooFewSamples(f"record '{record.name}' has too few rows", got=record.n_samples,
+                            why="two samples are the least")
     times = record.times
     for rows, what, mend in ((base.invalid, "time is not a finite number", "drop the row or restore its stamp"),
                              (base.backward, "time runs backward", "sort the rows or cut the file there"),

@@ -249,7 +249,7 @@ class ARX(Structure):
         per_output = self.places().shape[0]
         if equations <= per_output:
             raise TooFewSamples(f"{equations} equations cannot determine {per_output} parameters per output",
-                             mend="give longer records, or lower the orders or the degree")
+                                mend="give longer records, or lower the orders or the degree")
         return self.solved(records, box, self.factor(records, box))
 
     def places(self) -> np.ndarray:

@@ -95,7 +95,7 @@ class CanonicalForm(Structure):
         plain = SearchData.of(records, free)
         if plain.rows <= layout.size:
             raise TooFewSamples(f"{plain.rows} equations cannot determine {layout.size} parameters",
-                             mend="give longer records, or lower the orders or the degree")
+                                mend="give longer records, or lower the orders or the degree")
         begun = bounded_start(free, layout, plain, self.source.na)
         ends = [begun, refine(begun.model, _without_poles(layout), plain, iterations=LINEAR, free_coordinates=False)]
         held = min((refine(s.model, layout, plain, iterations=self.iterations, free_coordinates=False) for s in ends),

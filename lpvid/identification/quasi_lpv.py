@@ -155,7 +155,7 @@ class QuasiLPV(Structure):
         equations = sum(r.n_samples - self.start for r in records)
         if equations <= wanted:
             raise TooFewSamples(f"{equations} equations cannot determine {wanted} parameters",
-                             mend="give longer records, or fewer lags or segments")
+                                mend="give longer records, or fewer lags or segments")
         with single_thread():
             tried = [t for k in self._kappas(records) if (t := self._from(records, box, k)) is not None]
             if not tried:

@@ -320,7 +320,7 @@ class RecursiveEstimator:
         k = self.stream.size
         if self.equations <= k:
             raise TooFewSamples(f"{self.equations} equations cannot determine {k} parameters per output",
-                             mend="give longer records, or lower the orders or the degree")
+                                mend="give longer records, or lower the orders or the degree")
         named = Record({n: Channel(np.zeros(2)) for n in self.bound.channels}, sample_time=self.sample_time)
         width = self.bound._filter_width()
         names = self.bound.layout(width).names(self.bound._empty_model(named, self.box, width))

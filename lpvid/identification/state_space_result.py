@@ -110,7 +110,7 @@ def refuse_poor_data(records: Sequence[Record], inputs: Sequence[str], outputs: 
     equations = len(outputs) * sum(max(r.n_samples - past, 0) for r in records)
     if equations <= parameters:
         raise TooFewSamples(f"{equations} equations cannot determine {parameters} parameters",
-                         mend="give longer records, or lower the order or the degree")
+                            mend="give longer records, or lower the order or the degree")
 
 
 def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[str], outputs: Sequence[str],
