@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 DISTINCT = 0.02
-"""Share of the largest value below which a variable counts as constant, and two of its values as one level.
+"""Share of its largest value below which a command counts as constant, and two of its values as one level.
 
-A coefficient that is at most proportional to the variable, as a damper's force to its current, changes by this share
+A coefficient that is at most proportional to the command, as a damper's force to its current, changes by this share
 at most, evenly spread by 0.02/√12 = 0.6 % rms: no more than the 1 % of a good load cell, so that no fit can tell it
 from the sensor.
 """
+COMMANDS = ("A", "V")
+"""SI units of a command, whose zero means none. The zero of others (temperature, place, a number without unit) may be
+a convention: a share of the largest value means nothing there."""
 ROUNDING = 1e-9
-"""the same share where zero is only a convention: nine digits, as files write them"""
-CONVENTIONAL = ("K", "s", "m", "rad")
-"""SI units of a variable whose zero is only a convention: temperature, time, place and angle. A share of its largest
-value means nothing."""
+"""the same share of others: nine digits, as files write them"""
 
 
 def constant(low: float, high: float, unit: str) -> bool:
@@ -35,5 +35,5 @@ def constant(low: float, high: float, unit: str) -> bool:
     >>> constant(0.799996, 0.800004, "A"), constant(0.0, 0.8, "A"), constant(293.0, 298.0, "K")
     (True, False, False)
     """
-    share = ROUNDING if unit in CONVENTIONAL else DISTINCT
-    return high - low <= share * max(abs(low), abs(high))
+    share = DISTINCT if unit in COMMANDS else ROUNDING
+    return bool(high - low <= share * max(abs(low), abs(high)))

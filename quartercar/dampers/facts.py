@@ -131,8 +131,7 @@ class Facts:
         period = records[0].sample_time
         assert period is not None
         low, high = float(i.min()), float(i.max())
-        unit = records[0].unit("current") if has_i else "A"
-        varies = has_i and not constant(low, high, unit)
+        varies = has_i and not constant(low, high, "A")
         least = DISTINCT * max(abs(low), abs(high))
         switches = has_i and any(np.ptp(r["current"]) > least for r in records)
         crossing = x.min() < 0 < x.max()
