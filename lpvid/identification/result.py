@@ -111,7 +111,12 @@ class Identification(Shown):
     @property
     def held_out_notes(self) -> tuple[str, ...]:
         """What to beware of in the held-out figures alone: a range beyond that of training, a turned sign, a start."""
-        return () if self.held_out is None else tuple(n for n in self.held_out.notes if n not in self.notes)
+        if self.held_out is None:
+            return ()
+        share = self.held_out.extrapolation_share
+        beyond = () if share < 5e-4 else (f"{100 * share:.1f} % of samples outside the training range of the "
+                                          "scheduling: the model extrapolates there",)
+        return (*(n for n in self.held_out.notes if n not in self.notes), *beyond)
 
     @property
     def fit(self) -> float | None:

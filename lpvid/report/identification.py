@@ -20,7 +20,7 @@ from lpvid.validation import Validation
 MOST_PARAMETERS = 200
 TOGETHER = ("inputs move together", "the held-out inputs move together")
 """how remarks on inputs begin that are a caveat of every figure."""
-GRAVE = ("--flip", "of its start", "outside the range of the training data")
+GRAVE = ("--flip", "of its start", "outside the range of the training data", "outside the training range")
 """words of remarks on held-out data that are a caveat of the held-out figures"""
 LEAK = "the held-out figures test less than they seem to"
 """How a note ends that states the held-out excitation has been seen in training."""

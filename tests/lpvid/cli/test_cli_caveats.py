@@ -75,6 +75,16 @@ def test_held_out_data_beyond_the_training_range_are_named(folder):
     assert "% of 'velocity' lies outside the range of the training data" in shown
 
 
+def test_held_out_currents_beyond_the_training_range_are_named(folder, tmp_path):
+    other = tmp_path / "high.csv"
+    rows = [line.split(",") for line in (folder / "run.csv").read_text().splitlines()]
+    other.write_text("\n".join(",".join([a, b, c if i == 0 else f"{float(c) + 5:.9g}", d])
+                               for i, (a, b, c, d) in enumerate(rows)) + "\n")
+    words = ("identify", folder / "run.csv", *IO, "--schedule", "current", "--held-out")
+    assert "100.0 % of samples outside the training range of the scheduling" in run(*words, other).output
+    assert "training range of the scheduling" not in run(*words[:-1], "--hold-out", "0.1").output
+
+
 def test_units_that_no_file_states_are_named_once(folder):
     stated = "no unit is stated for 'force': taken as SI"
     assert run("identify", folder / "bare.csv", *IO).output.count(stated) == 1
