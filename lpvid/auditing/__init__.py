@@ -76,7 +76,7 @@ def reversed_polarity(records: Sequence[Record]) -> bool:
     Parameters
     ----------
     records : sequence of Record
-        Those that a model is fitted to; others have no say in its sign.
+        Those that a model is fitted to; others do not count.
 
     Returns
     -------

@@ -330,7 +330,7 @@ def marked(found: Identification, reversed_: bool) -> Identification:
     ----------
     found : Identification
     reversed_ : bool
-        Of the records that it was fitted to: held-out records have no say in its sign.
+        Of the records that it was fitted to; held-out records do not count.
 
     Returns
     -------
