@@ -44,6 +44,10 @@ class InputError(LpvError, ValueError):
         super().__init__(" ".join(text.split()))
 
 
+class TooFewSamples(InputError):
+    """The records are too short for what is to be estimated from them (exit code 2); parameters as for `InputError`."""
+
+
 class ExtrapolationWarning(UserWarning):
     """A model or a controller is evaluated outside the range that it was fitted on, or designed for."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -164,7 +165,8 @@ class Record(ReadOnlyState, Shown):
             set_(self, "time", None)
             set_(self, "time_base", TimeBase(n, self.start, period, 0.0, 0.0, 0.0, False, (), (), (), ()))
         for role, channel in self.roles.items():
-            _checks.known_name(channel, list(channels), "channel", f"--role {role}=CHANNEL", f"record '{self.name}'")
+            _checks.known_name(channel, list(channels), "channel", f"--role {shlex.quote(role + '=CHANNEL')}",
+                               f"record '{self.name}'")
         set_(self, "roles", MappingProxyType(dict(self.roles)))
 
     # -- looking ------------------------------------------------------------------------------------------------
@@ -213,7 +215,7 @@ class Record(ReadOnlyState, Shown):
         if name.casefold() in folded:
             return folded[name.casefold()]
         return _checks.known_name(name, list(self.channels), "channel",
-                                  f"map it with --role {name}=CHANNEL", f"record '{self.name}'")
+                                  f"map it with --role {shlex.quote(name + '=CHANNEL')}", f"record '{self.name}'")
 
     def has(self, name: str) -> bool:
         """True when a channel, or a role, of this name exists.

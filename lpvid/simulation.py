@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -527,7 +528,7 @@ def _columns(record: Record, wanted: Sequence[Signal]) -> np.ndarray:
         if signal.unit and channel.unit and signal.unit != channel.unit:
             raise InputError(f"record '{record.name}', channel '{signal.name}' has another unit than the model's",
                              got=f"{channel.unit} against {signal.unit}", mend="correct the header, or map the channel "
-                             f"that is meant with --role {signal.name}=CHANNEL")
+                             f"that is meant with --role {quote(signal.name + '=CHANNEL')}")
     values = record.matrix(names)
     if not np.isfinite(values.sum()) and not np.isfinite(values).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])

@@ -121,6 +121,66 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
     return tuple(said)
 
 
+def unstated_units(records: Sequence[Record], names: Sequence[str]) -> tuple[str, ...]:
+    """One sentence about the channels whose file states no unit, so that they were taken as SI; none without any.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As read.
+    names : sequence of str
+        Channels or roles in use.
+
+    Returns
+    -------
+    tuple of str
+        At most one.
+    """
+    bare = list(dict.fromkeys(n for n in names for r in records if r.has(n) and _unstated(r, n)))
+    if not bare:
+        return ()
+    listed = ", ".join(f"'{n}'" for n in bare)
+    return (f"no unit is stated for {listed}: taken as SI; the header 'name [unit]' or --role 'name=name [unit]' "
+            "states it",)
+
+
+def unit_doubt(records: Sequence[Record], metadata: Mapping, names: Sequence[str]) -> tuple[str, ...]:
+    """A sentence for each channel without a unit that is about 1000 times as large, or as small, as in training.
+
+    About: nearer to 1000 than to 100 or 10 000, counted in decades.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    metadata : mapping
+        Of the model.
+    names : sequence of str
+        Channels.
+
+    Returns
+    -------
+    tuple of str
+    """
+    known, said = metadata.get("training", {}).get("ranges", {}), []
+    for name in names:
+        columns = [r[name] for r in records if r.has(name) and _unstated(r, name)]
+        if name not in known or not columns:
+            continue
+        largest, usual = (max(abs(float(x)) for x in ends) for ends in
+                          ((min(c.min() for c in columns), max(c.max() for c in columns)), known[name]))
+        decades = np.log10(largest / usual) if largest > 0 and usual > 0 else 0.0
+        if 2.5 < abs(decades) < 3.5:
+            share, example = ("1000 times", "mm for m") if decades > 0 else ("1/1000 of", "kN for N")
+            said.append(f"'{name}' states no unit and reaches {largest:.4g}, about {share} the {usual:.4g} of the "
+                        f"training data: is it in another unit than SI, such as {example}?")
+    return tuple(said)
+
+
+def _unstated(record: Record, name: str) -> bool:
+    channel = record.channel(name)
+    return channel.source_unit is None and not channel.unit
+
+
 def usual_range(columns: Sequence[np.ndarray]) -> list[float]:
     """Lowest and highest value at which a variable is driven, without the ripple of filters and the rarest samples.
 

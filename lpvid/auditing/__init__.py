@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from lpvid.auditing import coherence, feedback, motion
 from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
-from lpvid.auditing.force import turned_apart
+from lpvid.auditing.force import polarity, turned_apart
 from lpvid.auditing.streamed import audit_stream
 from lpvid.auditing.view import check_names, view
 from lpvid.condition.tables import as_records
@@ -68,6 +68,21 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     found += feedback.feedback(views, inputs, outputs)
     names = tuple(record.name for record in listed)
     return Audit(ordered(turned_apart(found), names), tuple(repr(record) for record in listed), names)
+
+
+def reversed_polarity(records: Sequence[Record]) -> bool:
+    """Whether a record's force surely drives its motion, so that a model of these records has the other sign.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Those that a model is fitted to; others do not count.
+
+    Returns
+    -------
+    bool
+    """
+    return any(f.name == "reversed-polarity" for r in records for f in polarity(view(r, None)))
 
 
 def motion_remarks(records: Sequence[Record]) -> tuple[str, ...]:

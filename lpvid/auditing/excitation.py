@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View, resting_levels
 from lpvid.condition import repetition_period
+from lpvid.condition.constancy import constant
 
 _MOTION = 0.05
 """span [s] over which the movement of a scheduling variable is judged."""
@@ -40,9 +41,10 @@ def scheduling(views: Sequence[View]) -> Iterator[Finding]:
         unit = having[0].record.unit(name)
         low = min(float(v.finite(name).min()) for v in having)
         high = max(float(v.finite(name).max()) for v in having)
-        if low == high:
+        if constant(low, high, unit):
+            moves = f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
             yield Finding("constant-scheduling", lone, name, "warning",
-                          f"always {low:.6g} {unit}".rstrip() + " in the whole data set: what a model does with it "
+                          f"always {moves} {unit}".rstrip() + " in the whole data set: what a model does with it "
                           "cannot be identified", "vary it, or leave it out of the model", low)
         elif not any(v.moves(name) for v in having):
             levels = sorted({float(v.finite(name)[0]) for v in having})

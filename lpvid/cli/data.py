@@ -7,7 +7,7 @@ from fnmatch import fnmatch
 from fractions import Fraction
 from pathlib import Path
 
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
 
 
@@ -460,6 +460,44 @@ def hold_out(records: Sequence[Record], text: str | None) -> tuple[list[Record],
     part = share(text)
     pairs = [split_tail(r, part) for r in records]
     return [a for a, _ in pairs], [b for _, b in pairs]
+
+
+def with_cause(error: TooFewSamples, records: Sequence[Record], training: Sequence[Record], share_text: str | None,
+               rate: float | None) -> TooFewSamples:
+    """The error about short records with the option that made them short, where one did.
+
+    Parameters
+    ----------
+    error : TooFewSamples
+        Of the fit.
+    records : sequence of Record
+        As measured.
+    training : sequence of Record
+        What --hold-out leaves of them.
+    share_text : str or None
+        As written with --hold-out.
+    rate : float or None
+        As requested with --sample-rate [Hz].
+
+    Returns
+    -------
+    TooFewSamples
+        The same where no option is the cause.
+    """
+    causes, mends = [], []
+    whole, kept = sum(r.n_samples for r in records), sum(r.n_samples for r in training)
+    if share_text is not None:
+        causes.append(f"--hold-out {share_text} leaves {kept} of {whole} samples for the fit")
+        mends.append("hold out a smaller share")
+    own = min(1 / r.time_base.period for r in records)
+    if rate is not None and rate < own:
+        left = sum(round(r.n_samples * r.time_base.period * rate) for r in training)
+        causes.append(f"--sample-rate {rate:g} leaves {left} of {kept} samples, measured at {own:.6g} Hz")
+        mends.append("choose a higher rate")
+    if not causes:
+        return error
+    why = "; ".join(([error.why] if error.why else []) + causes)
+    return TooFewSamples(error.what, got=error.got, why=why, mend=f"{' or '.join(mends)}, or {error.mend}")
 
 
 def _no_shared_files(training: Sequence[str], held_out: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 
 On = Literal["output", "trial", "input"]
 Shape = Literal["none", "tanh", "three-zone"]
@@ -113,13 +113,16 @@ def identify(
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
+    Exits with 3 where the free run of the model diverges on its training data, or with --passive where there is no
+    certificate; the files are written all the same.
     """
     from lpvid.cli.beside import compared, load_beside
-    from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
+    from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, with_cause, working_rate
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.modelling import fit
     from lpvid.cli.parts import refuse_still_output
     from lpvid.cli.structures import Request
+    from lpvid.training_fingerprint import unstated_units
 
     results = Results(out)
     rate, raw = asked_rate(sample_rate)
@@ -164,18 +167,23 @@ def identify(
             streamed = fit_parts(request, chunks, apart, whole, out, report_progress)
             streamed.deliver(results, report_progress)
             conclude(results, streamed.to_dict(), str(streamed), json)
+            if streamed.diverges:
+                raise typer.Exit(SHORTFALL)
             return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
         working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)
         apart = [*tail, *kept]
         refuse_still_output(apart, request.output)
-        found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
-        found = found.with_notes(notes)
+        try:
+            found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
+        except TooFewSamples as error:
+            raise with_cause(error, records, training, hold_out, rate) from None
+        found = found.with_notes((*notes, *unstated_units([*records, *kept], request.channels)))
         label = "held-out" if apart else "training"
         beside_it = compared((name, found.found.model), others, apart or training, label, working_at, {})
         found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
-    if passive and not found.certified:
+    if found.diverges or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

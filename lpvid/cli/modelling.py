@@ -84,6 +84,12 @@ class ReportedIdentification:
         return (self.refitted or self.found).model
 
     @property
+    def diverges(self) -> bool:
+        """Whether the free run of model.json diverges on the data that it was fitted to."""
+        judged = (self.refitted or self.found).training
+        return judged is not None and judged.overall.free_run.diverged_at is not None
+
+    @property
     def certified(self) -> bool:
         """Whether model.json carries a certificate of passivity that was verified."""
         return bool(self.model.metadata.get("passive", {}).get("verified", False))
@@ -213,7 +219,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     InputError
         A refit without held-out data.
     """
-    from lpvid.auditing import audit
+    from lpvid.auditing import audit, reversed_polarity
     from lpvid.cli.structures import BUDGET
     from lpvid.condition import segments, with_derived
     from lpvid.identification import identify
@@ -246,8 +252,8 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     again = None
     if request.refit:
         report_progress("fitting to all data")
-        again = _marked(identify(everything, structure, sample_rate=request.sample_rate), audited)
-    found = _marked(found.replace(notes=(*notes, *found.notes)), audited)
+        again = marked(identify(everything, structure, sample_rate=request.sample_rate), reversed_polarity(everything))
+    found = marked(found.replace(notes=(*notes, *found.notes)), reversed_polarity(training))
     own = (
         _form_refit(request, found, again, training, held_out, everything, report_progress)
         if request.refit_form
@@ -304,6 +310,8 @@ def _settled(request: Request, training: Sequence[Record],
         plain = request.arx(1) if affine is None else replace(request.arx(1), affine=affine)
         lags = (0, 1) if request.structure in ("subspace", "pem-ss", "coprime") else (0, 1, 2)
         chosen, note = choose_delay(training, plain, candidates=lags, sample_rate=request.sample_rate)
+        if request.structure != "arx":
+            note += f" (errors of ARX models of these lags; {request.structure} itself was fitted with this one alone)"
         delay, notes = chosen.delay, (*notes, note)
     return request.build(delay, affine), notes
 
@@ -315,8 +323,20 @@ def _stands_still(names: Sequence[str], records: Sequence[Record]) -> bool:
     return bool(names) and all(v.size == 0 or np.ptp(v) <= STILL * np.abs(v).max() for v in values)
 
 
-def _marked(found: Identification, audited: Audit) -> Identification:
-    turned = {"polarity": "reversed"} if audited.of("reversed-polarity") else {}
+def marked(found: Identification, reversed_: bool) -> Identification:
+    """The estimate, its model marked as one of reversed polarity where that is the case.
+
+    Parameters
+    ----------
+    found : Identification
+    reversed_ : bool
+        Of the records that it was fitted to; held-out records do not count.
+
+    Returns
+    -------
+    Identification
+    """
+    turned = {"polarity": "reversed"} if reversed_ else {}
     return found.replace(model=found.model.replace(metadata={**found.model.metadata, **turned}))
 
 

@@ -100,7 +100,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
         An option that needs whole records, or a structure other than arx and recursive, or a passive one.
     """
     from lpvid.auditing.streamed import audit_stream
-    from lpvid.cli.modelling import ReportedIdentification, _marked, _settled
+    from lpvid.cli.modelling import ReportedIdentification, _settled, marked
     from lpvid.identification.streaming import identify_stream
     from lpvid.validation.streamed import validate_stream
 
@@ -134,6 +134,5 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     stated = (*notes, *(("the first input lag was chosen on the first "
                        f"{head.n_samples} samples",) if request.searches_delay else ()),
             f"the report draws the first {head.n_samples} samples")
-    return ReportedIdentification(
-        _marked(found.replace(notes=(*stated, *found.notes)), audited), (), audited, (head,), shown, request.form
-    )
+    found = marked(found.replace(notes=(*stated, *found.notes)), bool(audited.of("reversed-polarity")))
+    return ReportedIdentification(found, (), audited, (head,), shown, request.form)

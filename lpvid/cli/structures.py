@@ -112,6 +112,10 @@ class Request:
                              why="only a transfer function has state-space forms to choose from")
         if "balanced" in self.given and "passive" not in self.given:
             raise InputError("--balanced weighs the records of a passive model", mend="add --passive, or leave it out")
+        more = [f"--{n}" for n in ("affine", "affine-terms") if n in self.given]
+        if more and "no-constant" in self.given:
+            raise InputError(f"{' and '.join(more)} and --no-constant exclude each other",
+                             why="the first affine term is the constant c_0(p)", mend="leave one of them out")
         if "trial" in self.given and self.given.get("on", "trial") != "trial":
             raise InputError("--trial needs --on trial", got=f"--on {self.given['on']}")
         self.build(self.delay)
@@ -124,6 +128,11 @@ class Request:
                              "no --form", why="the others equal the transfer function",
                              mend=f"add {' or '.join(f'--form {n}' for n in FREE)}, or fit the transfer function by "
                                   "simulation error with --structure oe")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels and roles that the model reads and simulates, each once."""
+        return tuple(dict.fromkeys((*self.input, *self.output, *self.schedule)))
 
     @property
     def takes(self) -> tuple[str, ...]:

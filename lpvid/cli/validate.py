@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import typer
@@ -32,6 +33,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.cli.data import asked_rate, models_rate, read_clocked, split_names
     from lpvid.cli.parts import parts, refuse_still
     from lpvid.export.serialise import load
+    from lpvid.training_fingerprint import unstated_units
     from lpvid.validation import acting_model
 
     results = Results(out)
@@ -56,6 +58,8 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         rate = models_rate(records, given, raw, clockless)
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
         refuse_still(loaded, found)
+        used = (*(s.name for s in (*loaded.inputs, *loaded.outputs)), *loaded.box.names)
+        found = replace(found, notes=(*found.notes, *unstated_units(records, used)))
         beside_it = compared((name, loaded), others, measured, label, rate, named)
         stated = found.to_dict() if beside_it is None else {**found.to_dict(), "beside": beside_it.to_dict()}
         if results.kept:

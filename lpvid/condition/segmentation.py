@@ -11,7 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition.resampling import on_clock, resample, true_runs
 from lpvid.condition.tables import as_records
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
 from lpvid.timebase import JITTER_LIMIT
 from lpvid.units import contradiction_mend, contradicts, in_doubt
@@ -110,8 +110,8 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
 def _refuse_time(record: Record) -> None:
     base = record.time_base
     if record.n_samples < 2:
-        raise InputError(f"record '{record.name}' has too few rows", got=record.n_samples,
-                         why="two samples are the least")
+        raise TooFewSamples(f"record '{record.name}' has too few rows", got=record.n_samples,
+                            why="two samples are the least")
     times = record.times
     for rows, what, mend in ((base.invalid, "time is not a finite number", "drop the row or restore its stamp"),
                              (base.backward, "time runs backward", "sort the rows or cut the file there"),
@@ -197,12 +197,21 @@ def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int, remed
             raise InputError(f"record '{empty[0][0]}', channel '{empty[0][1]}' holds no number at all",
                              mend="export the data again, or leave that file out")
         longest = max((piece.n_samples for pieces in cut for piece in pieces), default=0)
-        raise InputError("no segment long enough between missing samples and gaps",
-                         got=f"{longest} samples in the longest", why=f"{minimum} are needed",
-                         mend=f"a longer record, {f'{remedy}, ' if remedy else ''}or fewer channels in use")
+        if all(len(pieces) == 1 and _whole(r, pieces[0]) for r, pieces in zip(listed, cut, strict=True)):
+            raise TooFewSamples("no record is long enough", got=f"{longest} samples in the longest",
+                                why=f"{minimum} are needed",
+                                mend=f"a longer record{f', or {remedy}' if remedy else ''}")
+        raise TooFewSamples("no segment long enough between missing samples and gaps",
+                            got=f"{longest} samples in the longest", why=f"{minimum} are needed",
+                            mend=f"a longer record, {f'{remedy}, ' if remedy else ''}or fewer channels in use")
     if orphaned:
         result[0] = replace(result[0], time=None, notes=(*result[0].notes, *orphaned))
     return result
+
+
+def _whole(record: Record, piece: Record) -> bool:
+    """Whether a piece is its record, at another rate perhaps: no gap, and no missing sample in the channels in use."""
+    return not record.time_base.gaps and all(np.isfinite(record[n]).all() for n in piece.channels)
 
 
 def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -238,8 +238,38 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
         if options is not None and options.at:
             raise InputError("inputs of a continuous model are not held", got=", ".join(options.at),
                              mend="discretise it (lpvid.discretise), or let the importer set them")
-        return _made(FLOW_FORMS[form], flow)
-    return _made(FORMS[form], exportable(model, options), *((precision,) if form == "c" else ()))
+        return _noted(_made(FLOW_FORMS[form], flow), flow.program, options, None)
+    found = exportable(model, options)
+    made = _made(FORMS[form], found, *((precision,) if form == "c" else ()))
+    return _noted(made, found.program, options, found.model)
+
+
+def _noted(made: Content, program: Any, options: Options | None, model: Any) -> Content:
+    """The content with a note on every option that changed nothing or something else, and on an unstable model."""
+    notes = []
+    if options is not None and options.name and options.name != program.name:
+        notes.append(f"'{options.name}' is a word of C, Python or MATLAB: files and functions are named "
+                     f"'{program.name}'")
+    if options is not None and options.sample_time is not None and not (program.sample_time and program.states):
+        why = "a static law has no states" if program.sample_time else "the importer of a model exchange integrates it"
+        notes.append(f"the sample rate of {1 / options.sample_time:.6g} Hz changes nothing: {why}")
+    return replace(made, notes=(*made.notes, *notes, *_unstable(model)))
+
+
+def _unstable(model: Any) -> tuple[str, ...]:
+    """A note where an identified model has a frozen pole that does not decay; a controller may have one."""
+    from lpvid.analysis.frozen_stability import frozen_stability
+    from lpvid.model.state_space import LPVStateSpace
+    from lpvid.model.transfer_function import LPVTransferFunction
+
+    if not isinstance(model, (LPVTransferFunction, LPVStateSpace)) or "structure" not in model.metadata:
+        return ()
+    found = frozen_stability(model)
+    if found.stable or found.max_modulus is None:
+        return ()
+    where = ", ".join(f"{n} = {v:.4g}" for n, v in found.at.items())
+    return (f"this model is NOT stable: largest frozen pole modulus {found.max_modulus:.6g}"
+            + (f" at {where}" if where else "") + "; a long free run diverges (lpvid stability)",)
 
 
 def _made(writer: tuple[str, str, tuple], source: Any, *chosen: str) -> Content:

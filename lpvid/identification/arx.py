@@ -9,7 +9,8 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
-from lpvid.errors import InputError
+from lpvid.condition.constancy import constant
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.identification.covariance import sandwich_covariance
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, RegressionEstimate, factorize
@@ -247,8 +248,8 @@ class ARX(Structure):
         equations = sum(r.n_samples - self.start for r in records)
         per_output = self.places().shape[0]
         if equations <= per_output:
-            raise InputError(f"{equations} equations cannot determine {per_output} parameters per output",
-                             mend="give longer records, or lower the orders or the degree")
+            raise TooFewSamples(f"{equations} equations cannot determine {per_output} parameters per output",
+                                mend="give longer records, or lower the orders or the degree")
         return self.solved(records, box, self.factor(records, box))
 
     def places(self) -> np.ndarray:
@@ -460,15 +461,36 @@ def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool
     ranges = [(r.matrix(names).min(axis=0), r.matrix(names).max(axis=0)) for r in records]
     low, high = np.min([a for a, _ in ranges], axis=0), np.max([b for _, b in ranges], axis=0)
     for name, lo, hi in zip(names, low, high, strict=True):
-        if basis.degree != 0 and hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
-            raise InputError(f"scheduling variable '{name}' is constant over the whole data set", got=f"{lo:.6g}",
-                             why="a dependence on it cannot be identified",
-                             mend="use degree 0, or add records at other levels")
+        if basis.degree != 0 and constant(float(lo), float(hi), records[0].unit(name)):
+            raise is_constant(name, float(lo), float(hi), records[0].unit(name))
     units = tuple(records[0].unit(n) for n in names)
     box = Scheduling(names, tuple(low.tolist()), tuple(high.tolist()), units=units)
     if check_basis:
         _enough_levels(records, basis.bound(box))
     return box
+
+
+def is_constant(name: str, low: float, high: float, unit: str) -> InputError:
+    """What is wrong with a scheduling variable that does not move.
+
+    Parameters
+    ----------
+    name : str
+    low, high : float
+        Least and largest value over the whole data set, in SI.
+    unit : str
+
+    Returns
+    -------
+    InputError
+    """
+    size = max(abs(low), abs(high))
+    moves = f"{low:.6g} {unit}".rstrip() if high == low else (
+        f"{0.5 * (low + high):.6g} ± {0.5 * (high - low):.2g} {unit}".rstrip()
+        + f", {100 * (high - low) / size:.2g} % of its size")
+    return InputError(f"scheduling variable '{name}' is constant over the whole data set", got=moves,
+                      why="a dependence on it cannot be identified",
+                      mend="use degree 0, or add records at other levels")
 
 
 def _enough_levels(records: Sequence[Record], bound: Basis) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.identification.form_layout import bounded_start, form_layout
 from lpvid.identification.result import Identification
 from lpvid.identification.staged_search import StagedData, StagedLayout
@@ -94,8 +94,8 @@ class CanonicalForm(Structure):
         free = realized.model.replace(observer_gain=None)  # the free run is fitted, not the observer's prediction
         plain = SearchData.of(records, free)
         if plain.rows <= layout.size:
-            raise InputError(f"{plain.rows} equations cannot determine {layout.size} parameters",
-                             mend="give longer records, or lower the orders or the degree")
+            raise TooFewSamples(f"{plain.rows} equations cannot determine {layout.size} parameters",
+                                mend="give longer records, or lower the orders or the degree")
         begun = bounded_start(free, layout, plain, self.source.na)
         ends = [begun, refine(begun.model, _without_poles(layout), plain, iterations=LINEAR, free_coordinates=False)]
         held = min((refine(s.model, layout, plain, iterations=self.iterations, free_coordinates=False) for s in ends),

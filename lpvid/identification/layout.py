@@ -204,6 +204,26 @@ class ParameterCloud:
                   else StateSpaceLayout(table, tuple(data["labels"])))
         return cls(model, layout, np.array(data["covariance"], dtype=float))
 
+    @property
+    def fault(self) -> str:
+        """Why no model can be drawn from this covariance, in words; empty where one can.
+
+        A covariance has no negative eigenvalue. One in units of the standard errors (diagonal 1) may show one of up to
+        k ε times its largest, the rounding of its entries; more than that is none that a normal law can have.
+        """
+        variance = np.diag(self.covariance)
+        if not np.all(np.isfinite(self.covariance)):
+            return "the covariance of the parameters is not finite"
+        if np.any(variance < 0):
+            return "the covariance of the parameters has negative variances"
+        alive = variance > 0
+        scale = np.sqrt(variance[alive])
+        unit = self.covariance[np.ix_(alive, alive)] / np.outer(scale, scale)
+        values = np.linalg.eigvalsh(0.5 * (unit + unit.T))
+        if values.size and values[0] < -values.size * np.finfo(float).eps * values[-1]:
+            return "the covariance of the parameters is not positive semidefinite"
+        return ""
+
     def draw(self, rng: np.random.Generator | int, count: int) -> list:
         """`count` models with parameters drawn from the normal law of the estimate.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lpvid.identification.covariance import inverse_gram
+from lpvid.identification.covariance import pseudo_inverse
 from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, reduce
 from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import autoregression
@@ -21,7 +21,9 @@ def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, colo
     White innovations: σ² (JᵀJ)⁻¹ (Ljung 1999 (9.54)). Coloured output errors v: the sandwich
     (JᵀJ)⁻¹ Jᵀ V J (JᵀJ)⁻¹ (Ljung 1999 (9.56) for fixed inputs), where Jᵀ V J = Σ_kl J_k r_v(k−l) J_lᵀ is formed as
     Λ Σ_k J^f_k J^f_kᵀ with J^f = J filtered by the autoregression that describes v (its order by AIC, one filter for
-    all outputs). J is independent of v, so this needs no choice of a window.
+    all outputs). J is independent of v, so this needs no choice of a window. The products are formed of J R⁺, where
+    JᵀJ = RᵀR: sums of squares of J itself would lose what J resolves beyond a condition number of 1e8, and H⁻¹ on
+    either side would make negative variances of their rounding.
 
     Parameters
     ----------
@@ -38,18 +40,18 @@ def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, colo
     """
     shared, _ = reduce(problem, search.linearised.factors)
     k = shared.shape[1] - 1
-    inverse = inverse_gram(shared[:, :k])
+    root = pseudo_inverse(np.asarray(np.linalg.qr(shared[:, :k], mode="r")))
     degrees = max(problem.counted - k - problem.n_past * len(search.linearised.factors), 1)
     rows = [e[problem.head:] * problem.weights for e in search.trial.residuals.errors]
     spread = sum(e.T @ e for e in rows) * (problem.n_outputs / degrees)
     if not coloured:
-        return _sandwich(problem, search, inverse, np.ones(1), spread), "Gauss-Newton, white innovations"
+        return _sandwich(problem, search, root, np.ones(1), spread), "Gauss-Newton, white innovations"
     series = [e[:, o] / max(np.sqrt(spread[o, o]), 1e-300) for e in rows for o in range(problem.n_outputs)]
     polynomial = _colour(series)
     filtered = [np.apply_along_axis(lambda v: np.convolve(v, polynomial)[: len(v)], 0, e) for e in rows]
     innovation = sum(e.T @ e for e in filtered) * (problem.n_outputs / degrees)
     order = polynomial.size - 1
-    return (_sandwich(problem, search, inverse, polynomial, innovation),
+    return (_sandwich(problem, search, root, polynomial, innovation),
             f"sandwich, output error coloured by an autoregression of order {order}")
 
 
@@ -62,38 +64,38 @@ def _colour(series: list[np.ndarray]) -> np.ndarray:
     return fits[int(np.argmin(aic))][0]
 
 
-def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse: np.ndarray, polynomial: np.ndarray,
+def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, root: np.ndarray, polynomial: np.ndarray,
               innovation: np.ndarray) -> np.ndarray:
-    """H⁻¹ (Σ J^fᵀ Λ J^f) H⁻¹ for the part of J that is orthogonal to the records' pasts."""
+    """R⁺ (Σ (J^f R⁺)ᵀ Λ J^f R⁺) R⁺ᵀ, with (k, k) R⁺ = `root`, for the part of J orthogonal to the records' pasts."""
     white = polynomial.size == 1
     if white and problem.n_outputs == 1:
-        return float(innovation[0, 0]) * inverse
-    root = np.linalg.cholesky(innovation + 1e-300 * np.eye(len(innovation)))
-    middle = np.zeros_like(inverse)
+        return float(innovation[0, 0]) * (root @ root.T)
+    spread = np.linalg.cholesky(innovation + 1e-300 * np.eye(len(innovation)))
+    middle = np.zeros_like(root)
     factors = iter(search.linearised.factors)
 
     def consumer(_: int) -> Callable:
         factor = next(factors)
         ni = problem.n_past
         project = np.linalg.lstsq(factor[:ni, :ni], factor[:ni, ni:-1], rcond=1e-12)[0] if ni else None
-        past = np.zeros((problem.n_outputs, inverse.shape[0], max(polynomial.size - 1, 4)))
+        past = np.zeros((problem.n_outputs, len(root), max(polynomial.size - 1, 4)))
 
         def absorb(write: Callable, rows: int) -> None:
             nonlocal middle
-            block = np.zeros((ni + inverse.shape[0] + 1, rows))
+            block = np.zeros((ni + len(root) + 1, rows))
             parts = []
             for output in range(problem.n_outputs):
                 write(block, output)
                 clean = block[ni:-1] if project is None else block[ni:-1] - project.T @ block[:ni]
-                parts.append(_filtered(clean, polynomial, past, output))
-            stacked = np.einsum("oq,okr->qkr", root, np.array(parts))
+                parts.append(_filtered(root.T @ clean, polynomial, past, output))
+            stacked = np.einsum("oq,okr->qkr", spread, np.array(parts))
             for part in stacked:
                 middle += part @ part.T
 
         return absorb
 
     problem.sweep(search.trial.point, search.trial.residuals, consumer)
-    return inverse @ middle @ inverse
+    return root @ middle @ root.T
 
 
 def _filtered(rows: np.ndarray, polynomial: np.ndarray, past: np.ndarray, output: int) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
-from lpvid.errors import InputError, NumericalError
+from lpvid.errors import InputError, NumericalError, TooFewSamples
 from lpvid.identification.arx import _moves, scheduling_box
 from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.quasi_problem import QuasiProblem
@@ -154,8 +154,8 @@ class QuasiLPV(Structure):
         wanted = self.basis.size * self.external.size * (self.na + sum(self._tuple(self.nb)) + 1)
         equations = sum(r.n_samples - self.start for r in records)
         if equations <= wanted:
-            raise InputError(f"{equations} equations cannot determine {wanted} parameters",
-                             mend="give longer records, or fewer lags or segments")
+            raise TooFewSamples(f"{equations} equations cannot determine {wanted} parameters",
+                                mend="give longer records, or fewer lags or segments")
         with single_thread():
             tried = [t for k in self._kappas(records) if (t := self._from(records, box, k)) is not None]
             if not tried:

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.identification.arx import ARX
 from lpvid.identification.forgetting import CovarianceReset, VariableForgetting
 from lpvid.identification.regression import Factor
@@ -319,8 +319,8 @@ class RecursiveEstimator:
             return
         k = self.stream.size
         if self.equations <= k:
-            raise InputError(f"{self.equations} equations cannot determine {k} parameters per output",
-                             mend="give longer records, or lower the orders or the degree")
+            raise TooFewSamples(f"{self.equations} equations cannot determine {k} parameters per output",
+                                mend="give longer records, or lower the orders or the degree")
         named = Record({n: Channel(np.zeros(2)) for n in self.bound.channels}, sample_time=self.sample_time)
         width = self.bound._filter_width()
         names = self.bound.layout(width).names(self.bound._empty_model(named, self.box, width))

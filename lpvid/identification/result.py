@@ -93,8 +93,13 @@ class Identification(Shown):
     def doubt(self) -> str | None:
         """Why the fit cannot be trusted, or None: of the held-out data, or else of the training data.
 
+        A free run that diverges on the training data counts first.
+
         A state space counts without the n² entries that only choose its state coordinates.
         """
+        run = None if self.training is None else self.training.overall.free_run
+        if run is not None and run.diverged_at is not None:
+            return "the model cannot simulate the data that it was fitted to: its free run diverges"
         if self.held_out is not None:
             return self.held_out.doubt
         if self.training is None:
@@ -102,6 +107,16 @@ class Identification(Shown):
         coordinates = self.model.order**2 if isinstance(self.model, LPVStateSpace) else 0
         each = (self.n_parameters - coordinates) / len(self.model.outputs)
         return training_doubt(self.n_samples, each) or self.training.doubt
+
+    @property
+    def held_out_notes(self) -> tuple[str, ...]:
+        """What to beware of in the held-out figures alone: a range beyond that of training, a turned sign, a start."""
+        if self.held_out is None:
+            return ()
+        share = self.held_out.extrapolation_share
+        beyond = () if share < 5e-4 else (f"{100 * share:.1f} % of samples outside the training range of the "
+                                          "scheduling: the model extrapolates there",)
+        return (*(n for n in self.held_out.notes if n not in self.notes), *beyond)
 
     @property
     def fit(self) -> float | None:
@@ -207,4 +222,5 @@ class Identification(Shown):
                  f"{self.condition:.1e} ({self.scaled_condition:.1e} with unit columns)"]
         lines += [f"  {v.label}: {v.summary()}" for v in (self.training, self.held_out) if v is not None]
         lines += [f"  note: {n}" for n in self.notes[:5]]
+        lines += [f"  note: held-out: {n}" for n in self.held_out_notes]
         return "\n".join(lines)

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.identification.arx import _moves
 from lpvid.identification.covariance import block_length, residual_memory
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
@@ -109,8 +109,8 @@ def refuse_poor_data(records: Sequence[Record], inputs: Sequence[str], outputs: 
             _moves(records, name, what)
     equations = len(outputs) * sum(max(r.n_samples - past, 0) for r in records)
     if equations <= parameters:
-        raise InputError(f"{equations} equations cannot determine {parameters} parameters",
-                         mend="give longer records, or lower the order or the degree")
+        raise TooFewSamples(f"{equations} equations cannot determine {parameters} parameters",
+                            mend="give longer records, or lower the order or the degree")
 
 
 def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[str], outputs: Sequence[str],

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.condition.constancy import constant
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
-from lpvid.identification.arx import ARX
+from lpvid.identification.arx import ARX, is_constant
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
 from lpvid.training_fingerprint import RECORDS, SAMPLES, heads, usual_range
@@ -231,9 +232,7 @@ def box_of(names: tuple[str, ...], degree: int | None, low: np.ndarray, high: np
     """
     if not units:
         raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
-    for name, lo, hi in zip(names, low, high, strict=True):
-        if degree != 0 and hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
-            raise InputError(f"scheduling variable '{name}' is constant over the whole data set", got=f"{lo:.6g}",
-                             why="a dependence on it cannot be identified",
-                             mend="use degree 0, or add records at other levels")
+    for name, lo, hi, unit in zip(names, low, high, units, strict=True):
+        if degree != 0 and constant(float(lo), float(hi), unit):
+            raise is_constant(name, float(lo), float(hi), unit)
     return Scheduling(names, tuple(low.tolist()), tuple(high.tolist()), units=units)

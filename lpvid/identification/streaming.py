@@ -13,7 +13,7 @@ from lpvid import _checks
 from lpvid._memory import keep_for_reuse
 from lpvid._threads import single_thread
 from lpvid.condition.pieces import Cutter
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.files.streaming import Chunks, read_ahead
 from lpvid.identification.arx import ARX
 from lpvid.identification.checkpoint import Checkpoint
@@ -297,8 +297,8 @@ class _Batch:
 
     def result(self, heads: list[Record], box: Scheduling) -> Identification:
         if self.qr.rows_seen <= self.stream.size:
-            raise InputError(f"{self.qr.rows_seen} equations cannot determine {self.stream.size} parameters per output",
-                             mend="give longer records, or lower the orders or the degree")
+            raise TooFewSamples(f"{self.qr.rows_seen} equations cannot determine {self.stream.size} parameters per "
+                                "output", mend="give longer records, or lower the orders or the degree")
         return self.bound.solved(heads, box, self.factor)
 
     def one_step_esr(self, facts: Facts) -> float | None:

@@ -19,6 +19,8 @@ from lpvid.lmi.frame import Frame
 from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Polynomial, Scheduling
 
+LARGEST = float(np.finfo(float).max)
+"""largest double"""
 DENSITY = 1.0
 """points along each variable, over the usual number; the re-check looks between them"""
 
@@ -213,15 +215,17 @@ def frozen_gramian(a: np.ndarray, weight: np.ndarray) -> np.ndarray:
     Returns
     -------
     (n, n) array
-        Symmetric; the doubling ends early where Aᵏ grows beyond 1e150.
+        Symmetric; the doubling ends early where Aᵏ, of rounding, grows so far that the sum would overflow.
     """
     total, power = np.array(weight), np.array(a)
     for _ in range(60):
+        size = float(np.abs(power).max())
+        # |AᵏᵀSAᵏ| <= n² |Aᵏ|² |S| entry by entry; the rest of the room is for the sum, its trace, and the square of Aᵏ
+        room = LARGEST / (8 * len(a) ** 3 * max(float(np.abs(total).max()), 1.0))
+        if size < 1e-18 or size > math.sqrt(room):
+            break
         total = total + power.T @ total @ power
         power = power @ power
-        size = float(np.abs(power).max())
-        if size < 1e-18 or size > 1e150:
-            break
     return 0.5 * (total + total.T)
 
 

@@ -67,11 +67,11 @@ def bode(hertz: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[st
         figure, axes = panels(3 if banded else 2, columns, heights=[2.5, 1.7, *([1.3] if banded else [])],
                               width=WIDTH if columns > 1 else 8.0, sharex=True, ax=ax)
         for j, (name, unit) in enumerate(zip(inputs, units, strict=True)):
-            for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
-                _bode_curve(axes[:, j], hertz, response, j, colour, dash, level)
             top = axes[0, j]
             top.set_yscale("log")
             _reach(top, [np.abs(r.values[:, j]) for r in shown])
+            for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
+                _bode_curve(axes[:, j], hertz, response, j, colour, dash, level)
             top.set_title(f"{output} / {name}")
             top.set_ylabel(label("magnitude", unit))
             axes[1, j].set_ylabel(label("phase", "°"))
@@ -91,11 +91,14 @@ def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: FrozenResponse,
     values = response.values[:, j]
     size, phase = np.abs(values), np.degrees(np.unwrap(np.angle(values)))
     if response.drawn is not None:
-        ratio = response.drawn[:, :, j] / np.where(values == 0, np.nan, values)
-        tail = 50 * (1 - level)
-        low, high = np.nanpercentile(np.abs(ratio), [tail, 100 - tail], axis=0)
-        turn = np.nanpercentile(np.degrees(np.angle(ratio)), [tail, 100 - tail], axis=0)
-        column[0].fill_between(hertz, low * size, high * size, color=colour, alpha=0.28, linewidth=0)
+        zero = values == 0
+        draws = response.drawn[:, :, j]
+        ratio = np.where(np.isfinite(draws), draws, np.nan) / np.where(zero, 1.0, values)
+        low, high = (np.where(zero, np.nan, edge) for edge in _band(np.abs(ratio), level))
+        turn = [np.where(zero, np.nan, edge) for edge in _band(np.degrees(np.angle(ratio)), level)]
+        top = column[0].get_ylim()[1]
+        low_size, high_size = (np.minimum(edge * size, top) for edge in (low, high))
+        column[0].fill_between(hertz, low_size, high_size, color=colour, alpha=0.28, linewidth=0)
         column[1].fill_between(hertz, phase + turn[0], phase + turn[1], color=colour, alpha=0.28, linewidth=0)
         column[2].plot(hertz, np.maximum(50 * (high - low), 1e-6), color=colour, linewidth=1.1, linestyle=dash)
     column[0].plot(hertz, size, color=colour, linewidth=1.2, linestyle=dash, label=response.name)
@@ -125,13 +128,14 @@ def steps(time: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[st
         figure, axes = panels(1, len(inputs), height=2.7, width=WIDTH if len(inputs) > 1 else 8.0, ax=ax)
         for j, (name, unit) in enumerate(zip(inputs, units, strict=True)):
             ax = axes[0, j]
+            bottom, top = _room([r.values[:, j] for r in shown])
             for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
                 if response.drawn is not None:
-                    tail = 50 * (1 - level)
-                    low, high = np.nanpercentile(response.drawn[:, :, j], [tail, 100 - tail], axis=0)
+                    edges = _band(response.drawn[:, :, j], level)
+                    low, high = np.clip(edges, bottom, top)  # drawn models that are unstable leave every panel
                     ax.fill_between(time, low, high, color=colour, alpha=0.28, linewidth=0)
                 ax.plot(time, response.values[:, j], color=colour, linewidth=1.2, linestyle=dash, label=response.name)
-            _reach_linear(ax, [r.values[:, j] for r in shown])
+            ax.set_ylim(bottom, top)
             ax.axhline(0, color=MUTED, linewidth=0.5)
             ax.set_title(f"{output}, unit step in {name}")
             ax.set_ylabel(label("response", unit))
@@ -148,10 +152,29 @@ def _reach(ax: Axes, curves: Sequence[np.ndarray]) -> None:
         ax.set_ylim(float(shown.min()) / BEYOND, float(shown.max()) * BEYOND)
 
 
-def _reach_linear(ax: Axes, curves: Sequence[np.ndarray]) -> None:
+def _room(curves: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Ends of an axis that holds these curves and zero, with room for their bands; whatever the curves, finite."""
     shown = np.concatenate(curves)
     shown = shown[np.isfinite(shown)]
-    if shown.size:
-        low, high = min(float(shown.min()), 0.0), max(float(shown.max()), 0.0)
-        room = 0.35 * (high - low) or 1.0
-        ax.set_ylim(low - room, high + room)
+    low, high = min(float(shown.min(initial=0.0)), 0.0), max(float(shown.max(initial=0.0)), 0.0)
+    room = 0.35 * (high - low) or 1.0
+    return low - room, high + room
+
+
+def _band(drawn: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pointwise ends of a band over draws, (draws, n) array; infinite where the draws next to an end are.
+
+    A draw that has no value any more (∞ − ∞ of an unstable one) lies beyond either end.
+    """
+    tail, lost = 0.5 * (1 - level), np.isnan(drawn)
+    return (_quantile(np.where(lost, -np.inf, drawn), tail, 0), _quantile(np.where(lost, np.inf, drawn), 1 - tail, 1))
+
+
+def _quantile(drawn: np.ndarray, share: float, outer: int) -> np.ndarray:
+    """Linear between the two draws about that share, and the outer one of them where either is infinite."""
+    ordered, place = np.sort(drawn, axis=0), share * (len(drawn) - 1)
+    pair = ordered[int(place)], ordered[min(int(place) + 1, len(drawn) - 1)]
+    finite = np.isfinite(pair[0]) & np.isfinite(pair[1])
+    below, above = (np.where(finite, x, 0.0) for x in pair)
+    part = place - int(place)
+    return np.where(finite, (1 - part) * below + part * above, pair[outer])

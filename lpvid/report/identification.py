@@ -14,12 +14,14 @@ from lpvid.report.formatting import number
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
 from lpvid.report.page import OUT, Item, NextStep, Notes, Page, PageTable, Paragraph, Section
-from lpvid.report.stability import locus_items
+from lpvid.report.stability import fits_free_run, locus_items
 from lpvid.validation import Validation
 
 MOST_PARAMETERS = 200
 TOGETHER = ("inputs move together", "the held-out inputs move together")
 """how remarks on inputs begin that are a caveat of every figure."""
+GRAVE = ("--flip", "of its start", "outside the range of the training data", "outside the training range")
+"""words of remarks on held-out data that are a caveat of the held-out figures"""
 LEAK = "the held-out figures test less than they seem to"
 """How a note ends that states the held-out excitation has been seen in training."""
 
@@ -47,13 +49,14 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     model, figures = found.model, [v for v in (found.held_out, found.training) if v is not None]
     best = figures[0]
     left = residual_items(shown, figures, [s.name for s in model.inputs])
+    remarks = (*found.notes, *(f"held-out: {n}" for n in found.held_out_notes))
     sections = [*judged_sections(figures, shown, model),
                 Section("What is left in the residuals", tuple(left)),
                 Section("Frozen poles", tuple(locus_items(model))),
                 *more,
                 Section("State-space forms", (Paragraph("What each form costs on these data, against the transfer "
                         "function, in free run from rest."), forms_table(gaps)) if gaps else ()),
-                Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(found.notes),)),
+                Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(remarks),)),
                 Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
     return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}",
                 validation.verdict(best, found.doubt), verdict_grade(best, found.doubt),
@@ -72,9 +75,12 @@ def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:
                 "Add --hold-out 1/3, or name other files with --held-out."
             )
         )
-    if grade(best.overall.free_run.esr) != "good":
-        steps.append(NextStep("The free run misses much of the output: let structures compete with --auto, or try "
-                          "--structure oe, which fits the free run itself."))
+    if best.from_estimated_past is not None:
+        steps.append(NextStep("The error is that of the start: a slow mode carries it on. A lower order (--na) may "
+                          "have none, and lpv.simulate(model, record, 'estimate') starts from an estimated past."))
+    elif grade(best.overall.free_run.esr) != "good":
+        other = "" if fits_free_run(found.model) else (", or try --structure oe, which fits the free run itself")
+        steps.append(NextStep(f"The free run misses much of the output: let structures compete with --auto{other}."))
     elif "independence" in failed:
         steps.append(
             NextStep(
@@ -103,6 +109,7 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     if found.held_out is None:
         lines.append("All figures are on training data: nothing was held out. They show little of other data.")
     lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK) or n.startswith(TOGETHER)]
+    lines += [f"{n[:1].upper()}{n[1:]}." for n in found.held_out_notes if any(words in n for words in GRAVE)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):
         lines.append(_coloured(found))

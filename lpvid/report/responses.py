@@ -142,12 +142,12 @@ def drawn_from(cloud: ParameterCloud | None) -> list:
     Returns
     -------
     list
-        Empty where the covariance is missing, zero or not finite, or where some draws are no models of this kind, so
-        that a normal law does not describe the parameters.
+        Empty where the covariance is missing, zero or none (`ParameterCloud.fault`), or where some draws are no models
+        of this kind, so that a normal law does not describe the parameters.
     """
     from lpvid.errors import InputError
 
-    if cloud is None or not np.all(np.isfinite(cloud.covariance)) or not np.any(cloud.covariance):
+    if cloud is None or cloud.fault or not np.any(cloud.covariance):
         return []
     try:
         return list(cloud.draw(np.random.default_rng(0), DRAWS))

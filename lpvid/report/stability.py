@@ -28,6 +28,8 @@ MOST_LOCI = 4
 BECOMES = {"to-stable": "becomes stable", "to-unstable": "becomes unstable", "touching": "touches the limit"}
 CROSSES = {"complex": "a complex pair", "zero": "0", "imaginary": "an imaginary pair"}
 """words for the direction and the crossing of a critical value"""
+FREE_RUN = ("oe", "state-space-error")
+"""kinds of structure whose estimate minimises the free-run error, unless it has an observer gain"""
 WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
            "unless a certificate states so.")
 
@@ -48,6 +50,8 @@ class StabilityStudy(Shown):
         One for each scheduling variable, at most four.
     reach : Reach
         How far the statement reaches, as far as that was requested.
+    caution : str
+        Why there is no probability although the model carries a covariance, or what it is worth; empty for neither.
     """
 
     model: Model
@@ -56,17 +60,23 @@ class StabilityStudy(Shown):
     probability: StabilityProbability | None
     loci: tuple[tuple[PoleLocus, PoleBand | None], ...]
     reach: StabilityAnswers = NOTHING
+    caution: str = ""
 
     @property
     def certified(self) -> bool:
-        """Frozen-stable, and proven for the moving scheduling variable in question."""
-        return self.frozen.stable and self.certificate.verified
+        """Frozen-stable, and proven for the moving scheduling variable in question.
+
+        The poles decide of a model without scheduling: where no Lyapunov function was found it is stable all the same.
+        """
+        return self.frozen.stable and (self.certificate.verified or not self.model.box.names)
 
     @property
     def mark(self) -> Mark:
         """Colour of the verdict."""
         if not self.frozen.stable:
             return "bad"
+        if not self.model.box.names:
+            return "good"
         return "good" if self.certificate.verified and self.certificate.between_grid else "warn"
 
     @property
@@ -101,13 +111,15 @@ class StabilityStudy(Shown):
                 "stable_intervals": critical.to_dict()["stable_intervals"], "critical_exact": critical.exact,
                 "probability": None if self.probability is None else self.probability.to_dict(),
                 "certificate": self.certificate.to_dict(), **self.reach.to_dict(), "caveat": CAVEAT,
-                "notes": [*critical.notes, *_locus_notes([found for found, _ in self.loci])]}
+                "notes": [*critical.notes, *_locus_notes([found for found, _ in self.loci]),
+                          *([self.caution] if self.caution else [])]}
 
     def __str__(self) -> str:
         lines = [f"Stability: {self.verdict}"]
         if self.frozen.max_modulus is not None:
             at = ", ".join(f"{n} = {number(v)}" for n, v in self.frozen.at.items())
-            lines.append(f"  frozen: largest pole modulus {self.frozen.max_modulus:.6g}" + (f" at {at}" if at else ""))
+            size = _modulus(self.frozen.max_modulus)
+            lines.append(f"  frozen: largest pole modulus {size}" + (f" at {at}" if at else ""))
         box = dict(zip(self.model.box.names, zip(self.model.box.lower, self.model.box.upper, strict=True),
                        strict=True))
         for v in self.frozen.critical.values:
@@ -117,6 +129,8 @@ class StabilityStudy(Shown):
             lines.append("  no scheduling value on the whole real line changes the stability of the frozen model")
         if self.probability is not None:
             lines.append("  " + str(self.probability).splitlines()[0])
+        if self.caution:
+            lines.append(f"  note: {self.caution}")
         if self.certificate.verified:
             lines += [f"  certificate: {line.strip()}" for line in repr(self.certificate).splitlines()[1:]]
         lines += [f"  {line}" for line in self.reach.lines()]
@@ -153,11 +167,15 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     certificate = certify_stability(ranged, rate=rate)
     report_progress("frozen poles and critical values")
     frozen = frozen_stability(ranged)
-    drawn = _drawn(ranged, seed, questions.draws if questions is not None and questions.draws else DRAWS)
+    cloud = ParameterCloud.of(ranged)
+    drawn = _drawn(cloud, seed, questions.draws if questions is not None and questions.draws else DRAWS)
     report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
     further = reach(ranged, certificate, rate, questions, seed, report_progress) if questions is not None else NOTHING
-    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further)
+    if rate is not None and not ranged.box.names:
+        further = replace(further, notes=(*further.notes, "the rate has no effect: nothing schedules this model"))
+    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further,
+                          _caution(cloud, frozen, probability))
 
 
 def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, PoleBand | None], ...]:
@@ -206,7 +224,8 @@ def locus_items(model: Model | SelfScheduled) -> list[Item]:
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
         return [PageFigure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
-    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, _drawn(model, 0))]
+    drawn = _drawn(ParameterCloud.of(model), 0)
+    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, drawn)]
 
 
 def stability_page(study: StabilityStudy, name: str) -> Page:
@@ -242,14 +261,12 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
     """What would settle what is open, and what to do with a proof."""
     if not study.frozen.stable:
         return (
-            NextStep(
-                "Keep the scheduling out of where the frozen model is unstable, and see whether the rest is stable.",
-                f"lpvid stability {name} --range LOW:HIGH --out narrower",
-            ),
-            NextStep(
-                "Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
-                "or --passive for a damper."
-            ),
+            *((NextStep("Keep the scheduling out of where the frozen model is unstable, and see whether the rest is "
+                        "stable.", f"lpvid stability {name} --range LOW:HIGH --out narrower"),)
+              if study.model.box.names else ()),
+            NextStep("Try a lower order or degree, or --passive for a damper." if fits_free_run(study.model) else
+                     "Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
+                     "or --passive for a damper."),
         )
     if study.certificate.verified:
         again = f"lpvid verify {OUT}/certificate.json {name}"
@@ -258,6 +275,8 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
             steps.append(NextStep("See how far it reaches: the largest range and the largest rate.",
                               f"lpvid stability {name} --largest-range --largest-rate --out reach"))
         return tuple(steps)
+    if not study.model.box.names:
+        return ()
     return (NextStep("State how fast the scheduling moves: a bounded rate is easier to certify.",
                  f"lpvid stability {name} --rate RATE --out bounded"),
             NextStep("Or ask for the largest range that is certified.",
@@ -265,10 +284,36 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
 
 
 
+def fits_free_run(model: Model | SelfScheduled) -> bool:
+    """Whether a model was already fitted by its free run, so that advice to do so is of no use.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
+
+    Returns
+    -------
+    bool
+        False where its file states no structure.
+    """
+    structure = model.metadata.get("structure", {})
+    if not isinstance(structure, Mapping) or structure.get("noise") == "innovation":
+        return False
+    return structure.get("kind") in FREE_RUN or bool(structure.get("passive"))
+
+
+def _modulus(value: float, digits: int = 6) -> str:
+    """A largest modulus with so many digits that it shows on which side of 1 it lies."""
+    shown = number(value, digits)
+    if value == 1 or float(shown) != 1:
+        return shown
+    return f"1 {'−' if value < 1 else '+'} {abs(1 - value):.2g}"
+
+
 def _facts(study: StabilityStudy) -> tuple[tuple[str, str], ...]:
     box, rows = study.model.box, []
     if study.frozen.max_modulus is not None:
-        rows.append(("largest frozen pole modulus", number(study.frozen.max_modulus, 5)))
+        rows.append(("largest frozen pole modulus", _modulus(study.frozen.max_modulus, 5)))
     for n, low, high, unit in zip(box.names, box.lower, box.upper, box.units, strict=True):
         rows.append((f"range of {n}", f"{number(low)} … {number(high)} {unit}".rstrip()))
     if study.probability is not None:
@@ -322,9 +367,24 @@ def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy
                      f"Pole locus over {found.variable}")
 
 
-def _drawn(model: Model, seed: int, draws: int = DRAWS) -> list[Model]:
-    cloud = ParameterCloud.of(model)
-    return [] if cloud is None else list(cloud.draw(np.random.default_rng(seed), draws))
+def _drawn(cloud: ParameterCloud | None, seed: int, draws: int = DRAWS) -> list[Model]:
+    """Models from the normal law of the estimate; none where its covariance is unknown or none."""
+    return [] if cloud is None or cloud.fault else list(cloud.draw(np.random.default_rng(seed), draws))
+
+
+def _caution(cloud: ParameterCloud | None, frozen: FrozenStability, found: StabilityProbability | None) -> str:
+    """Why draws give no probability, or why it is worth little; empty for neither.
+
+    The draws lie evenly about the estimate. Where the pole that limits stability changes in proportion to the
+    parameters, at least half of them are then as stable as the estimate; where surely fewer are, the spread is wider
+    than that proportion holds.
+    """
+    if cloud is not None and cloud.fault:
+        return f"no probability of stability: {cloud.fault}, the data determine too few of the parameters together"
+    if found is None or not frozen.stable or found.interval[1] >= 0.5:
+        return ""
+    return ("the estimate itself is stable, but its parameters are so uncertain that most models drawn are not: "
+            "longer or richer data, or fewer parameters, would settle it")
 
 
 def narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:

@@ -52,6 +52,8 @@ class StabilityAnswers:
         Share of drawn models that the same certificate covers.
     l2_gain : Gain or None
         Induced gain, bounded from both sides.
+    gain_unit : str
+        Its unit, e.g. "N/(m/s)"; "SI" where the inputs or the outputs have different ones.
     notes : tuple of str
         Why a question has no answer.
     """
@@ -60,6 +62,7 @@ class StabilityAnswers:
     largest_rate: LargestRate | None = None
     draws: StabilityProbability | None = None
     l2_gain: Gain | None = None
+    gain_unit: str = ""
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict:
@@ -85,7 +88,7 @@ class StabilityAnswers:
         if self.draws is not None:
             found.append(_share_in_words(self.draws))
         if self.l2_gain is not None:
-            found.append("induced gain: " + str(self.l2_gain).splitlines()[0])
+            found.append(f"induced gain [{self.gain_unit or '1'}]: " + str(self.l2_gain).splitlines()[0])
             found += [line.strip() for line in str(self.l2_gain).splitlines()[1:2]]
         return [*found, *self.notes]
 
@@ -106,8 +109,9 @@ class StabilityAnswers:
             rows.append(("certificate under the parameters' uncertainty", _share_in_words(self.draws)))
         if self.l2_gain is not None:
             gain = self.l2_gain
-            rows += [("induced gain, certified", f"{number(gain.upper, 6)} ({gain.verdict})"),
-                     ("induced gain, reached", f"{number(gain.lower, 6)}" + (f": {gain.worst}" if gain.worst else ""))]
+            rows += [("induced gain, certified", f"{number(gain.upper, 6, self.gain_unit)} ({gain.verdict})"),
+                     ("induced gain, reached", number(gain.lower, 6, self.gain_unit)
+                      + (f": {gain.worst}" if gain.worst else ""))]
         items: list[Item] = [PageTable((), tuple(rows), "Every bound was re-checked with numpy.")] if rows else []
         return items + ([Notes(self.notes)] if self.notes else [])
 
@@ -164,7 +168,7 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, questions
     if questions.gain:
         report_progress("the induced gain")
         gain = _gain(model, rate)
-    return StabilityAnswers(wide, speed, share, gain, tuple(notes))
+    return StabilityAnswers(wide, speed, share, gain, _gain_unit(model), tuple(notes))
 
 
 def _share(model: Model, certificate: StabilityCertificate, count: int, seed: int
@@ -172,9 +176,22 @@ def _share(model: Model, certificate: StabilityCertificate, count: int, seed: in
     cloud = ParameterCloud.of(model)
     if cloud is None:
         return None, "the covariance of the parameters is not known: no models can be drawn"
+    if cloud.fault:
+        return None, f"{cloud.fault}: no models can be drawn"
     if not certificate.verified:
         return None, "without a certificate there is no share of draws that it covers"
     return certified_share(certificate, cloud.draw(np.random.default_rng(seed), count)), ""
+
+
+def _gain_unit(model: Model) -> str:
+    """Unit of output over input behind any input stage; "SI" where several differ."""
+    above, below = {s.unit for s in model.outputs}, {s.unit for s in model.filter_inputs}
+    if len(above) > 1 or len(below) > 1:
+        return "SI"
+    over, under = above.pop(), below.pop()
+    if over == under:
+        return "1"
+    return (over or "1") + (f"/({under})" if "/" in under or " " in under else f"/{under}" if under else "")
 
 
 def _gain(model: Model, rate: Rate) -> Gain:

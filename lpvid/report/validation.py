@@ -40,7 +40,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
         sections.append(Section("What is left in the residuals", tuple(left)))
     sections += responses(model, shown)
     sections.append(Section("The model", (Paragraph(repr(model)),)))
-    caveats = [n for n in found.notes if "--flip" in n]
+    caveats = [n for n in found.notes if "--flip" in n or "of its start" in n]
     if rest := tuple(n for n in found.notes if n not in caveats):
         sections.append(Section("Remarks", (Notes(rest),)))
     if found.extrapolation_share > 0:
@@ -79,7 +79,7 @@ def _steps(found: Validation, name: str) -> tuple[NextStep, ...]:
     if worst is not None and grade(worst.free_run.esr) == "bad":
         steps.append(NextStep(f"Look at '{worst.name}' first: is it the data, or the model?",
                           f"lpvid inspect FILE-OF-{worst.name} --out audit"))
-    if grade(found.overall.free_run.esr) != "good":
+    if grade((found.from_estimated_past or found.overall.free_run).esr) != "good":
         steps.append(NextStep("Let the diagnosis find what the model lacks.", f"lpvid diagnose DATA --baseline {name} "
                           "--out diagnosis"))
     steps.append(NextStep("Set it beside other models on the same records.", f"lpvid compare {name} OTHER.json DATA "
@@ -108,6 +108,11 @@ def verdict(found: Validation, doubt: str | None = None) -> str:
                 "them.")
     if run.esr is None:
         return f"No figure on {found.label} data: the output does not move there."
+    late = found.from_estimated_past
+    if late is not None and late.esr is not None:
+        return (f"In free run on {found.label} data the error is that of the start: from the first measured samples "
+                f"ESR {run.esr:.4g} (fit {run.fit_percent:.1f}\u00a0%), from an estimated past ESR {late.esr:.4g} (fit "
+                f"{late.fit_percent:.1f}\u00a0%).{_worst_record(found)}")
     explained = (f"{_share(run.esr)}\u00a0% of the output's variance" if run.esr < 1 else
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
     doubt = doubt or found.doubt

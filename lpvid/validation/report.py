@@ -21,13 +21,14 @@ from lpvid.model.lpv_model import LPVModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import beyond_training, recalled, seen_records
+from lpvid.training_fingerprint import beyond_training, recalled, seen_records, unit_doubt
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.regimes import FreeRunStretch, regimes
 from lpvid.validation.residuals import OTHER_LAGS, Instrument, residual_of, residual_tests
 from lpvid.validation.result import Validation
+from lpvid.validation.starting import from_estimated_past, start_remark
 from lpvid.validation.streamed import validate_stream
 from lpvid.validation.trust import independent_samples
 
@@ -115,6 +116,7 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
         count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
         notes += (f"{count} resampled to the model's {rate:.6g} Hz",)
     notes += beyond_training(pieces, model.metadata, [s.name for s in model.inputs])
+    notes += unit_doubt(pieces, model.metadata, channels)
     return model, pieces, notes
 
 
@@ -165,8 +167,11 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
         notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
     stated = independence_remark(model, pieces, label) if label != "training" else None
     found = figures(model, pieces, label, notes if stated is None else (*notes, stated), horizons)
-    turned = opposite_remark(model, pieces, found.overall.free_run)
-    return found if turned is None else replace(found, notes=(*found.notes, turned))
+    run = found.overall.free_run
+    turned = opposite_remark(model, pieces, run)
+    late = from_estimated_past(model, pieces, run, found.independent_samples) if turned is None else None
+    stated = turned if late is None else start_remark(run, late)
+    return found if stated is None else replace(found, notes=(*found.notes, stated), from_estimated_past=late)
 
 
 def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str, ...] = (),

@@ -36,6 +36,9 @@ class Validation(Shown):
     notes : tuple of str
     independent_samples : float or None
         That determine the free-run error of the first output as well as these do; None where not determined.
+    from_estimated_past : Figures or None
+        Free run of the same samples from an estimated past, where that of `overall`, from measured samples, shows its
+        start more than the model (`lpvid.validation.starting`).
     """
 
     label: str
@@ -47,6 +50,7 @@ class Validation(Shown):
     regimes: tuple[Regime, ...] = ()
     k_steps: tuple[Figures, ...] = ()
     independent_samples: float | None = None
+    from_estimated_past: Figures | None = None
 
     @property
     def judged(self) -> tuple[RecordFigures, ...]:
@@ -89,6 +93,7 @@ class Validation(Shown):
                 "residual_tests": [t.to_dict() for t in self.residual_tests],
                 "regimes": [r.to_dict() for r in self.regimes],
                 "extrapolation_share": self.extrapolation_share, "independent_samples": self.independent_samples,
+                "from_estimated_past": None if self.from_estimated_past is None else self.from_estimated_past.to_dict(),
                 "doubt": self.doubt, "notes": list(self.notes)}
 
     def __repr__(self) -> str:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.condition.constancy import DISTINCT, constant
 from lpvid.errors import InputError
 from lpvid.record import Record
 
-DISTINCT = 0.02
-"""currents closer than this share of the largest count as one level."""
 MOST_LEVELS = 12
 """with more levels than this a current counts as continuous."""
 
@@ -132,8 +131,8 @@ class Facts:
         period = records[0].sample_time
         assert period is not None
         low, high = float(i.min()), float(i.max())
+        varies = has_i and not constant(low, high, "A")
         least = DISTINCT * max(abs(low), abs(high))
-        varies = has_i and high - low > least
         switches = has_i and any(np.ptp(r["current"]) > least for r in records)
         crossing = x.min() < 0 < x.max()
         return cls(has_x, has_i, varies, (records[0].unit("current") or "1") if has_i else "A",

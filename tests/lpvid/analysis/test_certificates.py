@@ -439,3 +439,13 @@ def test_a_scheduling_filter_counts_in_the_statement():
     assert verify(found, slow).holds
     p = SchedulingLag(tau_rise=40.0, tau_fall=60.0).apply(np.tile([-1.0, 1.0], 500)[:, None], 1.0)
     assert np.abs(np.diff(p[:, 0])).max() <= found.box.rate[0] + 1e-12
+
+
+def test_a_gramian_of_huge_powers_ends_before_it_overflows():
+    """|A| of 1e160 at a spectral radius of 0.5: the first product of the sum would be beyond every double."""
+    from lpvid.lmi.search import frozen_gramian
+
+    found = frozen_gramian(np.array([[0.5, 1e160], [0.0, 0.5]]), np.eye(2))
+    assert np.all(np.isfinite(found))
+    small = frozen_gramian(np.array([[0.5]]), np.eye(1))
+    assert small[0, 0] == pytest.approx(1 / (1 - 0.25))

@@ -372,7 +372,7 @@ def bad_case(rng, **changes) -> Record:
             {"na": 150, "nb": 60},
             r"50 equations cannot determine 422 parameters per output\. Mend: give longer records",
         ),
-        ({}, {"na": 250}, r"long enough .*: got 200 samples in the longest; 252 are needed\. Mend: .*lower order"),
+        ({}, {"na": 250}, r"long enough: got 200 samples in the longest; 252 are needed\. Mend: .*lower order"),
         ({"u": np.where(np.arange(200) == 9, np.inf, 1.0)}, {}, r"channel 'u' must be finite: got inf in row 10"),
     ],
 )

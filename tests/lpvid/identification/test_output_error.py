@@ -188,3 +188,20 @@ def test_magnetorheological_damper_with_a_scheduling_filter(shared_data):
     found = identify(training, structure, sample_rate=500.8, held_out=[held])
     print(f"MR damper, held-out free-run ESR {found.held_out.overall.free_run.esr:.4f}")
     assert found.held_out.overall.free_run.esr <= 0.03
+
+
+def test_the_covariance_of_a_vague_estimate_has_no_negative_variance(rng):
+    """Two outputs of a first-order system fitted with two poles too many, in coloured noise: condition above 1e8."""
+    n = 1500
+    u = np.cumsum(rng.normal(size=n)) / 30
+    x = np.zeros(n)
+    for k in range(1, n):
+        x[k] = 0.98 * x[k - 1] + 0.02 * u[k - 1]
+    noise = np.array([np.convolve(rng.normal(size=n), np.ones(20) / 20, "same") for _ in range(2)])
+    record = Record({"u": u, "y": x + 1e-3 * noise[0], "z": 0.5 * x + 1e-3 * noise[1]}, sample_time=0.002)
+    found = identify(record, OutputError(na=3, nb=3, nk=1, input="u", output=("y", "z"), basis=Polynomial(), starts=1,
+                                         max_iterations=3))
+    deviation = np.sqrt(np.diag(found.covariance))
+    assert np.all(deviation > 0) and "autoregression" in found.covariance_kind
+    values = np.linalg.eigvalsh(found.covariance / np.outer(deviation, deviation))
+    assert values[0] >= -len(values) * np.finfo(float).eps * values[-1]

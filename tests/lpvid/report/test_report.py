@@ -401,3 +401,18 @@ def test_a_share_that_is_nearly_whole_is_not_rounded_to_all():
 
     assert [_share(e) for e in (2.87e-4, 0.004, 0.16, 0.99, 0.0, 1e-6)] == ["99.97", "99.6", "84.0", "1.0", "100.0",
                                                                           "99.9999"]
+
+
+def test_bands_of_drawn_models_that_are_unstable_leave_the_panel_without_a_warning():
+    """Draws that grow beyond all numbers, and then have none: a band of finite ends inside the axes."""
+    time = np.linspace(0.0, 1.0, 40)
+    draws = np.ones((50, 40, 1)) * np.linspace(0.9, 1.1, 50)[:, None, None]
+    with np.errstate(over="ignore"):
+        draws[:20] *= np.geomspace(1.0, 1e308, 40)[:, None] * 1e9
+    draws[20:25, 10:] = np.nan
+    ax = np.ravel(plot.steps(time, [FrozenResponse("model", np.ones((40, 1)), draws)], ["u"], ["N"], "y"))[0]
+    assert plot.png(figure_of(ax)) and np.all(np.isfinite(ax.get_ylim()))
+    values = np.ones((40, 1), dtype=complex)
+    values[3] = 0.0
+    axes = plot.bode(time + 0.1, [FrozenResponse("model", values, draws.astype(complex))], ["u"], ["N"], "y")
+    assert plot.png(figure_of(np.ravel(axes)[0]))

@@ -313,7 +313,7 @@ def test_it_prints_in_ten_lines_and_saves_as_json() -> None:
 
 @pytest.mark.parametrize(("records", "description"), [
     ([], "no records"),
-    (record(np.zeros(10), np.zeros(10)), "no segment long enough"),
+    (record(np.zeros(10), np.zeros(10)), "no record is long enough"),
     (Record({"velocity": np.ones(100)}, sample_time=0.01), "channel 'force'"),
 ])
 def test_records_that_cannot_be_fitted_are_refused_in_one_line(records, description: str) -> None:
