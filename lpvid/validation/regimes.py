@@ -17,8 +17,8 @@ CHUNK = 65_536
 BANDS = 5
 """frequency bands, equal on a logarithmic scale up to half the sampling rate; the lowest begins at 0 Hz."""
 LOWEST_PERIOD = 1024
-"""samples of the period from which the logarithmic scale starts (of the longest stretch, where that is shorter): bands of
-a factor 3.5 each."""
+"""samples of the period from which the logarithmic scale starts (of the longest stretch, where that is shorter): each
+band spans a factor 3.5."""
 SHORTEST = 64
 """samples of the longest stretch below which there are no bands: each would hold a handful of frequencies."""
 LEVELS = 3
@@ -176,8 +176,9 @@ def _bands(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regi
         n = len(stretch.measured)
         band = np.searchsorted(edges[1:-1], np.arange(n) / (2 * n * sample_time), side="right")
         for sums, values in ((error, stretch.measured - stretch.model), (power, stretch.measured - mean)):
-            sums += np.bincount(band, weights=dct(values, norm="ortho") ** 2, minlength=BANDS)
+            sums += np.bincount(band, weights=np.asarray(dct(values, norm="ortho")) ** 2, minlength=BANDS)
     whole = (float(error.sum()) or 1.0, float(power.sum()) or 1.0)
     edges[0] = 0.0
-    return [Regime(f"{low:.3g} to {high:.3g} Hz", float(p) / whole[1], float(e) / whole[0], float(e / p) if p > 0 else None)
+    return [Regime(f"{low:.3g} to {high:.3g} Hz", float(p) / whole[1], float(e) / whole[0],
+                   float(e / p) if p > 0 else None)
             for (low, high), e, p in zip(pairwise(edges), error, power, strict=True)]

@@ -218,7 +218,7 @@ class TestLocalise:
         assert found["1 to 5 Hz"] > 0.8
 
     def test_an_offset_counts_with_its_whole_power(self, rng: np.random.Generator) -> None:
-        """Mean 1 and a tone of amplitude √2 at a tenth of the rate hold half of the square each; stretches left out blur it."""
+        """Mean 1 and a tone of amplitude √2 hold half of the square each; stretches left out blur it."""
         problem, _ = problem_of(record(rng))
         errors = [1 + np.sqrt(2) * np.sin(0.2 * np.pi * np.arange(s.output.size)) for s in problem.signals]
         found = {w.where: w.share for w in localise(problem, errors)}

@@ -356,7 +356,7 @@ def test_bands_agree_with_a_fourier_transform(rng: np.random.Generator) -> None:
         stretches.append(FreeRunStretch(u + error, u, None, np.empty((n, 0))))
         power, at = np.abs(np.fft.fft(error)) ** 2 / n, np.abs(np.fft.fftfreq(n, TS))
         expected += power[at < edges[1]].sum(), power.sum()
-    found = [r for r in regimes(stretches, "u", (), TS)]
+    found = regimes(stretches, "u", (), TS)
     below = sum(r.error_share for r in found if float(r.where.split()[2]) < 5)
     assert below == pytest.approx(expected[0] / expected[1], abs=0.01)
 
