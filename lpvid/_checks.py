@@ -17,8 +17,7 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
     What is such an array already, and cannot be written through another one, is not copied.
     """
     try:
-        if np.iscomplexobj(values):  # type: ignore[arg-type]
-            raise TypeError("complex numbers have no place here")
+        values = real_numbers(values)
         if getattr(getattr(values, "dtype", None), "kind", "") in ("M", "m"):
             raise TypeError("dates and durations are no numbers")
         array = values if _is_frozen(values, dtype) else np.array(values, dtype=dtype, order="C")
@@ -28,6 +27,25 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
         raise InputError(f"{name} must have {ndim} dimension(s)", got=f"shape {array.shape}")
     array.setflags(write=False)
     return array
+
+
+def real_numbers(values: object) -> object:
+    """What may become real numbers: masked entries of numpy's are missing ones, NaN (of dates NaT).
+
+    Raises
+    ------
+    TypeError
+        Complex numbers, whose imaginary part would be lost.
+    """
+    if np.iscomplexobj(values):  # type: ignore[arg-type]
+        raise TypeError("complex numbers have no place here")
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    if not np.ma.is_masked(values):
+        return values.data
+    known = values.data.copy() if values.dtype.kind in "mM" else values.data.astype(float)
+    known[np.ma.getmaskarray(values)] = "NaT" if values.dtype.kind in "mM" else np.nan
+    return known
 
 
 def _is_frozen(values: object, dtype: type) -> TypeGuard[np.ndarray]:
