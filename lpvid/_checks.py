@@ -187,6 +187,18 @@ def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
     return listed
 
 
+def role_mend(*roles: str) -> str:
+    """How a channel of another name gets a role: on the command line, and in Python.
+
+    Examples
+    --------
+    >>> role_mend("force")
+    "--role force=CHANNEL, in Python record.with_roles({'force': 'CHANNEL'}) or a column of that name"
+    """
+    options = " or ".join(f"--role {role}=CHANNEL" for role in roles)
+    return f"{options}, in Python record.with_roles({{'{roles[0]}': 'CHANNEL'}}) or a column of that name"
+
+
 def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "", where: str = "") -> str:
     """`wanted` if it is in `available`; otherwise an error that lists what there is (in `where`, if stated)."""
     if wanted not in available:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 
 DISTINCT = 0.02
 """currents closer than this share of the largest count as one level."""
@@ -78,7 +79,7 @@ class Facts:
         """
         if not self.has_displacement:
             raise InputError(f"{model} reads the displacement, which these records do not have",
-                             mend="measure it, or --role displacement=CHANNEL")
+                             mend=f"measure it, or {checks.role_mend('displacement')}")
 
     def need_current(self, model: str) -> None:
         """Refuse data whose current does not vary.
@@ -95,7 +96,7 @@ class Facts:
         """
         if not self.has_current:
             raise InputError(f"{model} depends on the current, which these records do not have",
-                             mend="--role current=CHANNEL")
+                             mend=checks.role_mend("current"))
         if not self.current_varies:
             low = self.current_range[0] if self.current_range else 0.0
             raise InputError(f"{model} depends on the current, which is constant in these records",
