@@ -66,7 +66,7 @@ def test_real_jitter_is_not_taken_for_rounding(jitter: float, rng: np.random.Gen
 
 @pytest.mark.parametrize("period, jitter", [(1 / 250, 0.2), (1e-3, 0.2), (0.01, 0.25)])
 @pytest.mark.parametrize("missing", [(), (100,), (333, 700, 1200)])
-def test_jitter_is_told_from_missing_rows(period: float, jitter: float, missing: tuple[int, ...],
+def test_jitter_and_missing_rows_are_kept_apart(period: float, jitter: float, missing: tuple[int, ...],
                                           rng: np.random.Generator) -> None:
     """A long interval is a gap where the stamps behind it stay late; the period is that of the clock."""
     kept = np.delete(np.arange(1500), missing)

@@ -403,7 +403,7 @@ def test_the_lpv_extension_gains_what_the_cause_costs():
     assert lpv.validate(found.extended.model, other).overall.free_run.esr == pytest.approx(found.esr[1])
 
 
-def test_where_the_error_lies_is_told_with_the_channel_that_stands_for_the_current(installed):
+def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_current(installed):
     found = replace(plain_diagnosis(), wrong=(Wrong("large |current|", 0.78, 0.25), Wrong("velocity < 0", 0.6, 0.5),
                                                Wrong("after a change of current", 0.6, 0.2)))
     record = measured()
