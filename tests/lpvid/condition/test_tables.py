@@ -264,6 +264,6 @@ def test_an_index_that_only_counts_rows_is_no_clock():
 
 def test_a_missing_column_names_the_way_in_python():
     """A frame has no roles: the line says how a record gets one, or to name the column."""
-    with pytest.raises(InputError, match=r"in Python record\.with_roles\({'velocity': 'CHANNEL'}\) or a column of that"):
+    with pytest.raises(InputError, match=r"in Python record\.with_roles\({'velocity': 'CHANNEL'}\) or a column"):
         lpv.identify({"t": 0.01 * np.arange(50), "v": np.arange(50.0), "force": np.arange(50.0)},
                      lpv.ARX(na=1, nb=1, input="velocity", output="force"))
