@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import shlex
 from collections.abc import Iterable, Sequence
 from typing import TypeGuard
 
@@ -17,8 +18,7 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
     What is such an array already, and cannot be written through another one, is not copied.
     """
     try:
-        if np.iscomplexobj(values):  # type: ignore[arg-type]
-            raise TypeError("complex numbers have no place here")
+        values = real_numbers(values)
         if getattr(getattr(values, "dtype", None), "kind", "") in ("M", "m"):
             raise TypeError("dates and durations are no numbers")
         array = values if _is_frozen(values, dtype) else np.array(values, dtype=dtype, order="C")
@@ -28,6 +28,25 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
         raise InputError(f"{name} must have {ndim} dimension(s)", got=f"shape {array.shape}")
     array.setflags(write=False)
     return array
+
+
+def real_numbers(values: object) -> object:
+    """What may become real numbers: masked entries of numpy's are missing ones, NaN (of dates NaT).
+
+    Raises
+    ------
+    TypeError
+        Complex numbers, whose imaginary part would be lost.
+    """
+    if np.iscomplexobj(values):  # type: ignore[arg-type]
+        raise TypeError("complex numbers have no place here")
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    if not np.ma.is_masked(values):
+        return values.data
+    known = values.data.copy() if values.dtype.kind in "mM" else values.data.astype(float)
+    known[np.ma.getmaskarray(values)] = "NaT" if values.dtype.kind in "mM" else np.nan
+    return known
 
 
 def _is_frozen(values: object, dtype: type) -> TypeGuard[np.ndarray]:
@@ -167,6 +186,18 @@ def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
     if len(set(listed)) != len(listed):
         raise InputError(f"{name} names a channel twice", got=", ".join(listed), mend="name every channel once")
     return listed
+
+
+def role_mend(*roles: str) -> str:
+    """How a channel of another name gets a role: on the command line, and in Python.
+
+    Examples
+    --------
+    >>> role_mend("force")
+    "--role force=CHANNEL, in Python record.with_roles({'force': 'CHANNEL'}) or a column of that name"
+    """
+    options = " or ".join(f"--role {shlex.quote(f'{role}=CHANNEL')}" for role in roles)
+    return f"{options}, in Python record.with_roles({{'{roles[0]}': 'CHANNEL'}}) or a column of that name"
 
 
 def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "", where: str = "") -> str:

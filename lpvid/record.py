@@ -215,7 +215,7 @@ class Record(ReadOnlyState, Shown):
         if name.casefold() in folded:
             return folded[name.casefold()]
         return _checks.known_name(name, list(self.channels), "channel",
-                                  f"map it with --role {shlex.quote(name + '=CHANNEL')}", f"record '{self.name}'")
+                                  f"map it with {_checks.role_mend(name)}", f"record '{self.name}'")
 
     def has(self, name: str) -> bool:
         """True when a channel, or a role, of this name exists.

@@ -13,7 +13,11 @@ from lpvid.errors import InputError
 JITTER_LIMIT = 0.01
 """rms deviation of the sampling intervals, in periods, above which a record is not uniform."""
 GAP_FACTOR = 1.5
-"""an interval longer than this many periods is a gap."""
+"""an interval longer than this many periods is a gap, unless the stamps behind it are back on the clock."""
+WINDOW = 16
+"""stamps on either side of a long interval by which the clock is compared. Of stamps that keep their order the jitter
+is about a quarter of a period rms at most; the difference of two medians of 16 then has 0.11 periods rms, a fourth of
+the half period that decides."""
 FEW_FAULTS = 3
 """up to this many odd intervals among otherwise equal ones are missing or repeated rows, not rounding."""
 
@@ -28,7 +32,8 @@ class TimeBase:
     start : float
         First time stamp [s].
     period : float
-        Sampling period [s]: the mean over the gap-free intervals (nan for fewer than two samples).
+        Sampling period [s]: the mean over the intervals that are no gaps, whose jitter cancels in the sum (nan for
+        fewer than two samples).
     jitter_rms, jitter_max : float
         Deviation of the intervals from the period, in periods; gaps, duplicates and backward steps left out.
     resolution : float
@@ -97,8 +102,11 @@ def analyse_time(time: np.ndarray) -> TimeBase:
     steps = np.diff(time)
     forward = steps[steps > 0]
     coarse = float(np.median(forward)) if forward.size else np.nan
-    regular = (steps > 0) & (steps <= GAP_FACTOR * coarse)
-    gaps = np.flatnonzero(steps > GAP_FACTOR * coarse) + 1
+    long = steps > GAP_FACTOR * coarse
+    if forward.size == steps.size:  # repeated and backward stamps are faults by themselves
+        long[long] = ~_caught_up(time, np.flatnonzero(long))
+    regular = (steps > 0) & ~long
+    gaps = np.flatnonzero(long) + 1
     duplicates = np.flatnonzero(steps == 0) + 1
     backward = np.flatnonzero(steps < 0) + 1
     resolution = _print_resolution(time)
@@ -116,6 +124,93 @@ def analyse_time(time: np.ndarray) -> TimeBase:
         gaps=tuple(gaps.tolist()), duplicates=tuple(duplicates.tolist()), backward=tuple(backward.tolist()),
         invalid=invalid,
     )
+
+
+def _caught_up(time: np.ndarray, long: np.ndarray) -> np.ndarray:
+    """(m,) True for a long interval behind which the stamps are back on the clock: one came late, no row is missing.
+
+    Stamps t_k = (k + s_k) T + e_k with white jitter e and s_k missing rows: an interval of them has the error
+    e_{k+1} − e_k, which the intervals beside it take back, while a missing row moves all later stamps by T. Compared
+    are the medians of t_j − j T over up to `WINDOW` stamps before and behind; half a period decides.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s], finite.
+    long : (m,) array
+        Intervals, by the stamp before each.
+    """
+    if not long.size:
+        return np.zeros(0, dtype=bool)
+    period, window = _median_period(time)
+    if window < 4 or not period > 0 or not _white(time, window):
+        return np.zeros(long.size, dtype=bool)
+    none = np.zeros(time.size - 1)
+    late = _phase_steps(time, long, period, none, window) > 0.5 * period
+    found = none.copy()
+    found[long[late]] = np.diff(time)[long[late]]
+    # once more without what lies beyond a longer gap, which moves the stamps there too
+    late[late] = _phase_steps(time, long[late], period, found, window) > 0.5 * period
+    return ~late
+
+
+def _phase_steps(time: np.ndarray, long: np.ndarray, period: float, gaps: np.ndarray, window: int
+                 ) -> np.ndarray:
+    """(m,) how much later the clock is behind each long interval than before it [s].
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s]
+    long : (m,) array
+        Intervals, by the stamp before each.
+    period : float
+        [s]
+    gaps : (n-1,) array
+        Length of each interval that passes for a gap [s], 0 for others; stamps beyond a longer gap are left out.
+    window : int
+        Stamps on either side.
+    """
+    steps = np.zeros(long.size)
+    reach = np.arange(window)
+    for first in range(0, long.size, 4096):
+        at = long[first:first + 4096, None]
+        phases = []
+        for way, start in ((-1, at), (1, at + 1)):
+            index, beside = start + way * reach, at + way * reach
+            longer = (gaps[np.clip(beside, 0, gaps.size - 1)] > gaps[at]) & (beside >= 0) & (beside < gaps.size)
+            usable = (index >= 0) & (index < time.size) & ~np.logical_or.accumulate(longer, axis=1)
+            phase = time[np.clip(index, 0, time.size - 1)] - period * (index - at)
+            phases.append(np.nanmedian(np.where(usable, phase, np.nan), axis=1))
+        steps[first:first + 4096] = phases[1] - phases[0]
+    return steps
+
+
+def _median_period(time: np.ndarray) -> tuple[float, int]:
+    """Period [s] by the median time of several intervals at once, and of how many.
+
+    The number doubles up to `WINDOW` as long as the time of so many intervals agrees with the last period within half
+    of one: beyond that most stretches hold a missing row.
+    """
+    period, lag = float(np.median(np.diff(time))), 1
+    while 2 * lag <= min(WINDOW, time.size // 4):
+        wider = float(np.median(time[2 * lag:] - time[:-2 * lag])) / (2 * lag)
+        if 2 * lag * abs(wider - period) > 0.5 * period:
+            break
+        period, lag = wider, 2 * lag
+    return period, lag
+
+
+def _white(time: np.ndarray, lag: int) -> bool:
+    """Whether the jitter of stamps does not add up: the time of `lag` intervals spreads as much as that of one.
+
+    Where intervals vary independently of each other it spreads √lag times as much; the geometric mean decides.
+    """
+    def spread(count: int) -> float:
+        taken = time[count:] - time[:-count]
+        return float(np.median(np.abs(taken - np.median(taken))))
+
+    return spread(lag) <= lag**0.25 * spread(1) + 4 * float(np.spacing(np.abs(time).max()))
 
 
 def _few_faults(time: np.ndarray, coarse: float, odd: int) -> bool:

@@ -31,8 +31,9 @@ class PassivityMargin:
         d(p, ω, V) = Re G₁(e^{jωT}) + N(V) Re G₂(e^{jωT}),      0 < N(V) ≤ 1/v₀(p)
 
     where N is the describing function of the tanh stage: the power of a sine depends on the fundamental alone, so that
-    this is exact. d is least at V → ∞ or at V → 0; `damping` is the smaller. Where it is negative the model gives
-    energy in every period; d(p) ≥ 0 is necessary for passivity at held p, and without a stage sufficient too.
+    this is exact. d is least at V → 0, or at V → ∞ or the largest V that is asked for; `damping` is the smaller. Where
+    it is negative the model gives energy in every period; d(p) ≥ 0 is necessary for passivity at held p, and without a
+    stage sufficient too.
 
     Attributes
     ----------
@@ -49,6 +50,10 @@ class PassivityMargin:
         Of the damping.
     shaped : bool
         Whether there is an input stage, so that the amplitude matters.
+    largest : float or None
+        Largest amplitude that was judged, in the unit of the input; None for amplitudes without bound.
+    source : str
+        Unit of the input.
     """
 
     scheduling: np.ndarray
@@ -59,6 +64,8 @@ class PassivityMargin:
     units: tuple[str, ...]
     unit: str
     shaped: bool = False
+    largest: float | None = None
+    source: str = ""
 
     @property
     def mask(self) -> np.ndarray:
@@ -113,7 +120,8 @@ class PassivityMargin:
         row, column = np.unravel_index(int(np.argmin(np.where(mask, damping, np.inf))), mask.shape)
         held = zip(self.scheduling[row].tolist(), self.units, strict=True)
         at = ", ".join([*(f"{_number(v)} {u}".rstrip() for v, u in held), f"{_number(float(f[column]))} Hz"])
-        size = f", {'large' if self.large[:, inside][row, column] else 'small'} amplitudes" if self.shaped else ""
+        far = "large amplitudes" if self.largest is None else f"amplitude {self.largest:.3g} {self.source}".rstrip()
+        size = f", {far if self.large[:, inside][row, column] else 'small amplitudes'}" if self.shaped else ""
         unit = f" {self.unit}" if self.unit else ""
         return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
 
@@ -160,7 +168,8 @@ class PassivityMargin:
 
 
 def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray | None = None,
-                     frequencies: Sequence[float] | np.ndarray | None = None) -> PassivityMargin:
+                     frequencies: Sequence[float] | np.ndarray | None = None, *, largest: float | None = None
+                     ) -> PassivityMargin:
     """Damping of a model in steady sine motion at the least favourable amplitude, by scheduling and frequency.
 
     Parameters
@@ -171,6 +180,8 @@ def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray
         Values of the scheduling; left out, a grid over the model's box.
     frequencies : (F,) array, optional
         [Hz]; left out, from a thousandth of half the sampling rate up to all of it.
+    largest : float, optional
+        Largest amplitude of the input, in its unit, where the model has an input stage; left out, without bound.
 
     Returns
     -------
@@ -193,6 +204,7 @@ def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray
                          got=type(model).__name__)
     nyquist = 0.5 / model.sample_time
     points = _points(model, currents)
+    bound = math.inf if largest is None else _checks.positive(largest, "largest", model.inputs[0].unit)
     grid = (np.concatenate([np.geomspace(1e-3 * nyquist, nyquist, FREQUENCIES // 2),
                             np.linspace(1e-3 * nyquist, nyquist, FREQUENCIES // 2)])
             if frequencies is None else np.atleast_1d(np.asarray(frequencies, dtype=float)))
@@ -202,10 +214,10 @@ def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray
                          why=f"it is {nyquist:.6g} Hz")
     damping, large = np.empty((len(points), len(f))), np.zeros((len(points), len(f)), dtype=bool)
     for i, point in enumerate(points):
-        damping[i], large[i] = _damping(model, point, f)
+        damping[i], large[i] = _damping(model, point, f, bound)
     unit = _unit(model)
     return PassivityMargin(points, f, damping, large, model.box.names, model.box.units, unit,
-                           model.input_stage is not None)
+                           model.input_stage is not None, largest, model.inputs[0].unit)
 
 
 def _frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
@@ -216,11 +228,12 @@ def _frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies:
     return np.array([b[:, 0, q] @ z[None] ** np.arange(len(b))[:, None] for q in range(b.shape[2])]) / below
 
 
-def _damping(model: LPVTransferFunction, point: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _damping(model: LPVTransferFunction, point: np.ndarray, f: np.ndarray, largest: float
+             ) -> tuple[np.ndarray, np.ndarray]:
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(len(f), -np.inf), np.zeros(len(f), dtype=bool)
     response, stage = np.real(_frozen_response(model, point, f)), model.input_stage
-    gains = None if stage is None else stage.amplitude_gains(point)
+    gains = None if stage is None else stage.amplitude_gains(point, largest)
     if gains is None:
         return response[0], np.zeros(len(f), dtype=bool)
     small, large = (np.tensordot(g, response[: len(g)], 1) for g in gains)

@@ -54,7 +54,7 @@ def rounded_stamps(view: View) -> Iterator[Finding]:
 
 
 def gaps(view: View) -> Iterator[Finding]:
-    """Intervals longer than 1.5 periods.
+    """Intervals longer than 1.5 periods, behind which the stamps stay late.
 
     Parameters
     ----------

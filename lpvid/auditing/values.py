@@ -192,7 +192,8 @@ def quantised(view: View) -> Iterator[Finding]:
     Parameters
     ----------
     view : View
-        One record; commands on few levels are left out.
+        One record; commands on few levels are left out. Force and displacement are measured, no commands: theirs
+        count, if there are two.
 
     Yields
     ------
@@ -202,27 +203,29 @@ def quantised(view: View) -> Iterator[Finding]:
     """
     for name in view.usable:
         values = view.finite(name)
-        if values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
+        measured = name in (view.force, view.displacement)
+        if values.size < 64 or not np.ptp(values) > 0 or (not measured and view.few_levels(name)):
             continue
-        step = _lattice(values)
+        step = _lattice(values, 2 if measured else 4)
         rms = float(values.std())
         if step is not None and step > rms / 200:
             bits = np.log2(np.ptp(values) / step + 1)
             unit = view.record.unit(name)
+            share = f"1/{rms / step:.0f} of" if rms > 1.5 * step else f"{step / rms:.2g} times"
             yield Finding("quantised", view.name, name, "warning" if step > rms / 20 else "note",
-                          f"steps of {step:.4g} {unit}, 1/{rms / step:.0f} of the rms; {bits:.1f} bits in use",
+                          f"steps of {step:.4g} {unit}, {share} the rms; {bits:.1f} bits in use",
                           "a finer range or converter; noise below a step cannot be judged", step)
 
 
-def _lattice(values: np.ndarray) -> float | None:
-    """Step of the lattice on which the values lie within a tenth, or None."""
+def _lattice(values: np.ndarray, fewest: int) -> float | None:
+    """Step of the lattice on which the values lie within a tenth; None too for less than `fewest` levels."""
     levels = np.unique(values[:20_000])
-    if levels.size < 4:
+    if levels.size < fewest:
         return None
     span = float(levels[-1] - levels[0])
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-9 * span]
-    if gaps.size < 3:
+    if gaps.size < fewest - 1:
         return None
     step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
     centre = int(np.searchsorted(levels, np.median(values)))

@@ -39,11 +39,11 @@ def export(model: options.ModelFile, to: To = "c", out: options.Out = None, name
            limit: Limit = None, anti_windup: Windup = None, json: options.Json = False) -> None:
     """Write a model, damper, controller or synthesis for other tools.
 
-    c: one header, one source and a self-test in C99, without allocation or global state. fmu2, fmu3: a co-simulation
-    FMU of the same C, compiled here, sources inside. modelica: a package in text. matlab: a .mat file with .m files
-    that rebuild and step it. control: a Python file for python-control. csv: coefficients and frozen matrices. What
-    was exported is compared with this package's own simulation where the system has the tools for it; the figures are
-    printed, and the exit code is 3 where they are not what an export promises.
+    c: one header, one source and a self-test in C99, without allocation or global state. fmu2, fmu3: an FMU of the same
+    C, compiled here, sources inside, for co-simulation, or model exchange where it is continuous. modelica: a package
+    in text. matlab: a .mat file with .m files that rebuild and step it. control: a Python file for python-control. csv:
+    coefficients and frozen matrices. What was exported is compared with this package's own simulation where the system
+    has the tools for it; the figures are printed, and the exit code is 3 where they are not what an export promises.
     """
     from lpvid.export.exportable import Options
     from lpvid.export.exporting import content

@@ -83,13 +83,14 @@ def _structure(inputs: tuple[str, ...], outputs: tuple[str, ...], schedule: tupl
 
 
 def _table(found: FleetResult) -> str:
-    """fleet.csv: a line for each file."""
+    """fleet.csv: a line for each file; its errors are those of the free run of the model of all, on training data."""
     import csv
     import io
 
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["name", "file", "esr", "rmse", "mean_error", "unit", "score", "q", "differs", "causes",
+    rows.writerow(["name", "file", "free_run_esr_training", "free_run_rmse_training",
+                   "free_run_mean_error_training", "unit", "score", "q", "differs", "causes",
                    "probabilities", "rivals", "steps"])
     for row in found.to_dict()["files"]:
         stated = row["diagnosis"] or {"causes": [], "rivals": []}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lpvid import _checks
 from lpvid.condition.bandwidth import SPARE, widest_band
 from lpvid.condition.differentiation import with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE, segments
@@ -44,7 +45,7 @@ def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
     if still:
         raise InputError(f"record '{still[0].name}' has neither velocity nor displacement",
                          got=", ".join(still[0].channels),
-                         mend="--role velocity=CHANNEL or --role displacement=CHANNEL")
+                         mend=_checks.role_mend("velocity", "displacement"))
     new = [n for r, old in zip(derived, found, strict=True) for n in r.notes if n not in old.notes]
     notes = tuple(n if len(lacking) == len(found) else f"{n} in {len(lacking)} of {len(found)} records"
                   for n in dict.fromkeys(new))

@@ -77,6 +77,9 @@ def resample(record: Record, sample_rate: float) -> Record:
     new = _interpolate_runs(np.column_stack([c.values for c in uniform.channels.values()]), positions, max(step, 1.0))
     channels = {k: replace(c, values=new[:, i]) for i, (k, c) in enumerate(uniform.channels.items())}
     stated = f"resampled from {old_rate:.6g} Hz to {sample_rate:.6g} Hz (anti-aliased, zero phase)"
+    if step < 1:
+        stated += (f": nothing was recorded above {0.5 * old_rate:.6g} Hz, {1 / step:.3g} samples stand for one that "
+                   "was measured, and a count of samples or equations overstates what the data hold")
     return replace(uniform, channels=channels, sample_time=1.0 / sample_rate, time=None,
                    notes=(*uniform.notes, *([note] if note else []), stated))
 

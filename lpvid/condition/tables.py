@@ -236,7 +236,8 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
     A column is named ``name [unit]`` as in a file's header, and one is called ``time`` or ``t``; a list is several
     records. Data frames are those of pandas or polars; of numpy, structured arrays have columns; of xarray, a Dataset
     of one dimension, whose attribute ``units`` counts where a name states no unit. The index of a pandas frame is its
-    clock where no column is, and it is called so or holds times. Dates become seconds from the first one.
+    clock where no column is, and it is called so or holds times. Dates become seconds from the first one. Entries that
+    a masked array masks are missing: NaN.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
     ------
     InputError
         Something that holds no named columns (an array without `units`, a path), columns without a time, of unequal
-        lengths or not numbers; a unit of no column, or of a Record, which has its own.
+        lengths or not real numbers; a unit of no column, or of a Record, which has its own.
 
     Examples
     --------
@@ -293,7 +294,7 @@ def _named_columns(data: np.ndarray, units: Mapping[str, str]) -> dict[str, np.n
     if data.shape[1] != len(units):
         raise InputError("units= names every column of an array in order", got=f"{len(units)} names, {data.shape[1]} "
                          "columns", mend='units={"time": "s", "velocity": "m/s", "force": "N"}')
-    return dict(zip(units, np.ascontiguousarray(data.T), strict=True))
+    return dict(zip(units, data.T, strict=True))
 
 
 def _columns_of(data: Any) -> list[str] | None:
@@ -333,6 +334,7 @@ def _from_columns(data: Any, name: str, stated: Mapping[str, str]) -> Record:
         unit = unit if unit is not None else stated.get(title)
         unit = unit if unit is not None else getattr(source, "attrs", {}).get("units")
         try:
+            source = _checks.real_numbers(source)
             seconds = calendar_seconds(source)
             values = np.asarray(source, dtype=float) if seconds is None else seconds
         except (TypeError, ValueError) as error:

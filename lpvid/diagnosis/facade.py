@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -229,8 +230,23 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
     extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    return replace(found, audit=audited or examined(), notes=(*found.notes, *notes), extended=extended,
-                   baseline=baseline_text)
+    return replace(_in_words_of_files(found, question.raw), audit=audited or examined(), notes=(*found.notes, *notes),
+                   extended=extended, baseline=baseline_text)
+
+
+def _in_words_of_files(found: Diagnosis, records: Sequence[Record]) -> Diagnosis:
+    """The places of the error with the channel's own name, where one of another unit stands for the current."""
+    first = with_current(records)[0][0]
+    if not first.has("current") or first.unit("current") == "A":
+        return found
+    named = first.resolve("current")
+
+    def own(text: str) -> str:
+        return re.sub(r"\bcurrent\b", lambda _: named, text)
+
+    weights = found.weights
+    return replace(found, wrong=tuple(replace(w, where=own(w.where)) for w in found.wrong),
+                   weights=None if weights is None else replace(weights, where=own(weights.where)))
 
 
 def _beside(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:

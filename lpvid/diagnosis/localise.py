@@ -111,11 +111,13 @@ def _after_reversal(velocity: np.ndarray) -> np.ndarray:
 
 
 def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[Wrong]:
+    """Shares of the error's power; a frequency between 0 and half the rate counts twice, for its negative too."""
     period = problem.signals[0].sample_time
     power = np.zeros(len(BANDS))
     for e, n in zip(errors, problem.blocks.number, strict=True):
         x = np.where(n >= 0, e, 0.0)
-        spectrum, f = np.abs(np.fft.rfft(x)) ** 2, np.fft.rfftfreq(x.size, period)
+        spectrum, f = np.abs(np.fft.rfft(x)) ** 2 / x.size, np.fft.rfftfreq(x.size, period)
+        spectrum[1:(x.size + 1) // 2] *= 2
         power += [float(spectrum[(f >= a) & (f < b)].sum()) for a, b in BANDS]
     top = 0.5 / period
     total = float(power.sum())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lpvid import _checks
 from lpvid.condition import segments
 from lpvid.condition.band_limited import quiet_pieces
 from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
@@ -97,7 +98,7 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
             left.append(f"{role} is left out: only {len(having)} of {len(records)} records have it")
     if not found:
         raise InputError(f"record '{records[0].name}' has no channel that a baseline could read",
-                         got=", ".join(records[0].channels), mend="--role velocity=CHANNEL, --role force=CHANNEL")
+                         got=", ".join(records[0].channels), mend=_checks.role_mend("velocity", "force"))
     return found, tuple(left)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -42,6 +42,8 @@ class Differing:
         Median of log d and its robust standard deviation.
     p : mapping of str to float
         Probability of a healthy file at least as far away.
+    needed : float or None
+        Score from which a single file would be named; None where its distribution is not that of `needed_score`.
     """
 
     score: Mapping[str, float]
@@ -51,6 +53,33 @@ class Differing:
     centre: float
     spread: float
     p: Mapping[str, float] = field(default_factory=dict)
+    needed: float | None = None
+
+
+def needed_score(files: int, fdr: float) -> float:
+    """Score from which a single file of a fleet is named by one of two tests.
+
+    The step-up rule names the farthest file from p ≤ fdr/n on, p = 2 p₁ of the two tests together, p₁ the upper tail of
+    Student's t with 0.37 n degrees of freedom.
+
+    Parameters
+    ----------
+    files : int
+        n.
+    fdr : float
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> [round(needed_score(n, 0.05), 1) for n in (8, 20, 100)]
+    [7.0, 4.5, 3.8]
+    """
+    from scipy.stats import t
+
+    return float(t.isf(fdr / files / 2, EFFICIENCY * files))
 
 
 def shift(own: Factor, theta: np.ndarray) -> np.ndarray:
@@ -272,9 +301,12 @@ def from_factors(factors: Mapping[str, Factor], theta: np.ndarray, fdr: float) -
     -------
     Differing
     """
-    found = differing_parameters({n: shift(own, theta) for n, own in factors.items()}, fdr) or \
-        differing({n: departure(own, theta) for n, own in factors.items()}, fdr)
-    return either(found, differing_residuals({n: residual_level(own) for n, own in factors.items()}, fdr))
+    levels = differing_residuals({n: residual_level(own) for n, own in factors.items()}, fdr)
+    found = differing_parameters({n: shift(own, theta) for n, own in factors.items()}, fdr)
+    if found is not None:
+        return either(found, levels)
+    both = either(differing({n: departure(own, theta) for n, own in factors.items()}, fdr), levels)
+    return replace(both, needed=needed_score(len(factors), fdr)) if both.p else both
 
 
 def _distances(z: np.ndarray) -> np.ndarray:

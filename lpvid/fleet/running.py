@@ -16,7 +16,7 @@ from lpvid.errors import InputError
 from lpvid.fleet import steps
 from lpvid.fleet.causes import FileCauses, read_causes
 from lpvid.fleet.comparing import Stage, diagnosed
-from lpvid.fleet.differing import FEWEST, Differing, from_factors
+from lpvid.fleet.differing import FEWEST, Differing, from_factors, needed_score
 from lpvid.fleet.plan import FleetPlan, Job
 from lpvid.fleet.state import StepOutcome, keep, short_hash
 from lpvid.identification.streaming import merged_factor
@@ -31,6 +31,12 @@ ROUNDS = 5
 """Fits of the fleet's model at most: each without the files that differed from the one before."""
 SCHEDULER_TIMEOUT = 20.0
 """Seconds that a scheduler has to answer."""
+CONSTANT = "constant-scheduling"
+"""Finding on a scheduling variable that never moves."""
+FIGURES = "free run of the model of all, training data"
+"""What the errors of the files are."""
+MANY = 40
+"""Files with which a comparison is given: from about there on more files no longer help to find a single one."""
 LOST = "lost"
 """Message of a step whose workers were killed more often than it may be tried again."""
 
@@ -68,10 +74,30 @@ class FleetResult:
 
     @cached_property
     def warned(self) -> dict[str, tuple[str, ...]]:
-        """Names of the faults and warnings that the audit of a file found, of files with any."""
-        read = {job.name: steps.warnings_of(job) for job in self.plan.jobs
+        """Names of the faults and warnings that the audit of a file found, of files with any.
+
+        A scheduling variable that is constant in a file, and another in others, is none.
+        """
+        read = self._findings
+        levels: dict[str, list[float | None]] = {}
+        for finding in (f for found in read.values() for f in found if f["name"] == CONSTANT):
+            levels.setdefault(finding["channel"], []).append(finding["value"])
+        vary = {c for c, held in levels.items() if len(set(held)) > 1 or len(held) < len(read)}
+        named = {name: tuple(dict.fromkeys(f["name"] for f in found
+                                           if f["name"] != CONSTANT or f["channel"] not in vary))
+                 for name, found in read.items()}
+        return {name: found for name, found in named.items() if found}
+
+    @property
+    def faulty(self) -> tuple[str, ...]:
+        """Files in which the audit found a fault, to be mended before use."""
+        return tuple(name for name, found in self._findings.items() if any(f["severity"] == "fault" for f in found))
+
+    @cached_property
+    def _findings(self) -> dict[str, tuple[dict[str, Any], ...]]:
+        """Faults and warnings of every file that was audited."""
+        return {job.name: steps.findings_of(job) for job in self.plan.jobs
                 if "audit" in self.outcomes.get(job.name, {}) and self.outcomes[job.name]["audit"].state == "done"}
-        return {name: found for name, found in read.items() if found}
 
     @property
     def causes(self) -> dict[str, tuple[str, ...]]:
@@ -124,10 +150,23 @@ class FleetResult:
         named = [n + (f" ({', '.join(self.causes[n])})" if self.causes.get(n) else "") for n in self.differing.named]
         who = f"{len(named)} differ from the fleet's model: {', '.join(named[:6])}" if named else "none differs"
         more = f" and {len(named) - 6} more" if len(named) > 6 else ""
-        judged = f"{who}{more}, at a false discovery rate of {self.differing.fdr:g}"
+        judged = f"{who}{more}, at a false discovery rate of {self.differing.fdr:g}{'' if named else self._reach()}"
         if not np.isfinite(self.differing.centre):
             judged = f"which of them differ is open: that takes {FEWEST} files"
         return f"{stated}; {judged}{self._audited()}."
+
+    def _reach(self) -> str:
+        """How far off a file would have to be to be named, and how far the farthest is."""
+        assert self.differing is not None
+        d = self.differing
+        if not d.q:
+            return ""
+        farthest = min(d.q, key=lambda n: (d.q[n], -abs(d.score[n])))
+        nearest = f"the nearest to it is {farthest} with q = {d.q[farthest]:.2g}"
+        if d.needed is None:
+            return f" ({nearest})"
+        return (f" ({nearest}; of {len(d.q)} files one must lie {d.needed:.2g} times their spread away, which several "
+                f"faulty ones widen; of {MANY} files {needed_score(MANY, d.fdr):.2g} times)")
 
     def _audited(self) -> str:
         """What the audits warn of, in how many files; empty without a warning."""
@@ -135,7 +174,9 @@ class FleetResult:
             return ""
         count = Counter(finding for found in self.warned.values() for finding in found)
         listed = ", ".join(f"{finding} in {n}" for finding, n in count.most_common(4))
-        return f"; the audit warns of {listed}{' and more' if len(count) > 4 else ''}"
+        bad = len(self.faulty)
+        faults = f"; the audit finds faults in {bad} file{'s' * (bad != 1)}, to be mended first" if bad else ""
+        return f"{faults}; the audit warns of {listed}{' and more' if len(count) > 4 else ''}"
 
     def to_dict(self) -> dict:
         """fleet.json.
@@ -159,12 +200,13 @@ class FleetResult:
                                   "seconds": o.seconds} for s, o in self.outcomes.get(job.name, {}).items()}}
 
         return {"schema": "lpvid/fleet/1", "verdict": self.verdict, "do": list(self.plan.do), "fdr": self.plan.fdr,
-                "diagnosed_against": self.against or None, "files": [row(j) for j in self.plan.jobs]}
+                "diagnosed_against": self.against or None, "figures": FIGURES,
+                "files": [row(j) for j in self.plan.jobs]}
 
     def __str__(self) -> str:
         lines = [f"Fleet: {self.verdict}"]
         if self.found is not None:
-            lines.append(f"  model of all: {self.found.model}")
+            lines += [f"  model of all: {self.found.model}", f"  errors of the files: {FIGURES}"]
         if self.against:
             lines.append(f"  diagnosed against {self.against}")
         for name in (() if self.differing is None else self.differing.named)[:12]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,8 +51,8 @@ def audit(job: Job, plan: FleetPlan) -> StepOutcome:
     return _command("audit", job, plan, words, stamp(job.path, plan.key("audit")))
 
 
-def warnings_of(job: Job) -> tuple[str, ...]:
-    """Names of the faults and warnings in the audit of a file.
+def findings_of(job: Job) -> tuple[dict[str, Any], ...]:
+    """Faults and warnings in the audit of a file.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ def warnings_of(job: Job) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple of str
-        Each once; empty where no audit is there.
+    tuple of dict
+        As in its audit.json; empty where no audit is there.
     """
     path = job.folder / "audit" / "audit.json"
     if not path.is_file():
         return ()
     found = json.loads(path.read_text(encoding="utf-8"))["findings"]
-    return tuple(dict.fromkeys(f["name"] for f in found if f["severity"] in ("fault", "warning")))
+    return tuple(f for f in found if f["severity"] in ("fault", "warning"))
 
 
 def scan(job: Job, plan: FleetPlan) -> StepOutcome:

@@ -150,8 +150,6 @@ def fitted_stages(model: LPVTransferFunction, structure: StagedStructure) -> lis
 def unresolved(model: LPVTransferFunction, structure: StagedStructure, records: Sequence[Record]) -> tuple[str, ...]:
     """Whether the bend of a fitted stage is not identifiable, or one of its parameters at the search's bound.
 
-    It is not identifiable where fewer samples lie inside the knee than the stage has free parameters.
-
     Parameters
     ----------
     model : LPVTransferFunction
@@ -166,8 +164,29 @@ def unresolved(model: LPVTransferFunction, structure: StagedStructure, records: 
     tuple of str
         One remark, or none.
     """
+    return knee_remarks(model, records) if isinstance(structure.stage, str) else ()
+
+
+def knee_remarks(model: LPVTransferFunction, records: Sequence[Record]) -> tuple[str, ...]:
+    """Whether the knee of a model's input stage is not identifiable, or at the search's bound.
+
+    It is not identifiable where fewer samples lie inside the knee than the stage has free parameters, or where no
+    sample leaves the part of it that is straight.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        Fitted.
+    records : sequence of Record
+        Of the fit.
+
+    Returns
+    -------
+    tuple of str
+        One remark, or none.
+    """
     stage = model.input_stage
-    if stage is None or not isinstance(structure.stage, str):
+    if stage is None:
         return ()
     free = int(np.count_nonzero(stage.scales(1.0)))
     u = np.concatenate([np.abs(r[model.inputs[stage.channel].name]) for r in records])
@@ -177,6 +196,11 @@ def unresolved(model: LPVTransferFunction, structure: StagedStructure, records: 
     if inside < free:
         return (f"not identifiable: the knee of the input stage, {float(knee.max()):.2g} {unit}, has collapsed: "
                 f"{inside} samples of {name} lie inside it, so that the stage acts as sign({name})",)
+    reach = float(np.max(u / knee))
+    if stage.beyond_data or reach <= stage.STRAIGHT:
+        return (f"not identifiable: the knee of the input stage, {float(knee.min()):.2g} {unit}, is beyond the data: "
+                f"{name} reaches {float(u.max()):.2g} {unit}, {reach:.2g} of the knee, where the stage is a straight "
+                "line but for a cubic term; extrapolate to no faster motion",)
     if not stage.at_bound:
         return ()
     (width, slope), variable = stage.KNEE, model.box.names[stage.variable]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.report.formatting import number
 from lpvid.report.page import Item, Notes, PageFigure, PageTable, Paragraph, Section
@@ -20,7 +22,8 @@ VELOCITY, FORCE = "m/s", "N"
 def energy_statement(model: Any) -> PassivityMargin | None:
     """Damping in steady motion of a model from a velocity to a force; None for every other model.
 
-    A model whose metadata state that its polarity is reversed is judged with the sign of its force turned.
+    A model whose metadata state that its polarity is reversed is judged with the sign of its force turned. Amplitudes
+    count up to the largest training velocity, where the metadata hold it: beyond that nothing was measured.
 
     Parameters
     ----------
@@ -43,7 +46,9 @@ def energy_statement(model: Any) -> PassivityMargin | None:
 
     assert model.c is not None
     turned = model.metadata.get("polarity") == "reversed"
-    return passivity_margin(model.replace(b=-model.b, c=-model.c) if turned else model)
+    ends = model.metadata.get("training", {}).get("ranges", {}).get(source.name)
+    largest = float(np.abs(ends).max()) if ends else None
+    return passivity_margin(model.replace(b=-model.b, c=-model.c) if turned else model, largest=largest or None)
 
 
 def passivity_lines(found: Identification) -> list[str]:

@@ -15,7 +15,12 @@ THINNED = 100_000
 CHUNK = 65_536
 """samples worked on at once."""
 BANDS = 5
-"""frequency bands, equal on a logarithmic scale."""
+"""frequency bands, equal on a logarithmic scale up to half the sampling rate; the lowest begins at 0 Hz."""
+LOWEST_PERIOD = 1024
+"""samples of the period from which the logarithmic scale starts (of the longest stretch, where that is shorter): each
+band spans a factor 3.5."""
+SHORTEST = 64
+"""samples of the longest stretch below which there are no bands: each would hold a handful of frequencies."""
 LEVELS = 3
 """groups of scheduling values with equal numbers of samples, where there are more distinct values than this."""
 
@@ -152,33 +157,28 @@ def _levels(values: np.ndarray, column: int, name: str, unit: str) -> list[Sorte
 
 
 def _bands(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regime]:
-    """Welch spectra of error and measurement, summed over stretches and over bands."""
-    from scipy.signal import welch
+    """Power of error and of measurement by frequency, summed over stretches and over bands.
 
-    segment = min(1024, max(len(s.measured) for s in stretches))
-    if segment < 64:
+    Of orthonormal cosine transforms (DCT-II) of whole chunks, whose squares add up to those of the samples (Parseval):
+    the shares of the bands add up to 1, and the lowest band holds the mean error. The coefficient k of n samples stands
+    for the frequency k / (2 n T). A cosine transform continues a chunk by its mirror image, without a jump, so that
+    less of what is slow leaks into higher bands than with a Fourier transform.
+    """
+    from scipy.fft import dct
+
+    longest = max(len(s.measured) for s in stretches)
+    if longest < SHORTEST:
         return []
-    long = [s for s, _ in _chunks(stretches) if len(s.measured) >= segment]
-
-    def spectrum(pick: Callable[[FreeRunStretch], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        total = np.zeros(segment // 2 + 1)
-        frequency = total
-        for s in long:
-            frequency, density = welch(pick(s), fs=1 / sample_time, nperseg=segment, detrend="constant")
-            total = total + density * len(s.measured)
-        return frequency, total
-
-    frequency, error = spectrum(lambda s: s.measured - s.model)
-    _, power = spectrum(lambda s: s.measured)
-    edges = np.geomspace(frequency[1], frequency[-1], BANDS + 1)
-    edges[0], edges[-1] = 0.0, np.inf
-    found = []
-    for low, high in pairwise(edges):
-        inside = (frequency >= low) & (frequency < high)
-        if not inside.any() or not power[inside].sum() > 0:
-            continue
-        described = f"{low:.3g} to {min(high, frequency[-1]):.3g} Hz"
-        share = float(error[inside].sum() / error.sum()) if error.sum() > 0 else 0.0
-        found.append(Regime(described, float(power[inside].sum() / power.sum()), share,
-                            float(error[inside].sum() / power[inside].sum())))
-    return found
+    lowest, top = 1 / (min(LOWEST_PERIOD, longest) * sample_time), 0.5 / sample_time
+    edges = np.geomspace(lowest, top, BANDS + 1)
+    error, power = np.zeros(BANDS), np.zeros(BANDS)
+    for stretch, mean in _chunks(stretches):
+        n = len(stretch.measured)
+        band = np.searchsorted(edges[1:-1], np.arange(n) / (2 * n * sample_time), side="right")
+        for sums, values in ((error, stretch.measured - stretch.model), (power, stretch.measured - mean)):
+            sums += np.bincount(band, weights=np.asarray(dct(values, norm="ortho")) ** 2, minlength=BANDS)
+    whole = (float(error.sum()) or 1.0, float(power.sum()) or 1.0)
+    edges[0] = 0.0
+    return [Regime(f"{low:.3g} to {high:.3g} Hz", float(p) / whole[1], float(e) / whole[0],
+                   float(e / p) if p > 0 else None)
+            for (low, high), e, p in zip(pairwise(edges), error, power, strict=True)]

@@ -10,6 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.registry import Factory
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers import DAMPERS, model_class, model_names
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.families import LawDamper
@@ -46,7 +47,7 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     if lacking is not None or not records:
         raise InputError(f"the baseline '{name}' needs velocity and force",
                          got="no records" if lacking is None else f"{', '.join(lacking.channels)} in '{lacking.name}'",
-                         mend="--role velocity=CHANNEL, --role force=CHANNEL")
+                         mend=checks.role_mend("velocity", "force"))
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import fit
     from quartercar.dampers.preparing import sense_of

@@ -108,7 +108,7 @@ class QuarterCarBaseline(Coded, Baseline):
             if not record.has(role):
                 raise InputError(f"record '{record.name}' has no {role}", got=", ".join(record.channels),
                                  why="a quarter car is simulated from its road and compared with its motion",
-                                 mend=f"--role {role}=CHANNEL")
+                                 mend=checks.role_mend(role))
         channels = {r: checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
         return Signals(period, channels, channels[self.output], record.name)
 

@@ -26,6 +26,7 @@ from quartercar.characterisation.switching import SwitchingSteps, switching_of
 from quartercar.characterisation.tolerance import Tolerance, checks_of, specimen_spreads
 
 if TYPE_CHECKING:
+    from lpvid.record import Record
     from quartercar.dampers.contract import Damper
 
 
@@ -143,22 +144,47 @@ def _simulated(data: RecordPieces, damper: Damper | None) -> tuple[dict[int, np.
     import warnings
 
     models: dict[int, np.ndarray] = {}
-    notes = []
+    notes: list[str] = []
+    mends: list[str] = []
     for run in data.runs:
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                made = damper.simulate(run.record)
+                force, note = _run_along(damper, run.record)
         except InputError as error:
             notes.append(f"{damper.name} does not run along '{run.name}': {error.what}")
+            mends += [error.mend] if error.mend else []
             continue
-        notes += [str(w.message) for w in caught]
-        force = np.array(made.output[:, 0])
+        notes += [*note, *(str(w.message) for w in caught)]
         if np.isfinite(force).all():
             models[id(run)] = damper.polarity * force
         else:
             notes.append(f"{damper.name} diverges along '{run.name}'")
     if not models:
         raise InputError(f"the model '{damper.name}' runs along none of these records", why="; ".join(notes[:2]),
-                         mend="give the channels that it reads")
+                         mend=mends[0] if mends else None)
     return models, tuple(dict.fromkeys(notes))
+
+
+def _run_along(damper: Damper, record: Record) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(n,) force of the free run at the samples of a record [N], and a note where the model has another rate.
+
+    It runs at its own rate along the resampled record; a cubic spline through its samples gives the force in between,
+    the last of them what lies behind it.
+    """
+    from lpvid.condition.resampling import resample
+    from lpvid.condition.segmentation import RATE_TOLERANCE
+
+    assert record.sample_time is not None
+    clock = damper.clock
+    if clock is None or abs(record.sample_time / clock - 1) <= RATE_TOLERANCE:
+        return np.array(damper.simulate(record).output[:, 0]), ()
+    from scipy.interpolate import CubicSpline
+
+    own = resample(record, 1 / clock)
+    force = damper.simulate(own).output[:, 0]
+    if not np.isfinite(force).all() or own.n_samples < 2:
+        return np.full(record.n_samples, np.nan), ()
+    at = np.clip(record.times, own.times[0], own.times[-1])
+    return np.asarray(CubicSpline(own.times, force)(at)), (
+        f"{damper.name} runs at its own {1 / clock:.6g} Hz along records at {1 / record.sample_time:.6g} Hz",)

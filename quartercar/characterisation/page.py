@@ -111,8 +111,9 @@ def _facts(found: Readings) -> tuple[tuple[str, str], ...]:
                 facts.append((label, f"{sign * best.force:.4g} N"))
     creep = next((s for s in found.static if s.creep), None)
     if creep is not None:
-        facts += [("gas force at mid stroke", f"{creep.gas:.4g} N"),
-                  (f"friction at {1e3 * creep.speed:.2g} mm/s", f"{creep.friction:.3g} N")]
+        at = "" if creep.current is None or len(found.data.levels) < 2 else f", {amps(creep.current, unit)}"
+        facts += [(f"gas force at mid stroke{at}", f"{creep.gas:.4g} N"),
+                  (f"friction at {1e3 * creep.speed:.2g} mm/s{at}", f"{creep.friction:.3g} N")]
     for s in found.switching[:2]:
         facts.append((f"switching {amps(s.low, unit)} → {amps(s.high, unit)}", f"{1e3 * s.time:.3g} ms"))
     return tuple(facts)
@@ -191,8 +192,8 @@ def _static(found: Readings) -> list[Item]:
         marks.append("plain" if s.creep else "warn")
     items: list[Item] = [PageTable(
         (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
-        tuple(rows), "Gas force: mean of the two directions at one place. Friction: half their difference, which "
-        "includes the damping at the speed of the test and the yield force of a magnetorheological fluid.",
+        tuple(rows), "Gas force: minus the mean of the two directions at one place. Friction: half their difference, "
+        "which includes the damping at the speed of the test and the yield force of a magnetorheological fluid.",
         (2, 3, 4, 5), tuple(marks))]
     if not all(s.creep for s in found.static):
         items.append(Paragraph("Marked rows are faster than 10 mm/s. Their friction is an upper bound. Their gas force "

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.characterisation.settings import CharacteriseSettings
 from quartercar.dampers.drive import UNITS
 from quartercar.dampers.facts import DISTINCT
@@ -183,9 +184,10 @@ def _need_channels(records: Sequence[Record]) -> None:
                                  why=f"{wanted} expected", mend="correct the unit in the header")
         if not (r.has("displacement") or r.has("velocity")):
             raise InputError(f"record '{r.name}' has neither displacement nor velocity", got=", ".join(r.channels),
-                             mend="--role displacement=CHANNEL or --role velocity=CHANNEL")
+                             mend=checks.role_mend("displacement", "velocity"))
     if not any(r.has("force") for r in records):
-        raise InputError("no record has a force", got=", ".join(records[0].channels), mend="--role force=CHANNEL")
+        raise InputError("no record has a force", got=", ".join(records[0].channels),
+                         mend=checks.role_mend("force"))
 
 
 def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[Record, Record, str, bool]],

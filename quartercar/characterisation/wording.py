@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from quartercar.characterisation.gas import StaticForce
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.runs import RecordPieces
@@ -140,6 +141,21 @@ def _key_figures(found: Readings) -> str:
     return f" {'; '.join(stated)[0].upper()}{'; '.join(stated)[1:]}." if stated else ""
 
 
+def _static_said(found: Readings, test: StaticForce) -> str:
+    """One slow test: whose, at which current and speed, and what its two directions give."""
+    whose = f"{test.specimen}: " if len(found.data.specimens) > 1 else ""
+    at = f"at {1e3 * test.speed:.3g} mm/s"
+    if test.current is not None:
+        at += f" and {amps(test.current, found.data.current_unit)}"
+    rate = f"rate {1e-3 * test.rate:.3g} N/mm"
+    if test.creep:
+        return (f"{whose}{at} (creep): gas {test.gas:.4g} ± {test.gas_std:.2g} N, {rate}, "
+                f"friction {test.friction:.4g} N")
+    mean = -found.settings.sign * test.gas
+    return (f"{whose}{at}, no creep: mean of both directions {mean:+.4g} N (the gas, which pushes outwards, and half "
+            f"the difference of their damping), {rate}, friction at most {test.friction:.4g} N")
+
+
 def summary(found: Readings) -> str:
     """Verdict, key numbers, what is missing.
 
@@ -164,14 +180,7 @@ def summary(found: Readings) -> str:
                 parts.append(f"{name} {sign * (top.force or 0.0):.4g} ± {top.std or 0.0:.2g} N at {top.speed:g} m/s")
         label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
-    for s in found.static[:2]:
-        rate = f"rate {1e-3 * s.rate:.3g} N/mm"
-        whose = f"{s.specimen}: " if len(found.data.specimens) > 1 else ""
-        lines.append(f"  {whose}gas {s.gas:.4g} ± {s.gas_std:.2g} N, {rate}, friction {s.friction:.4g} N (creep)"
-                     if s.creep else
-                     f"  {whose}at {1e3 * s.speed:.3g} mm/s, no creep: mean of both directions {s.gas:.4g} N "
-                     f"(gas force, and half the difference of their damping), {rate}, "
-                     f"friction at most {s.friction:.4g} N")
+    lines += [f"  {_static_said(found, s)}" for s in found.static[:2]]
     for s in found.switching[:2]:
         lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
                      f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")

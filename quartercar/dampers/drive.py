@@ -156,10 +156,10 @@ def joined(drives: Sequence[Drive], *names: str) -> list[np.ndarray]:
 
 
 UNITS = {"displacement": "m", "velocity": "m/s", "force": "N"}
-MENDS = {"displacement": "measure it, or fit a model that does not read it; --role displacement=CHANNEL",
+MENDS = {"displacement": f"measure it, or fit a model that does not read it; {checks.role_mend('displacement')}",
          "velocity": "lpvid.condition.with_velocity(record) derives it from displacement",
-         "current": "a model without current dependence, or --role current=CHANNEL",
-         "force": "--role force=CHANNEL"}
+         "current": f"a model without current dependence, or {checks.role_mend('current')}",
+         "force": checks.role_mend("force")}
 
 
 def _signal(record: Record, role: str) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.condition.constancy import DISTINCT, constant
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 
 MOST_LEVELS = 12
 """with more levels than this a current counts as continuous."""
@@ -77,7 +78,7 @@ class Facts:
         """
         if not self.has_displacement:
             raise InputError(f"{model} reads the displacement, which these records do not have",
-                             mend="measure it, or --role displacement=CHANNEL")
+                             mend=f"measure it, or {checks.role_mend('displacement')}")
 
     def need_current(self, model: str) -> None:
         """Refuse data whose current does not vary.
@@ -94,7 +95,7 @@ class Facts:
         """
         if not self.has_current:
             raise InputError(f"{model} depends on the current, which these records do not have",
-                             mend="--role current=CHANNEL")
+                             mend=checks.role_mend("current"))
         if not self.current_varies:
             low = self.current_range[0] if self.current_range else 0.0
             raise InputError(f"{model} depends on the current, which is constant in these records",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.drive import UNITS
 from quartercar.dampers.polarity import common_polarity
 
@@ -106,14 +107,15 @@ def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
     found, notes = with_motion(records)
     for r in found:
         if not r.has("force"):
-            raise InputError(f"record '{r.name}' has no force", got=", ".join(r.channels), mend="--role force=CHANNEL")
+            raise InputError(f"record '{r.name}' has no force", got=", ".join(r.channels),
+                             mend=checks.role_mend("force"))
     found, stand_in = with_current(found)
     for role in ("displacement", "current"):
         without = [r.name for r in found if not r.has(role)]
         if without and len(without) < len(found):
             raise InputError(f"some records have no {role}", got=", ".join(without[:4]),
                              why="a model reads it from all records or from none",
-                             mend=f"leave these files out, or --role {role}=CHANNEL")
+                             mend=f"leave these files out, or {checks.role_mend(role)}")
     return found, (*notes, *stand_in)
 
 

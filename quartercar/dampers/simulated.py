@@ -123,6 +123,15 @@ class SimulatedDamper(Parametrised):
         """
 
     @property
+    def largest_speed(self) -> float | None:
+        """Largest speed of the training records [m/s]; None where that is not known."""
+        training = self.metadata.get("training", {})
+        held = training.get("ranges", {}) if isinstance(training, Mapping) else {}
+        if not isinstance(held, Mapping) or "velocity" not in held:
+            return None
+        return max(abs(checks.real(v, "a speed of the training")) for v in held["velocity"]) or None
+
+    @property
     def usual_currents(self) -> tuple[float, float] | None:
         """Fitted range without the ripple of filters and the rarest hundredth at either end, where that is known.
 

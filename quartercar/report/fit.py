@@ -84,8 +84,8 @@ def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
         margin = margin_of(row.damper)
         if margin is not None:
             stated = (
-                f"{row.title}: damping in steady sine motion at the least favourable amplitude; negative where the "
-                "model gives energy."
+                f"{row.title}: damping in steady sine motion at the least favourable amplitude within the "
+                "speeds of its training records; negative where the model gives energy."
             )
             drawn.append(Drawn(f"passivity_{row.damper.name}", passivity(margin), stated))
     return tuple(drawn)

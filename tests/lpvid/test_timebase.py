@@ -59,9 +59,41 @@ def test_real_jitter_is_not_taken_for_rounding(jitter: float, rng: np.random.Gen
     base = analyse_time(np.round(np.sort(exact + deviation), 6))
     assert not base.rounded
     assert not base.uniform
-    steps = np.diff(np.sort(exact + deviation)) / 0.01  # oracle: rms about 1 of the steps that are no gaps
-    steps = steps[(steps > 0) & (steps <= 1.5)]
-    assert base.jitter_rms == pytest.approx(np.sqrt(np.mean((steps - 1) ** 2)), rel=0.1)
+    steps = np.diff(np.sort(exact + deviation)) / 0.01  # oracle: rms about 1 of all steps: nothing is missing
+    assert base.jitter_rms == pytest.approx(np.sqrt(np.mean((steps - 1) ** 2)), rel=0.02)
+    assert not base.gaps
+
+
+@pytest.mark.parametrize("period, jitter", [(1 / 250, 0.2), (1e-3, 0.2), (0.01, 0.25)])
+@pytest.mark.parametrize("missing", [(), (100,), (333, 700, 1200)])
+def test_jitter_and_missing_rows_are_kept_apart(period: float, jitter: float, missing: tuple[int, ...],
+                                          rng: np.random.Generator) -> None:
+    """A long interval is a gap where the stamps behind it stay late; the period is that of the clock."""
+    kept = np.delete(np.arange(1500), missing)
+    base = analyse_time(np.sort(period * (7 + kept + jitter * rng.standard_normal(kept.size))))
+    assert base.gaps == tuple(row - i for i, row in enumerate(missing))
+    assert base.period == pytest.approx(period, rel=4 * jitter * np.sqrt(2) / 1500)
+
+
+def test_one_late_stamp_is_no_gap_and_does_not_move_the_period() -> None:
+    stamps = 0.01 * np.arange(500)
+    stamps[200] += 0.007
+    base = analyse_time(stamps)
+    assert not base.gaps and base.period == pytest.approx(0.01, rel=1e-9)
+
+
+@pytest.mark.parametrize("every", [5, 10, 20])
+def test_rows_missing_again_and_again_are_gaps(every: int) -> None:
+    kept = np.arange(1000)[np.arange(1000) % every != every - 1]
+    base = analyse_time(kept / 300.1)
+    assert len(base.gaps) == 1000 // every - 1 and base.period == pytest.approx(1 / 300.1)
+
+
+def test_intervals_that_vary_by_themselves_are_not_called_late_stamps(rng: np.random.Generator) -> None:
+    """Their jitter adds up: an interval above 1.5 periods is not taken back behind it, and stays a gap."""
+    steps = rng.uniform(0.4, 1.6, 2000)
+    base = analyse_time(0.01 * np.cumsum(steps))
+    assert len(base.gaps) == np.count_nonzero(steps[1:] > 1.5 * np.median(steps[1:]))
 
 
 def test_small_jitter_is_within_the_limit() -> None:

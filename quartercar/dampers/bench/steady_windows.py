@@ -137,7 +137,7 @@ def steady_windows(record: Record, settings: WindowSettings | None = None, polar
         raise InputError(f"record '{record.name}' has no uniform clock", mend="lpvid.condition.resample")
     if not record.has("force"):
         raise InputError(f"record '{record.name}' has no force", got=", ".join(record.channels),
-                         mend="--role force=CHANNEL")
+                         mend=checks.role_mend("force"))
     force = polarity * checks.finite(record["force"], f"record '{record.name}': force")
     x, measured = travel(record)
     turns = turning_points(x, TURN * float(np.ptp(x)))

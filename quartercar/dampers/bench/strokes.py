@@ -43,7 +43,7 @@ def travel(record: Record) -> tuple[np.ndarray, bool]:
             steps = 0.5 * float(record.sample_time or 0.0) * (values[1:] + values[:-1])
             return np.concatenate([[0.0], np.cumsum(steps)]), False
     raise InputError(f"record '{record.name}' has neither displacement nor velocity", got=", ".join(record.channels),
-                     mend="--role displacement=CHANNEL")
+                     mend=checks.role_mend("displacement"))
 
 
 def turning_points(x: np.ndarray, threshold: float) -> np.ndarray:

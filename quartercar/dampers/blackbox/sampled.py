@@ -211,7 +211,7 @@ class SampledDamper(Damper):
     # -- fitting -----------------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate[Damper]:
         from lpvid.identification.output_error import OutputError
-        from lpvid.identification.stage_fit import shorten
+        from lpvid.identification.stage_fit import knee_remarks, shorten
         from quartercar.dampers.blackbox.held import Held
         from quartercar.dampers.blackbox.simulation_error import MOST_SAMPLES
         from quartercar.dampers.fitting.estimate import Estimate
@@ -224,7 +224,19 @@ class SampledDamper(Damper):
         if isinstance(found.structure, OutputError) and not np.isfinite(covariance).all():
             joint = _free_run_covariance(held, shorten(own, MOST_SAMPLES, held.model.start + 50))
             covariance = covariance if joint is None else joint
-        return Estimate(chosen.replace(stored=held.to_dict()), covariance, notes=(*notes, *found.notes),
+        fitted = chosen.replace(stored=held.to_dict())
+        stage, remarks, at_bounds = held.model.input_stage, knee_remarks(found.model, own), tuple[str, ...]()
+        if stage is not None and stage.first_knee is not None:
+            place = fitted.names.index(knee := f"shape_{stage.KNEE[0]}")
+            error = float(np.sqrt(covariance[place, place]))
+            if remarks:
+                covariance = covariance.copy()
+                covariance[place], covariance[:, place] = np.nan, np.nan
+                at_bounds = (knee,) * (stage.at_bound or stage.beyond_data)
+            elif error > stage.first_knee:  # a positive number whose order of magnitude is open
+                remarks = (f"{knee}: not determined by these data ({stage.first_knee:.3g} ± {error:.2g} "
+                           f"{fitted.parameters[place].unit})",)
+        return Estimate(fitted, covariance, at_bounds, undetermined=remarks, notes=(*notes, *found.notes),
                         condition=found.scaled_condition)
 
 

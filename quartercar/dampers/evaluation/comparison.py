@@ -177,7 +177,7 @@ def _as_given(damper: Damper, data: Prepared) -> Damper:
     for role in damper.reads:
         if not data.training[0].has(role):
             raise InputError(f"{damper.name} as given reads the {role}, which these records do not have",
-                             mend=f"--role {role}=CHANNEL")
+                             mend=checks.role_mend(role))
     return damper.replace(polarity=data.polarity)
 
 

@@ -47,8 +47,10 @@ class Passivity(Encoded):
     stored : bool
         Whether power is given near zero velocity only and no cycle gives any, by a law with displacement or memory:
         energy stored before.
-    unit : str
-        Of the current.
+    unit : str or None
+        Of the current; None where the law reads none.
+    known : float or None
+        Largest speed of the training records [m/s]; None where that is not known.
     """
 
     JSON = ("passive", ("says", "description"), ("least_power", "power"), ("least_power_at", "power_at"), "stored",
@@ -61,7 +63,8 @@ class Passivity(Encoded):
     work_at: tuple[float, float, float]
     speed: float
     stored: bool
-    unit: str
+    unit: str | None
+    known: float | None = None
 
     @property
     def description(self) -> str:
@@ -70,12 +73,24 @@ class Passivity(Encoded):
             amplitude, frequency, current = self.work_at
             what = (f"gives {-100 * self.work_share:.2g} % of the energy exchanged" if np.isfinite(self.work_share)
                     else "diverges")
-            return (f"a steady cycle of {1e3 * amplitude:.3g} mm at {frequency:.3g} Hz and {current:.3g} {self.unit} "
-                    f"{what}")
+            return (f"a steady cycle of {1e3 * amplitude:.3g} mm at {frequency:.3g} Hz{self._at(current)} {what}"
+                    f"{self._beyond(2 * np.pi * frequency * amplitude)}")
         if self.power < 0:
             velocity, current = self.power_at
-            return f"it gives {-self.power:.3g} W at {velocity:.3g} m/s and {current:.3g} {self.unit}"
+            return (f"it gives {-self.power:.3g} W at {velocity:.3g} m/s{self._at(current)}"
+                    f"{self._beyond(abs(velocity))}")
         return ""
+
+    def _at(self, current: float) -> str:
+        """A current, where there is one."""
+        unit = "" if self.unit in (None, "1") else f" {self.unit}"
+        return "" if self.unit is None else f" and {current:.3g}{unit}"
+
+    def _beyond(self, speed: float) -> str:
+        """That a motion is faster than the training records."""
+        if self.known is None or speed <= self.known:
+            return ""
+        return f" (up to {speed:.3g} m/s, beyond the {self.known:.3g} m/s of the training records)"
 
     def __str__(self) -> str:
         if not self.passive:
@@ -119,7 +134,7 @@ def check_passivity(damper: SimulatedDamper, speed: float = 2.0) -> Passivity:
     can_store = damper.start > 0 or "displacement" in damper.reads
     stored = can_store and cyclic and power < 0 and reach <= NEAR_ZERO * speed
     return Passivity(cyclic and (power == 0 or stored), power, power_at, share, work_at, speed, stored,
-                     damper.current_unit)
+                     damper.current_unit if "current" in damper.reads else None, damper.largest_speed)
 
 
 def _current_grid(damper: SimulatedDamper) -> np.ndarray:

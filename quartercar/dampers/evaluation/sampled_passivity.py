@@ -48,10 +48,13 @@ def margin_of(damper: Damper | None) -> PassivityMargin | None:
     Returns
     -------
     PassivityMargin or None
-        Of the transfer function from velocity to force inside a sampled damper.
+        Of the transfer function from velocity to force inside a sampled damper, at amplitudes up to the largest speed
+        of its training records; at any where that is not known.
     """
     model = _transfer_function_of(damper)
-    return None if model is None else passivity_margin(model)
+    if model is None or damper is None:
+        return None
+    return passivity_margin(model, largest=damper.largest_speed)
 
 
 def certificate_for(damper: Damper | None) -> PassivityCertificate | None:

@@ -353,6 +353,9 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
     if not names:
         return (), 1.0
     sizes = _natural_sizes(damper, theta, jacobian, measured)[free]
+    units = [p.unit for p, f in zip(damper.parameters, free, strict=True) if f]
+    of = ["" if size == abs(value) else f"{size:.3g} {unit}".strip()
+          for size, value, unit in zip(sizes.tolist(), theta[free].tolist(), units, strict=True)]
     norms = np.linalg.norm(jacobian[:, free], axis=0) * sizes
     lost = ~(norms > SINGULAR * norms.max()) if norms.max() > 0 else np.ones(len(names), dtype=bool)
     out = [f"{n}: has no effect on these data" for n, gone in zip(names, lost, strict=True) if gone]
@@ -365,7 +368,8 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
     for k in range(s.size):
         error = float(np.sqrt(max(vt[k] @ relative @ vt[k], 0.0)))
         if error > OPEN or s[k] < SINGULAR * s[0]:
-            out.append(_sentence([names[i] for i in kept], vt[k], error, s[k] < SINGULAR * s[0]))
+            out.append(_sentence([names[i] for i in kept], [of[i] for i in kept], vt[k], error,
+                                 s[k] < SINGULAR * s[0]))
     condition = float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
     return tuple(out), float("inf") if lost.any() else condition
 
@@ -380,12 +384,17 @@ def _natural_sizes(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, m
     return np.where(sizes > 0, sizes, np.where(default > 0, default, 1.0))
 
 
-def _sentence(names: list[str], direction: np.ndarray, error: float, singular: bool) -> str:
+def _sentence(names: list[str], of: list[str], direction: np.ndarray, error: float, singular: bool) -> str:
+    """What is open, in per cent of each parameter's value, or of the size in `of` where it has another."""
     order = np.argsort(-np.abs(direction))
     leading = [int(i) for i in order[:3] if abs(direction[i]) >= NAMED * abs(direction[order[0]])]
     known = "no bound to it" if singular else f"uncertain by {100 * error:.0f} %" if error < 100 else "without limit"
     if len(leading) == 1:
-        return f"{names[leading[0]]}: not determined by these data ({known})"
+        size = of[leading[0]]
+        base = "" if not known.endswith("%") else f" of {size}, which moves the force by a twentieth" if size else \
+            " of its value"
+        return f"{names[leading[0]]}: not determined by these data ({known}{base})"
     sign = np.sign(direction[leading[0]])
-    moves = ", ".join(f"{names[i]} {100 * sign * direction[i] / abs(direction[leading[0]]):+.0f} %" for i in leading)
+    moves = ", ".join(f"{names[i]} {100 * sign * direction[i] / abs(direction[leading[0]]):+.0f} %"
+                      + (f" of {of[i]}" if of[i] else "") for i in leading)
     return f"{' and '.join(names[i] for i in leading)}: not determined apart; moving {moves} together is {known}"

@@ -45,6 +45,21 @@ def test_damping_in_steady_motion_is_the_work_of_a_simulated_sine():
     assert works[3] < works[2] < works[1] and margin.large[0, 0]
 
 
+def test_damping_up_to_an_amplitude_is_that_of_the_largest_motion():
+    """N(V) falls with V: within a bound the least damping is that of the bound, as a simulated sine has it."""
+    model = yielding(lag=0.6)
+    frequency, current, size = 30.0, 1.3, 0.1
+    v = size * np.sin(2 * np.pi * frequency * STEP * np.arange(5000))
+    run = lpv.simulate(model, record(v, np.full(v.size, current)), "zero")
+    work = 2 * np.mean(run.output[2500:, 0] * v[2500:]) / size**2
+    margin = lpv.passivity_margin(model, [current], [frequency], largest=size)
+    assert margin.damping[0, 0] == pytest.approx(work, rel=2e-3)
+    assert margin.damping[0, 0] > lpv.passivity_margin(model, [current], [frequency]).damping[0, 0]
+    assert margin.largest == size
+    with pytest.raises(InputError, match="largest must be positive"):
+        lpv.passivity_margin(model, largest=0.0)
+
+
 def test_a_spring_and_a_damper_in_series_are_certified_and_stay_so_in_a_file(tmp_path):
     model = maxwell()
     found = lpv.certify_passivity(model)

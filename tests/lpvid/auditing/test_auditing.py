@@ -165,6 +165,20 @@ def test_the_lattice_step_is_measured() -> None:
     assert finding.value == pytest.approx(7.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("levels", [2, 3])
+def test_a_force_on_few_levels_is_quantised_and_a_command_is_not(levels: int) -> None:
+    """Three levels of a lattice of 1000 N rest most of the time, as a command does; a force is measured."""
+    step, most = (1000.0, 1000.0) if levels == 3 else (2000.0, 1000.0)
+    record = change(clean(), "force", lambda x: np.clip(step * np.round(x / x.std() + 0.5 * (levels == 2))
+                                                        - 0.5 * step * (levels == 2), -most, most))
+    assert np.unique(record["force"]).size == levels
+    (finding,) = audit(record).of("quantised")
+    assert (finding.severity, finding.channel) == ("warning", "force")
+    assert finding.value == pytest.approx(step)
+    command = record.with_channel("demand", np.sign(np.sin(np.arange(N) / 50)), "V")
+    assert not [f for f in audit(command).of("quantised") if f.channel == "demand"]
+
+
 def test_text_and_units() -> None:
     channels = dict(clean().channels)
     channels["note"] = Channel(np.where(np.arange(N) == 4, NAN, 1.0), "", None, True, "text 'abc' in row 5")

@@ -76,6 +76,11 @@ def test_no_word_of_the_help_is_broken_and_no_flag_has_a_type(group: str, name: 
     assert all(len(line.split()) == 1 or line.startswith(("Usage", "  --")) for line in long), long
 
 
+def test_the_help_of_export_names_both_kinds_of_fmu() -> None:
+    shown = " ".join(help_of("lpvid", "export", 100).split())
+    assert "an FMU of the same C" in shown and "model exchange where it is continuous" in shown
+
+
 def test_groups_list_their_commands_and_versions() -> None:
     for app, group in ((lpvid_app, "lpvid"), (quartercar_app, "quartercar")):
         shown = CliRunner().invoke(app, ["-h"]).stdout

@@ -393,3 +393,10 @@ def test_the_derivative_of_a_constant_is_exactly_zero():
     for method in ("savitzky-golay", "central", "backward"):
         slope = differentiate(x, 0.002, method=method)
         assert np.flatnonzero(np.isnan(slope)).tolist() == [100] and not np.any(slope[np.isfinite(slope)])
+
+
+def test_a_rate_above_the_recorded_one_gains_nothing_and_the_note_says_so(rng: np.random.Generator) -> None:
+    record = Record({"x": rng.normal(size=400)}, sample_time=0.001)
+    faster, slower = resample(record, 20_000.0), resample(record, 500.0)
+    assert "nothing was recorded above 500 Hz, 20 samples stand for one that was measured" in faster.notes[-1]
+    assert "nothing was recorded" not in slower.notes[-1]

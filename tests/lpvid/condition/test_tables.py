@@ -132,6 +132,7 @@ def test_several_are_numbered_and_records_keep_their_names():
     ({"velocity": [1.0, 2.0]}, "no time column"),
     ({"t": [0.0, 1.0], "force": ["a", "b"]}, "column 'force' must hold numbers"),
     ({"t": [0.0, 1.0], "force": [[1.0], [2.0]]}, "one dimension"),
+    ({"t": [0.0, 1.0], "force": np.array([1.0, 2j])}, "column 'force' must hold numbers; complex.*Mend: leave it out"),
     ({"t": [0.0, 1.0], "force": [1.0]}, "differ in length"),
 ])
 def test_what_holds_no_columns_gets_one_line(wrong, description):
@@ -209,6 +210,23 @@ def test_a_record_takes_dates_and_no_channel_does(kind):
         lpv.Record({"force": dated(kind)}, sample_time=0.1)
 
 
+def test_masked_entries_are_missing():
+    """Of columns, of a plain array, of integers, of dates and in a Record: NaN where the mask is."""
+    n, mask = 12, np.arange(12) == 5
+    force = np.ma.masked_array(np.full(n, 1e9), mask)
+    counted = np.ma.masked_array(np.arange(n), mask)
+    dates = np.ma.masked_array(np.datetime64("2026-11-28T10:00", "ms") + np.arange(n), mask)
+    for record in (*as_records({"t": 0.1 * np.arange(n), "force": force, "count": counted}),
+                   *as_records(np.ma.stack([0.1 * np.arange(n), force, counted], axis=1),
+                               units={"t": "s", "force": "N", "count": "1"}),
+                   lpv.Record({"force": force, "count": counted}, sample_time=0.1)):
+        for name in ("force", "count"):
+            assert np.flatnonzero(np.isnan(record[name])).tolist() == [5]
+    assert as_records({"time": dates, "force": np.zeros(n)})[0].time_base.invalid == (5,)
+    whole, = as_records({"t": 0.1 * np.arange(n), "count": np.ma.masked_array(np.arange(n), False)})
+    assert whole["count"].tolist() == list(range(n))
+
+
 class IndexedFrame(Frame):
     """A frame of pandas: rows have labels."""
 
@@ -242,3 +260,10 @@ def test_an_index_that_only_counts_rows_is_no_clock():
     del data["t [ms]"]
     with pytest.raises(InputError, match="no time column"):
         as_records(IndexedFrame(data, np.arange(400), None))
+
+
+def test_a_missing_column_names_the_way_in_python():
+    """A frame has no roles: the line says how a record gets one, or to name the column."""
+    with pytest.raises(InputError, match=r"in Python record\.with_roles\({'velocity': 'CHANNEL'}\) or a column"):
+        lpv.identify({"t": 0.01 * np.arange(50), "v": np.arange(50.0), "force": np.arange(50.0)},
+                     lpv.ARX(na=1, nb=1, input="velocity", output="force"))

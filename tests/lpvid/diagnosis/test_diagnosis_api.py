@@ -8,7 +8,7 @@ import importlib.metadata
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from types import SimpleNamespace
 from typing import ClassVar
@@ -21,7 +21,8 @@ from lpvid.condition.derivation import derived
 from lpvid.diagnosis import registry
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.facade import answer, pose
+from lpvid.diagnosis.facade import _in_words_of_files, answer, pose
+from lpvid.diagnosis.localise import Wrong
 from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
@@ -400,3 +401,16 @@ def test_the_lpv_extension_gains_what_the_cause_costs():
     assert found.gain_percent == pytest.approx(100 * (1 - found.esr[1] / found.esr[0]))
     assert found.left_out == ("square: no LPV structure shows it",) and found.changes == ("dry: sign",)
     assert lpv.validate(found.extended.model, other).overall.free_run.esr == pytest.approx(found.esr[1])
+
+
+def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_current(installed):
+    found = replace(plain_diagnosis(), wrong=(Wrong("large |current|", 0.78, 0.25), Wrong("velocity < 0", 0.6, 0.5),
+                                               Wrong("after a change of current", 0.6, 0.2)))
+    record = measured()
+    commanded = record.with_channel("voltage", np.ones(record.n_samples), "V")
+    for records in ([commanded, commanded], [commanded.with_roles({"current": "voltage"})]):
+        named = _in_words_of_files(found, records)
+        assert [w.where for w in named.wrong] == ["large |voltage|", "velocity < 0", "after a change of voltage"]
+    current = commanded.with_channel("current", np.ones(record.n_samples), "A")
+    for other in (record, current):
+        assert _in_words_of_files(found, [other]).wrong == found.wrong

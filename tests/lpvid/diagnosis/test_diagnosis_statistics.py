@@ -217,6 +217,13 @@ class TestLocalise:
         found = {w.where: w.share for w in localise(problem, tone)}
         assert found["1 to 5 Hz"] > 0.8
 
+    def test_an_offset_counts_with_its_whole_power(self, rng: np.random.Generator) -> None:
+        """Mean 1 and a tone of amplitude √2 hold half of the square each; stretches left out blur it."""
+        problem, _ = problem_of(record(rng))
+        errors = [1 + np.sqrt(2) * np.sin(0.2 * np.pi * np.arange(s.output.size)) for s in problem.signals]
+        found = {w.where: w.share for w in localise(problem, errors)}
+        assert found["0 to 1 Hz"] == pytest.approx(0.5, abs=0.06)
+
     def test_a_velocity_that_never_changes_sign(self) -> None:
         assert not _after_reversal(np.ones(40)).any()
         assert not _after_reversal(np.zeros(40)).any()

@@ -30,6 +30,7 @@ from lpvid.fleet.differing import (
     differing_parameters,
     differing_residuals,
     either,
+    needed_score,
     residual_level,
     shift,
 )
@@ -294,6 +295,48 @@ def test_few_files_leave_it_open_who_differs_and_what_audits_warn_of_is_stated(t
     assert "reversed-polarity" in render(page)
     many = differing({f"a{k}": 0.1 for k in range(9)})
     assert "none differs" in FleetResult(plan, {}, None, errors, many, {}, {}).verdict
+
+
+def test_a_current_that_varies_over_the_fleet_is_no_warning_and_faults_are_counted(tmp_path: Path) -> None:
+    """Constant in every file but not the same: no warning. The same in all: one. Errors are called by what they are."""
+    for k in range(3):
+        written(specimen(k), tmp_path)
+    plan = plan_fleet([str(tmp_path / "*.csv")], tmp_path / "out", structure=STRUCTURE)
+    done = StepOutcome("audit", "done", "", 0.1, "")
+    for job, current in zip(plan.jobs, (0.0, 1.0, 1.0), strict=True):
+        (job.folder / "audit").mkdir(parents=True)
+        constant = {"name": "constant-scheduling", "severity": "warning", "record": "", "evidence": "", "mend": ""}
+        findings = [{**constant, "channel": "current", "value": current}, {**constant, "channel": "lamp", "value": 5.0}]
+        findings += [{"name": "jitter", "severity": "fault", "channel": "", "value": 0.2}] * (current == 0.0)
+        (job.folder / "audit" / "audit.json").write_text(json.dumps({"findings": findings}))
+    found = FleetResult(plan, {j.name: {"audit": done} for j in plan.jobs}, None, {}, None, {}, {})
+    assert found.faulty == (plan.jobs[0].name,)
+    assert "; the audit finds faults in 1 file, to be mended first; the audit warns of constant-sch" in found.verdict
+    lamp = [{"name": "constant-scheduling", "severity": "warning", "channel": "current", "value": 1.0}]
+    for job in plan.jobs:
+        (job.folder / "audit" / "audit.json").write_text(json.dumps({"findings": lamp}))
+    assert set(FleetResult(plan, found.outcomes, None, {}, None, {}, {}).warned) == {j.name for j in plan.jobs}
+    (plan.jobs[1].folder / "audit" / "audit.json").write_text(json.dumps({"findings": [{**lamp[0], "value": 0.5}]}))
+    assert not FleetResult(plan, found.outcomes, None, {}, None, {}, {}).warned
+    assert _table(found).splitlines()[0].split(",")[2:5] == ["free_run_esr_training", "free_run_rmse_training",
+                                                             "free_run_mean_error_training"]
+
+
+def test_few_files_state_how_far_a_file_must_lie_to_be_named() -> None:
+    """The score needed is the one from which the rule names a file: just beyond it does, just within it does not."""
+    for n in (8, 20):
+        needed = needed_score(n, 0.05)
+        half = np.exp(np.linspace(-1, 1, n - 1))
+        for factor, named in ((1.001, 1), (0.999, 0)):
+            departures = {f"a{k}": float(v) for k, v in enumerate(half)}
+            low, high = 0.0, 100.0
+            for _ in range(200):  # the value whose own score is factor·needed: it moves median and spread
+                middle = 0.5 * (low + high)
+                score = differing({**departures, "far": float(np.exp(middle))}).score["far"]
+                low, high = (middle, high) if score < factor * needed else (low, middle)
+            found = either(differing({**departures, "far": float(np.exp(high))}),
+                           differing_residuals(dict.fromkeys([*departures, "far"], 1.0)))
+            assert len(found.named) == named
 
 
 def test_a_missing_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -219,6 +219,30 @@ def test_fitted_stages_are_stated_with_units(rng: np.random.Generator) -> None:
         assert "v0 0.1 m/s, slope 0.05 (m/s)/(A)" in stated and " s" in stated.split("tau_rise")[1]
 
 
+def test_a_knee_beyond_the_data_is_bounded_and_called_not_identifiable(rng: np.random.Generator) -> None:
+    """A cubic law is tanh of any wide knee: the search ends where tanh departs from a line by (1/5)²/3."""
+    v = np.convolve(rng.normal(size=1500), np.ones(8) / 8, "same")
+    v *= 0.13 / np.abs(v).max()
+    force = 1500 * v + 2e5 * v**3
+    record = Record({"velocity": v, "force": force + rng.normal(size=v.size)}, sample_time=TS,
+                    units={"velocity": "m/s", "force": "N"})
+    found = identify(record, ARX(na=0, nb=1, nk=0, input="velocity", output="force", stage="tanh"))
+    stage = found.model.input_stage
+    assert stage is not None and 0.3 < stage.v0 <= 5 * 0.13 * (1 + 1e-9)
+    assert np.abs(found.model.b).max() < 1e6  # of 500 N that are cubic, 6e4 at most by 1/(r³/3)
+    if stage.v0 > 5 * 0.13 * 0.999:
+        assert any(n.startswith("not identifiable: the knee") and "is beyond the data" in n for n in found.notes)
+
+
+def test_a_knee_that_no_sample_reaches_is_not_identifiable(rng: np.random.Generator) -> None:
+    record = bench(TanhStage(v0=0.1), rng)
+    top = float(np.abs(record["velocity"]).max())
+    asked = ARX(na=1, nb=1, basis=P1, stage="tanh")
+    for v0, open_ in ((5.01 * top, True), (4.9 * top, False)):
+        model = identify(record, ARX(na=1, nb=1, basis=P1, stage=TanhStage(v0=v0))).model
+        assert bool(unresolved(model, asked, [record])) == open_
+
+
 def test_a_knee_at_its_bound_is_named_with_its_unit(rng: np.random.Generator) -> None:
     """v0 as low as the search goes, the width elsewhere from the slope: not collapsed, and stated all the same."""
     record = bench(TanhStage(v0=1e-9, slope=0.1), rng)

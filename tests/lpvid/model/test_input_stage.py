@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import quad
 
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage, TanhStage, ThreeZoneStage
@@ -125,6 +126,20 @@ def test_gains_by_amplitude_are_those_of_the_published_forms() -> None:
         small, large = stage.amplitude_gains(np.array([p]))
         assert small == pytest.approx([max(1.0, upper)], rel=1e-5)  # σ v + (1 − σ) v_high at a million knees
         assert large == pytest.approx([(upper + 0.3) / 2], rel=1e-5)
+
+
+@pytest.mark.parametrize("size", [0.15, 3.0])
+def test_gains_of_a_motion_of_given_size_are_its_fundamental(size: float) -> None:
+    """By an integral for tanh, by the closed form of a saturation for zones; far within the knee that of small ones."""
+    p, tanh, zones = np.zeros(0), TanhStage(v0=0.1), ThreeZoneStage(limit=0.1, upper=0.3, lower=0.2)
+    fundamental = quad(lambda a: np.sin(a) * np.tanh(size * np.sin(a) / 0.1), 0, np.pi)[0] * 2 / np.pi / size
+    np.testing.assert_allclose(tanh.amplitude_gains(p, size)[1], [1.0, fundamental], rtol=1e-5)
+    share = 0.1 / size
+    clipped = 2 / np.pi * (np.arcsin(share) + share * np.sqrt(1 - share**2))
+    np.testing.assert_allclose(zones.amplitude_gains(p, size)[1], [clipped + 0.25 * (1 - clipped)], rtol=1e-4)
+    for stage in (tanh, zones):
+        small, near = stage.amplitude_gains(p, 1e-6)
+        np.testing.assert_allclose(near, small, rtol=1e-6)
 
 
 def test_a_stage_states_its_first_knee() -> None:

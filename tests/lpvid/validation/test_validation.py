@@ -19,6 +19,7 @@ from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.simulation import predict, simulate
 from lpvid.validation import LAGS, residual_tests, validate
+from lpvid.validation.regimes import FreeRunStretch, regimes
 
 TS = 0.01
 GAIN = LPVTransferFunction.siso([], [[2.0]], Polynomial(), TS, inputs=("u",), outputs=("y",))
@@ -329,6 +330,35 @@ def test_regimes_find_the_half_where_the_model_is_wrong() -> None:
     assert sum(r.error_share for r in found.regimes if "Hz" in r.where) == pytest.approx(1.0)
     assert found.k_steps[0].kind == "3-step"
     assert found.to_dict()["overall"]["3_step"]["esr"] == found.k_steps[0].esr
+
+
+def test_bands_hold_the_whole_error_however_slow(rng: np.random.Generator) -> None:
+    """An error slower than 1024 samples, an offset and noise: their shares by hand, and the ESR of the whole run."""
+    n = 8000
+    u = rng.normal(size=n)
+    slow = 2.0 * np.sin(2 * np.pi * 0.025 * TS * np.arange(n)) + 1.0
+    found = validate(GAIN, a_record(u, 2 * u + slow + rng.normal(size=n)))
+    bands = [r for r in found.regimes if "Hz" in r.where]
+    assert bands[0].where.startswith("0 to 0.3")
+    assert bands[0].error_share == pytest.approx(3 / 4, abs=0.02)  # of 2²/2 + 1² of 2²/2 + 1² + 1²
+    assert sum(r.error_share for r in bands) == pytest.approx(1.0, rel=1e-12)
+    assert sum(r.share for r in bands) == pytest.approx(1.0, rel=1e-12)
+    assert sum(r.share * r.esr for r in bands if r.esr is not None) == pytest.approx(found.overall.free_run.esr)
+
+
+def test_bands_agree_with_a_fourier_transform(rng: np.random.Generator) -> None:
+    """Of noise with most power below 1 Hz, over two records of which one is longer than a chunk of the transform."""
+    stretches = []
+    expected, edges = np.zeros(2), (0.0, 3.472)
+    for n in (70_000, 900):
+        error = lfilter(*butter(2, 0.02), rng.normal(size=n)) + 0.05 * rng.normal(size=n)
+        u = rng.normal(size=n)
+        stretches.append(FreeRunStretch(u + error, u, None, np.empty((n, 0))))
+        power, at = np.abs(np.fft.fft(error)) ** 2 / n, np.abs(np.fft.fftfreq(n, TS))
+        expected += power[at < edges[1]].sum(), power.sum()
+    found = regimes(stretches, "u", (), TS)
+    below = sum(r.error_share for r in found if float(r.where.split()[2]) < 5)
+    assert below == pytest.approx(expected[0] / expected[1], abs=0.01)
 
 
 def test_another_rate_than_the_model_s_is_refused() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 import lpvid as lpv
 import quartercar as qc
+from lpvid.errors import InputError
 from lpvid.report import render
 from quartercar.characterisation import CharacteriseSettings, Tolerance
 from quartercar.characterisation.cycles import blocks_of, noise_of, series_of
@@ -98,9 +99,46 @@ def test_half_the_unequal_damping_of_a_fast_run_is_not_printed_as_gas_force():
     speed = 0.05 * (np.arcsin(0.8) + 0.8 * 0.6) / 1.6  # mean of √(1 − u²) over the inner 80 % of the stroke
     assert slow.gas == pytest.approx(180.0 - 0.5 * (1800.0 - 600.0) * speed, abs=0.2)
     stated = next(line for line in str(found).splitlines() if "50 mm/s, no creep" in line)
-    assert f"mean of both directions {slow.gas:.4g} N (gas force, and half the difference of their damping)" in stated
+    assert f"mean of both directions {-slow.gas:+.4g} N (the gas, which pushes outwards, and half the diff" in stated
     assert f"friction at most {slow.friction:.4g} N" in stated
     assert not any(line.strip().startswith("gas ") for line in str(found).splitlines())
+
+
+def test_slow_tests_state_their_sign_and_the_level_of_the_command():
+    """Compression is damped less than rebound: the mean of both directions is +0.5·(c_r − c_c)·v, in newtons."""
+    t, rng, records = np.arange(0, 12.0, 2e-3), np.random.default_rng(1), []
+    for volts in (0.0, 2.0):
+        x, v = 0.02 * np.sin(2.5 * t), 0.05 * np.cos(2.5 * t)
+        force = (1 + volts) * np.where(v > 0, 1800.0, 600.0) * v + rng.normal(0.0, 0.1, t.size)
+        records.append(lpv.Record({"displacement": x, "force": force, "voltage": np.full(t.size, volts)},
+                                  sample_time=2e-3, name=f"{volts:g} V", roles={"current": "voltage"},
+                                  units={"displacement": "m", "force": "N", "voltage": "V"}))
+    for rebound, sign in (("positive", 1), ("negative", -1)):
+        found = qc.characterise(records, CharacteriseSettings(rebound=rebound))
+        lines = [line.strip() for line in str(found).splitlines() if "no creep" in line]
+        assert [line.split(",")[0] for line in lines] == ["at 50 mm/s and 0 V", "at 50 mm/s and 2 V"]
+        for line, slow in zip(lines, found.static, strict=True):
+            assert slow.gas < 0 and f"mean of both directions {-sign * slow.gas:+.4g} N" in line
+
+
+def test_a_model_of_another_rate_is_drawn_at_its_own(tmp_path):
+    """F = 1500 v, identified at 200 Hz, along records at 500 Hz: 1500 v at their samples."""
+    t = np.arange(0, 8.0, 2e-3)
+    v = 0.05 * np.cos(2.5 * t) + 0.02 * np.cos(31 * t)
+    record = lpv.Record({"velocity": v, "displacement": 0.02 * np.sin(2.5 * t) + 0.02 / 31 * np.sin(31 * t),
+                         "force": 1500 * v}, sample_time=2e-3, name="a",
+                        units={"velocity": "m/s", "displacement": "m", "force": "N"})
+    model = lpv.identify(record, lpv.ARX(na=0, nb=1, nk=0, input="velocity", output="force"), sample_rate=200.0).model
+    lpv.save(model, tmp_path / "model.json")
+    damper = qc.dampers.load_damper(tmp_path / "model.json")
+    found = qc.characterise([record], damper=damper)
+    (force,) = found.models.values()
+    assert force.size == record.n_samples
+    np.testing.assert_allclose(force[50:-50], 1500 * v[50:-50], atol=1.5)
+    assert any("runs at its own 200 Hz along records at 500 Hz" in n for n in found.notes)
+    with pytest.raises(InputError, match="runs along none of these records") as refused:
+        qc.characterise([record.with_channel("force", record["force"], "N")], damper=qc.dampers.LpvArx())
+    assert "give the channels" not in str(refused.value)
 
 
 @pytest.mark.seconds

@@ -154,3 +154,20 @@ def test_shape_lag_and_filter_are_recovered_with_honest_intervals() -> None:
         inside.append(np.abs(z) < 1.96)
     assert chi2.sf(statistic, 4 * true.vector.size) > 0.001
     assert 0.85 <= np.mean(inside) <= 1.0
+
+
+@pytest.mark.parametrize(("cubic", "why"), [(60.0, "is beyond the data"), (0.0, "not determined by these data")])
+def test_a_knee_beyond_the_speeds_of_the_records_is_undetermined(cubic: float, why: str) -> None:
+    """In motion of up to 0.13 m/s: with a cubic term any knee far beyond serves as well, without one any at all."""
+    v, _ = motion(1500, 3)
+    v = 0.13 * v / np.abs(v).max()
+    noise = np.random.default_rng(4).normal(size=v.size)
+    record = Record({"velocity": v, "force": filtered(v + cubic * v**3, np.zeros(v.size)) + noise}, 1 / RATE,
+                    units={"velocity": "m/s", "force": "N"})
+    found = LpvArx(order=1, degree=0).estimate([record], FitSettings())
+    knee, place = found.damper.values["shape_v0"], found.damper.names.index("shape_v0")
+    assert 0 < knee <= 5 * 0.13 * (1 + 1e-9)
+    (said,) = found.undetermined
+    assert why in said and found.covariance is not None
+    assert not np.sqrt(found.covariance[place, place]) <= knee  # larger, or not known
+    assert found.at_bounds == (("shape_v0",) if cubic else ())

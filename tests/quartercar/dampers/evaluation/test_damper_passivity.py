@@ -135,3 +135,17 @@ def test_records_that_disagree_are_named() -> None:
         common_polarity([good, good, bad, quiet])
     with pytest.raises(InputError, match=r"not reversed: 'good'"):
         common_polarity([good, bad, record(v, -300 * v, name="worse")])
+
+
+def test_a_statement_names_no_current_of_a_law_without_and_says_what_the_records_never_reached():
+    giving = Tanh(values={"height": 0.0, "damping": -300.0})
+    assert " A" not in str(check_passivity(giving))
+    known = giving.replace(metadata={"training": {"ranges": {"velocity": [-0.1, 0.13]}}})
+    assert known.largest_speed == 0.13 and giving.largest_speed is None
+    text = check_passivity(known).description
+    assert text.count("beyond the 0.13 m/s of the training records") == ("up to" in text)
+    only_fast = known.with_values(height=600.0, sharpness=20.0, damping=-400.0)  # 600 tanh(20 v) > 400 v up to 1.5 m/s
+    text = check_passivity(only_fast).description
+    assert "beyond the 0.13 m/s of the training records" in text and " A" not in text
+    still = known.replace(metadata={"training": {"ranges": {"velocity": [-3.0, 3.0]}}})
+    assert "beyond" not in check_passivity(still).description

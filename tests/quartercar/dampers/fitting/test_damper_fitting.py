@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
@@ -212,6 +213,21 @@ def test_a_sharpness_that_the_motion_never_shows_is_open() -> None:
     found = fit(Tanh(), record(v, 350 * np.sign(v) + 900 * v + 10 * noise))
     assert any("sharpness" in s for s in found.undetermined)
     assert not any("damping" in s for s in found.undetermined)
+
+
+def test_the_size_of_which_a_share_is_open_is_stated() -> None:
+    """An offset near zero: per cent of the force's twentieth in newtons, not of a value of next to nothing."""
+    rng = np.random.default_rng(3)
+    t = np.arange(120) * 0.01
+    x, v = 0.01 * np.sin(20 * t) + 0.04 * np.sin(6 * t), 0.2 * np.cos(20 * t) + 0.24 * np.cos(6 * t)
+    force = 3000 * v + 30e3 * x + 4.0 + 400 * rng.normal(size=t.size)
+    found = fit(Linear(), Record({"displacement": x, "velocity": v, "force": force}, 0.01,
+                                 units={"displacement": "m", "velocity": "m/s", "force": "N"}))
+    (said,) = (s for s in found.undetermined if s.startswith("offset: "))
+    share, size = re.search(r"uncertain by (\d+) % of ([\d.]+) N, which moves the force by a twentieth", said).groups()
+    assert float(share) / 100 * float(size) == pytest.approx(found.std["offset"], rel=0.03)
+    names = [s for s in found.undetermined if " together is " in s]
+    assert all(" % of " in s for s in names if "offset" in s)
 
 
 # -- polarity, records, figures ---------------------------------------------------------------------------------------
