@@ -168,7 +168,7 @@ class SetSearch:
         self._reweigh()
         for _ in range(DEEPEST):
             before = self.best
-            self.enlarge(self._apart())
+            self.enlarge(self._beam())
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
@@ -194,7 +194,7 @@ class SetSearch:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
         return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
 
-    def _apart(self) -> list[Weighed]:
+    def _beam(self) -> list[Weighed]:
         """The most probable open sets of which none holds all components of a more probable one.
 
         Forms of one component, and sets that grew from one another, would take every place: beside a law that lacks
