@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,25 @@ class NoiseLevel:
     variance: float | None
     samples: int
     description: str
+
+    def bounded(self, most: float) -> NoiseLevel:
+        """The same, and no more than what a model leaves on data not seen: no model predicts noise.
+
+        Repeats whose inputs differ a little, or that begin elsewhere, differ by more than noise.
+
+        Parameters
+        ----------
+        most : float
+            Mean squared error of a model on data that it was not fitted to, which holds all of the noise.
+
+        Returns
+        -------
+        NoiseLevel
+        """
+        if self.variance is None or self.variance <= most:
+            return self
+        return replace(self, variance=most, description=f"{self.description}: they differ by "
+                       f"{np.sqrt(2 * self.variance):.3g} rms, and what the model leaves out of fold bounds the noise")
 
 
 def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequence[np.ndarray]) -> NoiseLevel:

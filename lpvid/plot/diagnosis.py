@@ -251,7 +251,7 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
             f, density = _density(shown, k)
             frequency.loglog(f, density, color=colour, label=stated, linewidth=0.9)
         if floor is not None:
-            time.axhline(floor, color=INK, linewidth=0.8, linestyle="--", label="noise, from repeats")
+            time.axhline(floor, color=INK, linewidth=0.8, linestyle="--", label="noise level")
         time.set_ylim(bottom=0.0)
         time.set_xlabel("time [s]")
         time.set_ylabel(label("rms error", first.unit))

@@ -119,7 +119,7 @@ def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
         facts += [(f"free-run ESR, extended, {part}", number(found.after.esr_held_out)),
                   ("rmse, extended", number(found.after.rmse, 4, found.unit)),
                   (f"gain, {part}", f"{found.gain_percent:.1f} %")]
-    facts.append(("noise, from repeats", number(found.noise_floor, 4, found.unit) if found.noise_floor is not None
+    facts.append(("noise level", number(found.noise_floor, 4, found.unit) if found.noise_floor is not None
                   else "not known"))
     return tuple(facts)
 
@@ -188,7 +188,7 @@ def _share(found: Diagnosis) -> str:
     if found.noise_floor is None:
         return (f"Of the error that follows the inputs at all, {who} {percent(min(value, 1.0))}. Nothing "
                 "repeats in these data, so that noise is what no regression on the inputs predicts.")
-    return f"Of the error beyond the noise that repeats show, {who} {percent(value)} ± {percent(std)}."
+    return f"Of the error beyond the noise level, {who} {percent(value)} ± {percent(std)}."
 
 
 def _cause_row(c: Cause) -> list[tuple[str, ...]]:

@@ -126,7 +126,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
         judged = _measured(search, refused, records, baseline, report_progress)
         whole = judged.problem
         driving = [c for c in baseline.channels if c != baseline.output]
-        level = noise_level(whole.signals, driving, whole.blocks.mask())
+        level = noise_level(whole.signals, driving, whole.blocks.mask()).bounded(float(np.mean(judged.after.plain**2)))
         found = EvidenceOutcome(baseline, search, judged, screened, unusable, level, held_out,
                                 tuple(sorted({n for members in refused for n in members})))
         first = first or found

@@ -41,6 +41,15 @@ class TestNoiseLevel:
         runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x: 5 * np.sign(x))) for _ in range(2)]
         assert noise_level(runs, ["u"], [np.ones(4000, bool)] * 2).variance == pytest.approx(0.16, rel=0.15)
 
+    def test_no_more_than_a_model_leaves(self, rng: np.random.Generator) -> None:
+        """A part that does not repeat, as that of another temperature, differs between repeats and is no noise."""
+        u = drive(4000, rng)
+        drifts = (np.zeros(4000), np.linspace(0.0, 2.0, 4000))
+        runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x, d=d: d)) for d in drifts]
+        found = noise_level(runs, ["u"], [np.ones(4000, bool)] * 2)
+        assert found.variance is not None and found.variance > 0.7 and found.bounded(1.0) is found
+        assert found.bounded(0.17).variance == 0.17 and "bounds the noise" in found.bounded(0.17).description
+
     def test_none_where_nothing_repeats(self, rng: np.random.Generator) -> None:
         runs = [Bent().signals(record(rng)) for _ in range(2)]
         assert noise_level(runs, ["u"], [np.ones(3000, bool)] * 2).variance is None
