@@ -259,9 +259,7 @@ RIVALS = ("coulomb-friction", "stribeck-friction", "gas-stiffness", "series-comp
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [
-    ("series-compliance", 1 / 1.5e6),
-    pytest.param("backlash", 5e-4, marks=pytest.mark.xfail(reason="neither named nor listed", strict=True)),
-    pytest.param("entrained-air", 4e-4, marks=pytest.mark.xfail(reason="a bent input is named beside", strict=True))])
+    ("series-compliance", 1 / 1.5e6), ("backlash", 5e-4), ("entrained-air", 4e-4)])
 def test_the_engine_names_or_lists_what_the_rig_hides(name: str, value: float) -> None:
     record = Rig(damper=RigDamper.static(), effects=(effect(name, 1.0),)).run(EXPERIMENTS["test-3"], seed=0)
     found = diagnosed(record, "guo", offset=False)
