@@ -141,7 +141,7 @@ def _key_figures(found: Readings) -> str:
     return f" {'; '.join(stated)[0].upper()}{'; '.join(stated)[1:]}." if stated else ""
 
 
-def _static_said(found: Readings, test: StaticForce) -> str:
+def _static_line(found: Readings, test: StaticForce) -> str:
     """One slow test: whose, at which current and speed, and what its two directions give."""
     whose = f"{test.specimen}: " if len(found.data.specimens) > 1 else ""
     at = f"at {1e3 * test.speed:.3g} mm/s"
@@ -180,7 +180,7 @@ def summary(found: Readings) -> str:
                 parts.append(f"{name} {sign * (top.force or 0.0):.4g} ± {top.std or 0.0:.2g} N at {top.speed:g} m/s")
         label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
-    lines += [f"  {_static_said(found, s)}" for s in found.static[:2]]
+    lines += [f"  {_static_line(found, s)}" for s in found.static[:2]]
     for s in found.switching[:2]:
         lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
                      f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")

@@ -185,9 +185,8 @@ class Weighed:
         m = self.marginal(kept)
         prior, apart, precision, amplitudes = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
-        prior += off_prior(apart, precision, np.diag(hessian).clip(0))
-        shapes = ~amplitudes
-        prior -= SHAPE * determined(np.diag(hessian).clip(0)[shapes], precision[shapes])
+        curved, shapes = np.diag(hessian).clip(0), ~amplitudes
+        prior += off_prior(apart, precision, curved) - SHAPE * determined(curved[shapes], precision[shapes])
         held = hessian + np.diag(precision)
         reached = np.diag(held) > TINY  # a number of the law of 1e200, to which nothing answers, is in every set alike
         own, amplitudes = reached & (np.arange(precision.size) < self.fit.composition.own), reached & amplitudes

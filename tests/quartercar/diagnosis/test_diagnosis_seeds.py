@@ -39,19 +39,16 @@ def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
 
 
 @pytest.mark.slow
-def test_a_parallel_network_against_data_of_one_in_series_names_the_topology_or_lists_it_first() -> None:
-    """Source 003: c_L v + c_Q v² against the law of losses side by side, over 1.5 decades of speed.
-
-    The law's own numbers follow to 2.8 % of the force, so that a friction does part of the work too.
-    """
+@pytest.mark.xfail(strict=True, reason="listed with a friction, which does part of the work")
+def test_a_parallel_network_against_data_of_one_in_series_names_the_topology() -> None:
+    """Source 003: c_L v + c_Q v² against the law of losses side by side, over 1.5 decades of speed."""
     sweep = Experiment("speeds", Chirp(f_start=0.1, f_end=4.0, amplitude=0.018, peak_velocity=0.4),
                        Constant(levels=(0.0,)), 30.0)
     motion = Rig(damper=RigDamper.static()).run(sweep, 0)
     v = motion["velocity"]
     force = (800 + 9000 * np.abs(v)) * v + 20 * np.tanh(v / 2e-3)
     found = lpv.diagnose(with_force(motion, force), "network-parallel", CATALOGUE)
-    assert found.verdict in ("explained", "cannot-tell")
-    assert [*(c.name for c in found.causes), *(n for r in found.rivals for n in r.names)][0] == "network-topology"
+    assert found.verdict == "explained" and [c.name for c in found.causes] == ["network-topology"]
     assert found.gain_percent > 75
 
 
