@@ -193,8 +193,8 @@ def _static(found: Readings) -> list[Item]:
     items: list[Item] = [PageTable(
         (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
         tuple(rows), "Gas force: the mean of the two directions at one place, counted outwards. Friction: half "
-        "their difference, which includes the damping at the speed of the test and the yield force of a magnetorheological "
-        "fluid.", (2, 3, 4, 5), tuple(marks))]
+        "their difference, which includes the damping at the speed of the test and the yield force of a "
+        "magnetorheological fluid.", (2, 3, 4, 5), tuple(marks))]
     if not all(s.creep for s in found.static):
         items.append(Paragraph("Marked rows are faster than 10 mm/s. Their friction is an upper bound. Their gas force "
                                "includes half the difference between the damping forces of the two directions."))
