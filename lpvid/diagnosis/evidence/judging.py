@@ -55,7 +55,8 @@ class Member:
     better : float
         Share of the blocks in which it helps.
     change : float
-        Of the output when it is taken away and the others follow, as a share of the output's rms.
+        Of the output when it is taken away and the others follow, as a share of the output's rms. Of several that change
+        too little to be named, without the rest of these: two that do each other's work are both there, or neither is.
     evidence : float
         Log-evidence with it less that without it.
     """
@@ -229,8 +230,27 @@ def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tup
     kept = {m.effect.name for m in members}
     left = float(np.sqrt(np.mean(after.plain**2))) / search.data.discrepancy.force
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
-    return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members), left,
-                     share, tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
+    judged = JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members), left,
+                       share, tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
+    little = [m for m in members if m.change < least_change(left, judged.of_law)]
+    if len(little) < 2:
+        return judged
+    alone = _alone_of(search, fits, fit, [m.effect for m in little])
+    members = [replace(m, change=max(m.change, alone.get(m.effect.name, 0.0))) for m in members]
+    return replace(judged, members=tuple(sorted(members, key=lambda m: -m.change)))
+
+
+def _alone_of(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Refit, effects: Sequence[Effect]
+              ) -> dict[str, float]:
+    """What each of some members of a set changes where it is the only one of them, as a share of the output's rms."""
+    rest = tuple(e for e in fit.composition.effects if e not in effects)
+    wanted = [Composition(fit.composition.baseline, rest),
+              *(Composition(fit.composition.baseline, tuple(e for e in fit.composition.effects if e in (*rest, one)))
+                for one in effects)]
+    _check(search, fits, fit, wanted)
+    without, *ones = (fits[c.members].errors for c in wanted)
+    return {e.name: float(np.sqrt(np.mean((without - one) ** 2))) / search.data.discrepancy.force
+            for e, one in zip(effects, ones, strict=True)}
 
 
 def _named(judged: JudgedSet) -> dict[str, float]:

@@ -91,7 +91,7 @@ def rivals_of(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: We
     kind = best.kinds[best.effects.index(effect)]
     name, finding, support = named_as(effect, kind, sets, search.structured)
     if support.probability < NAMED:
-        return _instead(sets, best, kind, finding, search.structured)
+        return _instead(sets, best, effect, finding, search.structured)
     found = _as_good(search, sets, best, effect)
     if name == effect.name:
         found += _described_too(search, sets, best, effect, values, {n for n, _ in found})
@@ -199,15 +199,18 @@ def _holds(*names: str) -> Finding:
     return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if {k, e.name} & {*names}), None)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect, finding: Finding,
              structured: float) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
     Of what a set holds in its absence, and the best set does not, that which contains it does its work, else that which
     changes the output most; and only where it or one of them is there with `NAMED` do they answer for it together.
+    Where they do not, those of its family do if the family is there with `NAMED`.
     """
+    kind = best.kinds[best.effects.index(effect)]
     lone: dict[str, float] = {}
     form: dict[str, str] = {}
+    kin: dict[str, None] = {}
     for w, p in sets:
         if finding(w) is None:
             other = [(kind in e.contains, c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
@@ -217,11 +220,12 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, fi
                 k = name if contains else k
                 lone[k] = lone.get(k, 0.0) + p
                 form.setdefault(k, name)
-    listed = {k: p for k, p in lone.items() if p > LISTED}
-    others = [_holds(k) for k in listed]
-    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None),
-                        structured)
-    if either.probability < NAMED:
-        return ()
-    return tuple((form[k], Support.of(sets, _holds(k), structured).probability)
-                 for k, _ in sorted(listed.items(), key=lambda t: -t[1]))
+                kin |= {k: None for e in w.effects if e.name == name and e.family == effect.family}
+    for among in ([k for k, p in lone.items() if p > LISTED], list(kin)):
+        others = [_holds(k) for k in among]
+        either = Support.of(sets, lambda w, by=(finding, *others): next((e for f in by if (e := f(w)) is not None), None),
+                            structured)
+        if either.probability >= NAMED:
+            return tuple((form[k], Support.of(sets, _holds(k), structured).probability)
+                         for k in sorted(among, key=lambda k: -lone[k]))
+    return ()
