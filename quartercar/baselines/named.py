@@ -56,7 +56,7 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     suited = model_class(name).suited(facts)
     if parameters is not None:
         return _given(name, suited, parameters)
-    return _baseline(suited if isinstance(suited, LawDamper) else fit(suited, records).damper)
+    return _baseline(suited.all_free() if isinstance(suited, LawDamper) else fit(suited, records).damper)
 
 
 def _given(name: str, suited: Damper, file: Any) -> Baseline:

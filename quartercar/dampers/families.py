@@ -61,6 +61,15 @@ class LawDamper(Damper):
     def integrated_states(self) -> int:
         return 0
 
+    def all_free(self) -> LawDamper:
+        """This law without a number that is held at a usual value: what a diagnosis judges, not the usual value.
+
+        Returns
+        -------
+        LawDamper
+        """
+        return self
+
     def to_model(self, sample_time: float) -> SelfScheduled:
         """As a model of lpvid at this period; its predictions are its free run.
 

@@ -155,6 +155,10 @@ class BoucWen(DynamicDamper):
     def suited(cls, facts: Facts) -> BoucWen:
         return cls(scheduled=facts.current_varies, springs=facts.has_displacement, **facts.common)
 
+    def all_free(self) -> BoucWen:
+        """With the exponent n among the parameters: of 2 held, friction is sought for what n = 1 would do."""
+        return self.replace(free_exponent=True)
+
     # -- running -----------------------------------------------------------------------------------------------------
     def coefficients(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """((12,) coefficients as `_bouc_wen_kernels.spencer_run` takes them, (2,) gas stiffness and force).
