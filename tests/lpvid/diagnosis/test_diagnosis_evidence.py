@@ -311,6 +311,19 @@ def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(ch
     assert LEAST < NOTABLE
 
 
+class Knee(Added):
+    name, title = "knee", "sign of the input, rounded"
+    shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
+
+
+def test_two_that_do_most_of_each_others_work_are_not_small_print_both():
+    """Without either the other follows, and less than half a per cent changes; without both it is more."""
+    run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
+    found = diagnose([run], Bent(), [Dry(), Knee()])
+    assert {c.name for c in found.causes} == {"dry", "knee"}
+
+
+
 def test_a_component_is_named_where_only_its_form_is_unsure():
     """Sets that hold unequal edges of a lag fit little better than those with a plain one, and both far better than
     none: the lag is named, and unequal edges only where they alone fit."""
@@ -556,7 +569,8 @@ def test_what_the_story_names_does_half_of_its_work_in_the_set_to_report(here, k
 
 def visited(**changes: float) -> SimpleNamespace:
     """A set of effects by name and by what each changes; a name before "__" is the component."""
-    effects = [SimpleNamespace(name=n, contains=("spring",) if n == "loop" else ()) for n in changes]
+    effects = [SimpleNamespace(name=n, component=n, contains=("spring",) if n == "loop" else (),
+                               family="electrical" if "lag" in n else n) for n in changes]
     kinds = ["friction" if n == "loop" else n.partition("__")[0] for n in changes]
     return SimpleNamespace(effects=effects, kinds=kinds, changes=list(changes.values()), members=frozenset(changes))
 
@@ -569,9 +583,21 @@ def visited(**changes: float) -> SimpleNamespace:
 def test_what_comes_in_the_place_of_a_member_does_its_work(other, of_spring, of_friction):
     best = visited(friction=0.6, spring=0.1)
     sets = [(best, 0.6), (other, 0.4)]
-    for kind, wanted in (("spring", of_spring), ("friction", of_friction)):
-        found = rivals._instead(sets, best, kind, component(kind), 0.9)
+    for effect, wanted in zip(best.effects, (of_friction, of_spring), strict=True):
+        found = rivals._instead(sets, best, effect, component(effect.name), 0.9)
         assert [n for n, _ in found] == wanted
+
+
+@pytest.mark.parametrize(("weights", "wanted"), [
+    ((0.65, 0.04, 0.04, 0.27), ["late-lag", "slow-lag"]),  # none of them is worth a line by itself
+    ((0.55, 0.04, 0.04, 0.37), []),  # nor is the family sure
+])
+def test_a_family_that_is_sure_is_listed_by_its_members(weights, wanted):
+    parts = ({"coil-lag": 0.3}, {"late-lag": 0.3}, {"slow-lag": 0.3}, {})
+    sets = [(visited(**held), p) for held, p in zip(parts, weights, strict=True)]
+    best = sets[0][0]
+    found = rivals._instead(sets, best, best.effects[0], component("coil-lag"), 1.0)
+    assert sorted(n for n, _ in found) == wanted
 
 
 def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():

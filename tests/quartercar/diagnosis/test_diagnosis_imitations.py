@@ -18,6 +18,7 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
 from quartercar.baselines.damper import DamperBaseline
+from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
@@ -227,6 +228,22 @@ def test_two_causes_are_found_that_each_come_after_a_spring_by_themselves(
     found = diagnosed(s, force + rng.normal(0.0, 0.003 * force.std(), SAMPLES), SeriesCompliance(), EntrainedAir(),
                       BoucWenHysteresis(), FixtureResonance(), FixtureInertia(), ForceDelay())
     assert {c.name for c in found.causes} == {"hysteresis", "fixture-resonance"} and found.verdict == "explained"
+
+
+@pytest.mark.seconds
+def test_a_bouc_wen_law_of_another_exponent_lacks_no_friction(rng: np.random.Generator) -> None:
+    """n is a number of the law: with 2 held, friction was named for what n = 1 does, and took a valve's place."""
+    s = inputs(np.full(SAMPLES, 1.0))
+    record = Record({c: Channel(x, UNITS[c]) for c, x in s.channels.items()}, PERIOD, name="run")
+    law = BoucWen(exponent=1.0, scheduled=False, springs=False,
+                  values={"viscous_damping": 900.0, "yield_force": 500.0, "yield_displacement": 4e-4,
+                          "hysteresis_shape": 0.3})
+    force = law.simulate(record).output[:, 0]
+    record = record.with_channel("force", force + 0.005 * force.std() * rng.standard_normal(SAMPLES), "N")
+    found = lpvid.diagnose(record, "bouc-wen", [BoucWenHysteresis(), CoulombFriction(), QuadraticLoss()])
+    assert not found.causes and not found.rivals
+    numbers = {p["name"]: p["value"] for p in found.baseline["parameters"]}
+    assert numbers["exponent"] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(("exponent", "dry"), [(0.3, True), (0.36, True), (0.38, False), (0.8, False)])
