@@ -55,8 +55,9 @@ class Member:
     better : float
         Share of the blocks in which it helps.
     change : float
-        Of the output when it is taken away and the others follow, as a share of the output's rms. Of several that change
-        too little to be named, without the rest of these: two that do each other's work are both there, or neither is.
+        Of the output when it is taken away and the others follow, as a share of the output's rms. Of several that
+        change too little to be named the rest is taken away first: two that do each other's work are not small print
+        both.
     evidence : float
         Log-evidence with it less that without it.
     """

@@ -199,6 +199,11 @@ def _holds(*names: str) -> Finding:
     return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if {k, e.name} & {*names}), None)
 
 
+def _any_of(*findings: Finding) -> Finding:
+    """Finds what the first of several finds that finds anything."""
+    return lambda w: next((e for f in findings if (e := f(w)) is not None), None)
+
+
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect, finding: Finding,
              structured: float) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
@@ -220,11 +225,10 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effec
                 k = name if contains else k
                 lone[k] = lone.get(k, 0.0) + p
                 form.setdefault(k, name)
-                kin |= {k: None for e in w.effects if e.name == name and e.family == effect.family}
+                if any(e.name == name and e.family == effect.family for e in w.effects):
+                    kin[k] = None
     for among in ([k for k, p in lone.items() if p > LISTED], list(kin)):
-        others = [_holds(k) for k in among]
-        either = Support.of(sets, lambda w, by=(finding, *others): next((e for f in by if (e := f(w)) is not None), None),
-                            structured)
+        either = Support.of(sets, _any_of(finding, *map(_holds, among)), structured)
         if either.probability >= NAMED:
             return tuple((form[k], Support.of(sets, _holds(k), structured).probability)
                          for k in sorted(among, key=lambda k: -lone[k]))
