@@ -35,7 +35,7 @@ KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadr
          "bouc-wen": {"gas-stiffness"}}
 """What the baseline has itself: not hidden behind it."""
 LAGS = {"bouc-wen": {"coil-lag"}}
-"""The same: the baseline follows the current with a lag of its own (u' = -eta (u - i), Spencer 1997). Passed over in the
+"""The same: the baseline follows the current with a lag of its own, u' = -eta (u - i) (Spencer 1997). Passed over in
 the draw, not left out of it, so that the other cases of a seed stay what they were."""
 BESIDES = {"gas-stiffness": {"cubic-spring"}}
 """What a cause of the rig is besides: its gas is polytropic, a spring whose quadratic term is a third of the linear one
