@@ -199,10 +199,10 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
             break
         smaller[best.members] = best.members - useless
         dropped |= dict.fromkeys(useless, "held-out error is no lower with it")
-    found = _judged(search, fits, sets, best, rests, dropped)
+    found = _judged(search, fits, sets, best, best, rests, dropped)
     for w in _better(search, fits, sets, best):
         rests, useless = _less_one(search, fits, w)
-        other = None if useless else _judged(search, fits, sets, w, rests, dropped)
+        other = None if useless else _judged(search, fits, sets, best, w, rests, dropped)
         if other is not None and _keeps(_named(other), _named(found)) and _counts(other):
             return other
     return found
@@ -217,12 +217,12 @@ def _less_one(search: SetSearch, fits: dict[frozenset[str], Refit], w: Weighed) 
     return rests, {e.name for e, r in zip(w.effects, rests, strict=True) if not _helps(search.problem, r, after)}
 
 
-def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tuple[Weighed, float]], w: Weighed,
-            rests: Sequence[Refit], dropped: Mapping[str, str]) -> JudgedSet:
-    """A set with what is known of its members."""
+def _judged(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tuple[Weighed, float]], best: Weighed,
+            w: Weighed, rests: Sequence[Refit], dropped: Mapping[str, str]) -> JudgedSet:
+    """A set with what is known of its members, of which `best`, the story, has been pulled apart."""
     problem, root, fit = search.problem, search.visited[frozenset()].fit, fits[w.members]
     after = folds_of(problem, fit)
-    members = [_member(search, sets, w, fit, after, e, r) for e, r in zip(w.effects, rests, strict=True)]
+    members = [_member(search, sets, best, w, fit, after, e, r) for e, r in zip(w.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
     for k, m in enumerate(members):  # a component is named once, by the form that changes most
         if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
@@ -444,19 +444,24 @@ def _form(effect: Effect, sets: Sequence[tuple[Weighed, float]]) -> float:
     return float(sum(p for w, p in sets if any(e.component == effect.component for e in w.effects)))
 
 
-def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, fit: Refit, after: Folds,
-            effect: Effect, rest: Refit) -> Member:
+def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, w: Weighed, fit: Refit,
+            after: Folds, effect: Effect, rest: Refit) -> Member:
+    """What is known of an effect of a set `w`; its rivals are those beside the story where that holds it, too.
+
+    What else would do its work was sought there. Whether a name is sure must not depend on which of several nearly
+    likely sets predicts best.
+    """
     problem = fit.problem
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     before = _squares(problem, rest)
-    kind = best.kinds[best.effects.index(effect)]
+    kind = w.kinds[w.effects.index(effect)]
     name, _, support = named_as(effect, kind, sets, search.structured)
     of_family = Support.of(sets, family(effect.family), search.structured).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    rivals = rivals_of(search, sets, best, effect, values)
+    rivals = rivals_of(search, sets, best if effect in best.effects else w, effect, values)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
-    without = search.visited.get(best.members - {effect.name}) or Weighed(search.data, rest)
-    gain = search.score(best) - search.score(without)
+    without = search.visited.get(w.members - {effect.name}) or Weighed(search.data, rest)
+    gain = search.score(w) - search.score(without)
     return Member(effect, name, values, support.probability, of_family, support.weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)

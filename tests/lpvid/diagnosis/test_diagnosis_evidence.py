@@ -547,10 +547,18 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
         search.visited.pop(frozenset({"wave"}), None)  # no search need have visited every part of the set
         return [(search.visited[m], p) for m, p in weights.items() if m in search.visited]
 
+    beside = {}
+
+    def rivals_beside(search, sets, best, effect, values):
+        beside[effect.name] = set(best.members)
+        return ()
+
     monkeypatch.setattr(judging, "posterior", weighed)
     monkeypatch.setattr(engine, "posterior", weighed)
+    monkeypatch.setattr(judging, "rivals_of", rivals_beside)
     found = diagnose([data], Bent(), [Dry(), Wave()])
     assert found.extended is not None and set(found.extended.effects) == wanted
+    assert beside["dry"] == {"dry"}  # rivals were sought beside the story, whichever set is reported
     assert [c.name for c in found.causes] == ["dry"] and set(found.stand_ins) == wanted - {"dry"}
     assert found.causes[0].delta_bic < -10
     assert found.weights is not None
