@@ -74,12 +74,12 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
                 trial[j] = np.clip(trial[j] + move, low[j], high[j])
                 if trial[j] == vector[j]:
                     break
-                errors = problem.stack(problem.errors(composition, trial))
+                errors = problem.stacked_errors(composition, trial)
                 step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=1e-8)[0] / norms
                 followed = trial.copy()
                 followed[others] = np.clip(trial[others] + step, low[others], high[others])
                 tried = [(float(errors @ errors), trial)]
-                errors = problem.stack(problem.errors(composition, followed))
+                errors = problem.stacked_errors(composition, followed)
                 tried.append((float(errors @ errors), followed))
                 least, where = min(tried, key=lambda t: t[0])
                 if not least < cost * (1 - 1e-6):

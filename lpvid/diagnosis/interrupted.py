@@ -89,6 +89,6 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
 
 def _figures(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> Errors:
     """Free-run errors on the training samples."""
-    stacked = problem.stack(problem.errors(composition, vector))
+    stacked = problem.stacked_errors(composition, vector)
     esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)
     return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))), "training")

@@ -65,6 +65,21 @@ class DiagnosisProblem:
             out.append(np.where(np.abs(e) < EXPLODED, e, EXPLODED))
         return out
 
+    def stacked_errors(self, composition: Composition, vector: np.ndarray) -> np.ndarray:
+        """Measured less simulated output inside the blocks, one record after the other.
+
+        Parameters
+        ----------
+        composition : Composition
+        vector : (P,) array
+
+        Returns
+        -------
+        (N,) array
+            In the output's unit.
+        """
+        return self.stack(self.errors(composition, vector))
+
     def stack(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """(N,) or (N, k): per-record values inside the blocks, one record after the other.
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
-from lpvid.diagnosis.evidence.search import MISSED
+from lpvid.diagnosis.evidence.discrepancy import MISSED
 from lpvid.diagnosis.evidence.weighing import NORMAL
 from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension

@@ -24,7 +24,7 @@ from typing import Any  # noqa: E402
 
 import lpvid as lpv  # noqa: E402
 from lpvid.diagnosis import facade  # noqa: E402
-from lpvid.diagnosis.evidence import search  # noqa: E402
+from lpvid.diagnosis.evidence import visited  # noqa: E402
 from quartercar.effects import CATALOGUE  # noqa: E402
 from quartercar.rig import EXPERIMENTS, Rig  # noqa: E402
 
@@ -66,7 +66,7 @@ def main() -> None:
     given = parser.parse_args()
     record = Rig().run(replace(EXPERIMENTS["test-1"], duration=given.duration), seed=given.seed)
     stages = Stages()
-    search.in_forks = stages.watched(search.in_forks)  # pyright: ignore
+    visited.in_forks = stages.watched(visited.in_forks)  # pyright: ignore
     facade.in_forks = stages.watched(facade.in_forks)  # pyright: ignore
     lpv.diagnose(record, "guo", CATALOGUE)
     allowed = sorted(os.sched_getaffinity(0))

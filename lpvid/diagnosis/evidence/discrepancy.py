@@ -14,6 +14,8 @@ COLUMNS = 80
 USUAL = 0.015
 """root mean square of the misfit of a good physical law over that of the force: half-normal scale of its prior. Fits of
 twenty measured record groups left 1 to 3 %"""
+MISSED = 2 * USUAL
+"""root mean square of an error, over the output's, that a good law may leave: twice the usual"""
 SIZES = USUAL * np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0])
 """sizes at which the prior is looked at"""
 SWEEPS, PLACES = 4, 17

@@ -21,8 +21,9 @@ from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.judging import JudgedSet, judge, on_all_samples
 from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.search import SetSearch, posterior
+from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
+from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import noise_level
@@ -118,7 +119,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
         Of the first set that lowers the error on data not seen; without any, of the most probable one, nothing named.
     """
     problem, alone = search.problem, search.visited[frozenset()].fit
-    screened = tuple(screen(problem, alone, directions(problem, alone, search.moved), np.random.default_rng(seed)))
+    screened = tuple(screen(problem, alone, directions(problem, alone, search.seen.moved), np.random.default_rng(seed)))
     weights = {w.members: p for w, p in posterior(search)}
     refused: list[frozenset[str]] = []
     first = None

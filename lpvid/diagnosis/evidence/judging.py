@@ -11,7 +11,8 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Support, family
 from lpvid.diagnosis.evidence.rivals import LISTED, NAMED, in_this_form, named_as, rivals_of
-from lpvid.diagnosis.evidence.search import SetSearch, posterior
+from lpvid.diagnosis.evidence.search import SetSearch
+from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, errors_beside, joined, out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem

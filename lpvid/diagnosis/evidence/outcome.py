@@ -22,9 +22,10 @@ from lpvid.diagnosis.diagnosis import (
 )
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, components, family
+from lpvid.diagnosis.evidence.discrepancy import MISSED
 from lpvid.diagnosis.evidence.judging import SURE, JudgedSet, Member
 from lpvid.diagnosis.evidence.rivals import NAMED
-from lpvid.diagnosis.evidence.search import MISSED, SetSearch
+from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import Wrong, localise

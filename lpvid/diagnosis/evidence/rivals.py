@@ -8,7 +8,8 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Finding, Support, component
-from lpvid.diagnosis.evidence.search import LAGGING, SetSearch, akin
+from lpvid.diagnosis.evidence.kinship import LAGGING, akin
+from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.problem import EXPLODED
 from lpvid.diagnosis.spectra import noisier

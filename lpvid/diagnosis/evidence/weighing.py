@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
 from lpvid.diagnosis.evidence.priors import SHAPE, determined, inclusion, of_shape, of_strength, off_prior
-from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
 from lpvid.diagnosis.signals import Signals
 
@@ -274,6 +274,6 @@ def change_by(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
     vector = fit.vector.copy()
     vector[place] = effect.neutral
     with np.errstate(all="ignore"):
-        gone = problem.stack(problem.errors(fit.composition, vector))
-    plain = problem.stack(problem.errors(fit.composition, fit.vector))
-    return float(np.sqrt(np.mean(np.minimum((gone - plain) ** 2, 1e100))))
+        gone = problem.stacked_errors(fit.composition, vector)
+    plain = problem.stacked_errors(fit.composition, fit.vector)
+    return float(np.sqrt(np.mean(np.minimum((gone - plain) ** 2, EXPLODED))))

@@ -24,11 +24,12 @@ from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marg
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
+from lpvid.diagnosis.evidence.kinship import akin
 from lpvid.diagnosis.evidence.priors import STRENGTH, determined, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.evidence.rivals import NAMED, named_as
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.search import akin, posterior
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
+from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.settings import DiagnosisSettings
@@ -284,7 +285,7 @@ def test_a_set_with_one_effect_more_leaves_no_more_than_without_and_is_refitted_
     search.visited.pop(frozenset({"dry", "cubic"}), None)
     found = search.with_one_more(dry, cubic, np.array([0.01]))
     assert found.members == {"dry", "cubic"} and found.fit.cost <= dry.fit.cost
-    monkeypatch.setattr(search, "_settled", lambda *a, **k: pytest.fail("refitted again"))
+    monkeypatch.setattr(search, "settled", lambda *a, **k: pytest.fail("refitted again"))
     assert search.with_one_more(dry, cubic, np.array([0.01])) is found
 
 

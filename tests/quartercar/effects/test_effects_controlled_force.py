@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid.diagnosis.evidence.engine import prepared
-from lpvid.diagnosis.evidence.search import together
+from lpvid.diagnosis.evidence.kinship import together
 from lpvid.diagnosis.signals import Signals
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear
