@@ -57,19 +57,26 @@ def _step(own, knots, theta, phi, row, rho, value, slope):
 
 
 @njit()
+def _regressors(rows, drive, kappa, feedback, na, k, outputs, last, row):
+    """Fill the regressors of sample k, the own lags from outputs[last] backwards; returns ρ."""
+    copy_values(rows[k], row)
+    for i in range(na):
+        row[i] = -outputs[last - i]
+    rho = feedback * outputs[last]
+    for j in range(kappa.size):
+        rho += kappa[j] * drive[k, j]
+    return rho
+
+
+@njit()
 def free_run_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, begin, limit):
     """Fill y[begin:] in place; rows (n, r) holds the measured regressors, its first na columns are scratch.
 
     Returns the first sample whose modulus exceeds `limit`, or −1.
     """
-    value, slope = np.zeros(theta.shape[0]), np.zeros(theta.shape[0])
+    value, slope, row = np.zeros(theta.shape[0]), np.zeros(theta.shape[0]), np.empty(rows.shape[1])
     for k in range(begin, y.size):
-        row = rows[k].copy()
-        for i in range(na):
-            row[i] = -y[k - 1 - i]
-        rho = feedback * y[k - 1]
-        for j in range(kappa.size):
-            rho += kappa[j] * drive[k, j]
+        rho = _regressors(rows, drive, kappa, feedback, na, k, y, k - 1, row)
         y[k], _ = _step(own, knots, theta, phi[k], row, rho, value, slope)
         if not abs(y[k]) < limit:
             return k
@@ -79,7 +86,7 @@ def free_run_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, 
 @njit()
 def ahead_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, begin, horizon, out):
     """Predict every sample from measured outputs up to k − horizon; out holds y before `begin`."""
-    value, slope = np.zeros(theta.shape[0]), np.zeros(theta.shape[0])
+    value, slope, row = np.zeros(theta.shape[0]), np.zeros(theta.shape[0]), np.empty(rows.shape[1])
     back = max(na, 1)
     past = np.zeros(back + horizon)
     for k in range(begin, y.size):
@@ -88,12 +95,7 @@ def ahead_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, beg
             past[i] = y[first - back + i]
         for t in range(first, k + 1):
             at = back + t - first
-            row = rows[t].copy()
-            for i in range(na):
-                row[i] = -past[at - 1 - i]
-            rho = feedback * past[at - 1]
-            for j in range(kappa.size):
-                rho += kappa[j] * drive[t, j]
+            rho = _regressors(rows, drive, kappa, feedback, na, t, past, at - 1, row)
             past[at], _ = _step(own, knots, theta, phi[t], row, rho, value, slope)
         out[k] = past[back + k - first]
 
@@ -105,15 +107,10 @@ def sensitivity_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, 
     dy(k) = φ⊗φ_e⊗row dθ − Σ a_i dy(k−i) + (∂y/∂ρ)(feedback·dy(k−1) + drive·dκ): the exact total derivative.
     """
     n_own, n_external, width = theta.shape
-    value, slope = np.zeros(n_own), np.zeros(n_own)
+    value, slope, row = np.zeros(n_own), np.zeros(n_own), np.empty(rows.shape[1])
     size = theta.size
     for k in range(begin, y.size):
-        row = rows[k].copy()
-        for i in range(na):
-            row[i] = -y[k - 1 - i]
-        rho = feedback * y[k - 1]
-        for j in range(kappa.size):
-            rho += kappa[j] * drive[k, j]
+        rho = _regressors(rows, drive, kappa, feedback, na, k, y, k - 1, row)
         y[k], steep = _step(own, knots, theta, phi[k], row, rho, value, slope)
         if not abs(y[k]) < limit:
             return k

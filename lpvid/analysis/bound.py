@@ -13,7 +13,7 @@ from lpvid.analysis.gain_bounds import ATTEMPT, worst_pole
 from lpvid.codec import Encoded
 from lpvid.lmi.bound_certificate import BoundCertificate, inequality_of
 from lpvid.lmi.certificate import grid
-from lpvid.lmi.certificate_common import Certificate, certificate_kind
+from lpvid.lmi.certificate_common import Certificate, certificate_kind, verdict_of
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.inequality import recheck_inequality
@@ -94,7 +94,7 @@ def judged(quantity: str, certificate: BoundCertificate | None, lower: float, up
     """
     if certificate is None:
         return Bound(quantity, "not certified", lower, upper, None, why)
-    verdict = "certified" if certificate.between_grid else "certified on a grid only"
+    verdict = verdict_of(certificate.between_grid)
     return Bound(quantity, verdict, lower, upper, certificate)
 
 

@@ -13,6 +13,7 @@ from lpvid.analysis.gain_bounds import GainBounds, usable, worst_pole
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
 from lpvid.codec import Coded, null
 from lpvid.errors import InputError
+from lpvid.lmi.certificate_common import verdict_of
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import GainCertificate
 from lpvid.lmi.hull_certificate import HullCertificate
@@ -179,7 +180,7 @@ def _judged(plant: Driven, worst: WorstCase, certificate: GainCertificate | None
                     "no storage function was found that bounds the gain",
                     "give a rate bound, narrow the range, or look for a trajectory that grows with "
                     "lpvid.certify_stability", seconds)
-    verdict = VERDICTS[0] if certificate.between_grid else VERDICTS[1]
+    verdict = verdict_of(certificate.between_grid)
     return Gain(verdict, certificate.gamma, worst.gain, worst, certificate, plant.inputs, plant.outputs,
                 seconds=seconds)
 

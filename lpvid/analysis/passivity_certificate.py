@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.codec import ADDED, null
 from lpvid.lmi.certificate import Recheck, grid
-from lpvid.lmi.certificate_common import StorageCertificate, describe_box, malformed
+from lpvid.lmi.certificate_common import StorageCertificate, describe_box, malformed, verdict_of
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.passive_form import Dissipation, obstacle, preload, sector_basis, supplied
@@ -97,9 +97,7 @@ class PassivityCertificate(StorageCertificate):
     @property
     def verdict(self) -> str:
         """"certified", "certified on a grid only" or "not certified"."""
-        if not self.verified:
-            return "not certified"
-        return "certified" if self.between_grid else "certified on a grid only"
+        return verdict_of(self.between_grid, self.verified)
 
     @property
     def claim(self) -> str:

@@ -22,6 +22,7 @@ from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block, block_diagonal, combined
 from lpvid.lmi.certificate import diagonal, grid
+from lpvid.lmi.certificate_common import verdict_of
 from lpvid.lmi.driven import Driven, Matrices
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.program import Program
@@ -154,7 +155,7 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
         return RobustGain("not certified", math.inf, lower, None, "no storage function and multipliers were found that "
                           "bound the gain for every uncertainty", "smaller bounds, further poles of the filters, a "
                           "rate bound with basis=…, or a narrower range", seconds)
-    return RobustGain("certified" if best.between_grid else "certified on a grid only", best.gamma,
+    return RobustGain(verdict_of(best.between_grid), best.gamma,
                       min(lower, best.gamma), best, seconds=seconds)
 
 

@@ -11,7 +11,7 @@ from lpvid.analysis.divergence import Divergence
 from lpvid.codec import null
 from lpvid.lmi.bounds import recheck_decrease
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import StorageCertificate, describe_box
+from lpvid.lmi.certificate_common import StorageCertificate, describe_box, verdict_of
 from lpvid.lmi.driven import Driven, Model, autonomous
 from lpvid.scheduling import Polynomial, Scheduling
 
@@ -89,9 +89,7 @@ class StabilityCertificate(StorageCertificate):
     @property
     def verdict(self) -> str:
         """"certified", "certified on a grid only" or "not certified"."""
-        if not self.verified:
-            return "not certified"
-        return "certified" if self.between_grid else "certified on a grid only"
+        return verdict_of(self.between_grid, self.verified)
 
     @property
     def claim(self) -> str:

@@ -19,6 +19,26 @@ from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Scheduling
 
 
+def verdict_of(between_grid: bool, verified: bool = True) -> str:
+    """How far a claim is proven, in the words of every verdict.
+
+    Parameters
+    ----------
+    between_grid : bool
+        Proven on the whole box, not only on the points of a grid.
+    verified : bool
+        Proven at all.
+
+    Returns
+    -------
+    str
+        "certified", "certified on a grid only" or "not certified".
+    """
+    if not verified:
+        return "not certified"
+    return "certified" if between_grid else "certified on a grid only"
+
+
 class Certificate(Coded):
     """A claim about a model that anyone can re-check from the numbers stored with it.
 

@@ -12,6 +12,8 @@ from quartercar.design.figures import FREQUENCIES, SHOWN
 from quartercar.plot.rides import SIGNALS, draw_signals
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from quartercar.design.identified import IdentifiedDesign
     from quartercar.design.nominal import Design
     from quartercar.rides.simulation import Ride
@@ -61,17 +63,21 @@ def gains(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     with look():
         foreign = ax is not None
         figure, axes = panels(1, 3, height=3.0, ax=ax)
-        colours = shades(len(found.gains), 0.05, 0.85)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label=found.baseline)
-            for colour, (share, curves) in zip(colours, found.gains, strict=True):
-                ax.loglog(FREQUENCIES, curves[signal], color=colour, label=f"ρ = {share:.2g}")
+            _draw_frozen(ax, found, signal)
             name, unit = TITLES[signal]
             ax.set_title(f"road to {name}")
             ax.set_ylabel(label("gain", unit))
             ax.set_xlabel(label("frequency", "Hz"))
         legend_outside(figure, axes[0, 0], foreign, 7, "upper")
     return drawn(axes)
+
+
+def _draw_frozen(ax: Axes, found: Design | IdentifiedDesign, signal: str, over: np.ndarray | float = 1.0) -> None:
+    """A curve for every frozen value of the scheduling: the gain to a signal, as a share of `over`."""
+    for colour, (share, curves) in zip(shades(len(found.gains), 0.05, 0.85), found.gains, strict=True):
+        ax.loglog(FREQUENCIES, curves[signal] / over, color=colour, label=f"ρ = {share:.2g}")
 
 
 def sensitivity(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
@@ -93,11 +99,8 @@ def sensitivity(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
     with look():
         foreign = ax is not None
         figure, axes = panels(1, 3, height=2.8, ax=ax)
-        colours = shades(len(found.gains), 0.05, 0.85)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
-            passive = np.maximum(found.passive_gains[signal], 1e-300)
-            for colour, (share, curves) in zip(colours, found.gains, strict=True):
-                ax.loglog(FREQUENCIES, curves[signal] / passive, color=colour, label=f"ρ = {share:.2g}")
+            _draw_frozen(ax, found, signal, np.maximum(found.passive_gains[signal], 1e-300))
             ax.axhline(1.0, color=INK, linewidth=0.9, linestyle="--")
             ax.set_title(TITLES[signal][0])
             ax.set_ylabel(label("with control / without", "1"))

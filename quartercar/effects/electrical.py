@@ -24,6 +24,9 @@ PLACED = 0.05
 """part of a sample to which the edges that a filter has made round show a jump"""
 ALIKE = 0.15
 """correlation of neighbouring increments from which on edges take more than one sample, as behind a filter"""
+LAG_SHARE = EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
+                            (0.0, 0.5), (0.0,))
+"""the second parameter of a `LateEffect`, after its delay T"""
 
 
 def is_held(current: np.ndarray) -> bool:
@@ -361,7 +364,7 @@ class RiseFallLag(CurrentEffect):
 
 
 class LateEffect(GridEffect):
-    """A delay T of which a share is a first-order lag."""
+    """A delay T of which a share is a first-order lag; its parameters are T and `LAG_SHARE`."""
 
     stepwise: ClassVar[bool] = True
     added_later: ClassVar[tuple[str, ...]] = ("lag_share",)
@@ -388,8 +391,7 @@ class CommandDelay(CurrentEffect, LateEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.03), (0.0, 0.1), (0.002, 0.004, 0.008, 0.016)),
-                EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
-                                (0.0, 0.5), (0.0,)))
+                LAG_SHARE)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay, share = (float(v) for v in values)

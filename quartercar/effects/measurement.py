@@ -12,7 +12,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
-from quartercar.effects.electrical import LateEffect, read_earlier
+from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.splines import glided
 
 MOTION = ("displacement", "velocity", "acceleration")
@@ -70,8 +70,7 @@ class DisplacementDelay(ChainEffect, LateEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),
-                EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
-                                (0.0, 0.5), (0.0,)))
+                LAG_SHARE)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay, share = (float(v) for v in values)

@@ -12,8 +12,8 @@ from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.viscous import static_share, viscous_slope
 
-COOLING = (20.0, 200.0)
-"""time constants of cooling that are looked at [s]"""
+COOLING_TIME = EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), (20.0, 200.0))
+"""the second parameter of what fades with the heat"""
 SWEEPS = 4
 """times that the heat is worked out again with the force that it left"""
 
@@ -129,7 +129,7 @@ class ThermalFade(ThermalEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 1e-3),
                                 (0.0, 1e6), (5e-6, 5e-5, 5e-4)),
-                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), COOLING))
+                COOLING_TIME)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         fade, cooling = float(values[0]), float(values[1])
@@ -160,7 +160,7 @@ class ViscousFade(ThermalEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "b, share of the damping lost per joule of heat, at first", 0.0,
                                 (0.0, 1e-2), (0.0, 1e6), (2e-5, 2e-4, 2e-3)),
-                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), COOLING))
+                COOLING_TIME)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         fade, cooling = float(values[0]), float(values[1])

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import sys
 import tempfile
 import time
@@ -33,12 +32,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 import real_answers
 import real_records
-from foreign_scoreboard import read
 from helpers import hidden_score
 from helpers.foreign_rig import cases, truth
 from helpers.hidden_score import BOUC_WEN, imitators
 from helpers.hidden_truth import SAME
 from real_answers import parts_of
+from rows import append, read
 
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.evidence.calibration import Support
@@ -148,8 +147,7 @@ def run(options: argparse.Namespace) -> None:
             row = {"error": f"{type(error).__name__}: {error}"}
         print(name, row.get("kind"), row.get("law"), row.get("causes"), "->", row.get("verdict"), row.get("named"),
               row.get("rivals"), row.get("cpu"), row.get("error", ""), flush=True)
-        with (options.folder / "calibration.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row | {"id": name}) + "\n")
+        append(options.folder / "calibration.jsonl", row | {"id": name})
 
 
 # -- claims -------------------------------------------------------------------------------------------------------

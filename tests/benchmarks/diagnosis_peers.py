@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import foreign_scoreboard
 import numpy as np
 from helpers.foreign_rig import cases
+from rows import read
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
@@ -231,7 +232,7 @@ def main() -> None:
     """Ask the peers on every row and print the table."""
     parser = argparse.ArgumentParser(description="What simpler methods answer on the foreign scoreboard's cases.")
     parser.add_argument("folder", type=Path)
-    own = [r for r in foreign_scoreboard.read(parser.parse_args().folder) if "outcome" in r]
+    own = [r for r in read(parser.parse_args().folder) if "outcome" in r]
     print(table([answers(r) for r in own], own))
 
 

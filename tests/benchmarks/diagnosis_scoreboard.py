@@ -16,7 +16,6 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 import argparse  # noqa: E402
-import json  # noqa: E402
 import sys  # noqa: E402
 import time  # noqa: E402
 import traceback  # noqa: E402
@@ -27,6 +26,7 @@ from pathlib import Path  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from helpers import hidden, hidden_score  # noqa: E402
+from rows import append, read  # noqa: E402
 
 from quartercar.effects import CATALOGUE  # noqa: E402
 
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> None:
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=TASKS) as pool:
         for seed, name, fixed in wanted:
             if name not in done:
-                _append(path, pool.submit(_one, seed, name, fixed).result())
+                append(path, pool.submit(_one, seed, name, fixed).result())
 
 
 def _fixings(kind: str | None) -> list[dict]:
@@ -78,23 +78,6 @@ def _one(seed: int, name: str, fixed: dict) -> dict:
     row |= {"id": name, "seconds_in_all": round(time.perf_counter() - begun, 2)}
     print(hidden_score.line(row), flush=True)
     return row
-
-
-def _append(path: Path, row: dict) -> None:
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
-
-
-def read(folder: Path) -> list[dict]:
-    """All rows of a folder; a line cut short by an interruption is left out."""
-    rows = []
-    for path in sorted(folder.glob("*.jsonl")):
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                rows.append(json.loads(text))
-            except json.JSONDecodeError:
-                continue
-    return rows
 
 
 def _options() -> argparse.Namespace:

@@ -12,7 +12,6 @@ training seed.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -25,6 +24,7 @@ import commanded
 import numpy as np
 from helpers.foreign_rig import cases, causes, truth
 from real_answers import parts_of
+from rows import append, read
 
 Row = dict
 
@@ -125,18 +125,6 @@ def table(rows: list[Row]) -> str:
 
 
 # -- running ------------------------------------------------------------------------------------------------------
-def read(folder: Path) -> list[Row]:
-    """All rows of a folder; a line cut short by an interruption is left out."""
-    found = []
-    for path in sorted(folder.glob("*.jsonl")):
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                found.append(json.loads(text))
-            except json.JSONDecodeError:
-                continue
-    return found
-
-
 def run(options: argparse.Namespace) -> None:
     """The cases of this shard that no file of the folder holds."""
     part, parts = map(int, options.shard.split("/"))
@@ -154,8 +142,7 @@ def run(options: argparse.Namespace) -> None:
                 row = {"error": f"{type(error).__name__}: {error}"}
             row |= {"id": name}
             print(line(row), flush=True)
-            with path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
+            append(path, row)
 
 
 def main() -> None:

@@ -30,6 +30,7 @@ import numpy as np
 import real_answers
 import real_records
 from real_answers import Answer, parts_of
+from rows import append
 
 
 def cases(siblings: bool = False) -> list[tuple[str, str]]:
@@ -91,8 +92,7 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
         row = {"group": name, "baseline": baseline, **row}
         how = mark(row, real_answers.answer(_base(name), baseline))
         print(f"{name}/{baseline}: {how} {row.get('named')}", flush=True)
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        append(path, row)
 
 
 def _base(name: str) -> str:

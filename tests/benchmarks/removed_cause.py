@@ -10,14 +10,14 @@ the family of the cause; misnamed: anything else.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections import Counter
 from pathlib import Path
 
 from diagnosis_calibration import KINDS  # first: it puts the helpers on the path
-from foreign_scoreboard import read, stated
+from foreign_scoreboard import stated
 from helpers.foreign_rig import cases, truth
+from rows import append, read
 
 from quartercar.effects import CATALOGUE
 
@@ -60,8 +60,7 @@ def main() -> None:
             row = case(options.seed * 100_000 + number) | {"id": name}
             print(name, row["law"], *row["causes"], f"{row['visible']:.1%}", row["verdict"], row["named"], row["mark"],
                   flush=True)
-            with (options.folder / "removed.jsonl").open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
+            append(options.folder / "removed.jsonl", row)
     print(dict(Counter(r["mark"] for r in read(options.folder))))
 
 

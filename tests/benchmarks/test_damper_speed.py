@@ -5,11 +5,11 @@ Run ``pytest tests/benchmarks/test_damper_speed.py -n 0 --benchmark-enable --ben
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from helpers.timing import best_of
 
 from quartercar.dampers import Drive
 from quartercar.dampers.families import DynamicDamper
@@ -32,20 +32,10 @@ def drive() -> Drive:
                  1.0 + np.sin(t))
 
 
-def best(function: Callable[[], object], rounds: int) -> float:
-    function()
-    times = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
 def report(model: DynamicDamper, bare: Callable[[], object], drive: Drive, aim: str, timed: bool) -> None:
     rounds = 15 if timed else 1
-    ours, kernel = best(lambda: model.response(drive, model.vector), rounds), best(bare, rounds)
-    sensitivities = best(lambda: model.jacobian(drive, model.vector), min(rounds, 3))
+    ours, kernel = best_of(lambda: model.response(drive, model.vector), rounds), best_of(bare, rounds)
+    sensitivities = best_of(lambda: model.jacobian(drive, model.vector), min(rounds, 3))
     print(f"\n{model.title}, {len(model.names)} parameters, 30 s at 512 Hz: {1e3 * ours:.1f} ms{aim}, bare kernel "
           f"{1e3 * kernel:.1f} ms, ratio {ours / kernel:.3f}; all sensitivities {1e3 * sensitivities:.0f} ms")
 

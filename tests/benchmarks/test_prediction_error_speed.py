@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from helpers.timing import best_of
 from scipy.linalg import lapack
 from scipy.signal import lfilter
 
@@ -68,16 +68,6 @@ def banded(problem: PredictionErrorProblem, point: Point) -> tuple[np.ndarray, n
     return band, np.asfortranarray(np.random.default_rng(0).normal(size=(n, 24)))
 
 
-def best(function: Callable[[], object], rounds: int) -> float:
-    function()
-    times = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
 def test_gauss_newton_step_against_its_banded_solves(record, benchmark):
     problem, point = problem_of(record)
     band, right = banded(problem, point)
@@ -89,8 +79,8 @@ def test_gauss_newton_step_against_its_banded_solves(record, benchmark):
 
     with single_thread():
         rounds = 7 if benchmark.enabled else 1
-        solves = best(lambda: lapack.dtbtrs(band, right, uplo="L", trans="N", diag="U"), rounds)
-        ours = best(step, rounds)
+        solves = best_of(lambda: lapack.dtbtrs(band, right, uplo="L", trans="N", diag="U"), rounds)
+        ours = best_of(step, rounds)
         benchmark(step)
     print(f"\nGauss-Newton step (run, 24 sensitivities, QR) on 1e5 samples: {1e3 * ours:.1f} ms; "
           f"24 banded solves by dtbtrs: {1e3 * solves:.1f} ms; ratio {ours / solves:.2f} (aim 3)")

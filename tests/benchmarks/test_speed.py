@@ -5,12 +5,11 @@ Run ``pytest tests/benchmarks -n 0 --benchmark-enable --benchmark-only -s``.
 
 from __future__ import annotations
 
-import time
 import tracemalloc
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from helpers.timing import best_of
 from numba import njit
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
@@ -79,17 +78,6 @@ def hand_loop(a, b, u, p, centre, half, y):
 
 
 STRUCTURE = ARX(na=4, nb=4, input="u", output="y", basis=Polynomial("p", degree=2))
-
-
-def best_of(function: Callable[[], object], times: int = 3) -> float:
-    """Least wall time of a few calls [s]."""
-    function()
-    spent = []
-    for _ in range(times):
-        start = time.perf_counter()
-        function()
-        spent.append(time.perf_counter() - start)
-    return min(spent)
 
 
 def test_identification_against_the_limit(benchmark, record: Record) -> None:

@@ -14,18 +14,28 @@ BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrom
                None)
 
 
-def dump(file: Path, profile: Path, width: int = 1200, budget: int = 5000) -> str:
+def dump(file: Path, profile: Path, width: int = 1200, budget: int = 5000, height: int = 2000) -> str:
     """The DOM after `budget` ms of the page's own clock."""
+    return _run(file, profile, f"--window-size={width},{height}", f"--virtual-time-budget={budget}", "--dump-dom")
+
+
+def screenshot(file: Path, picture: Path, profile: Path, width: int, height: int) -> None:
+    """The window that shows a page or a drawing, without scroll bars, as a PNG."""
+    _run(file, profile, f"--window-size={width},{height}", "--hide-scrollbars", f"--screenshot={picture}")
+
+
+def _run(file: Path, profile: Path, *words: str) -> str:
+    """What the browser writes to its standard output."""
     assert BROWSER is not None
     command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
                "--disable-background-networking", "--disable-component-update", "--disable-sync",
-               f"--user-data-dir={profile}", f"--window-size={width},2000", f"--virtual-time-budget={budget}",
-               "--dump-dom", file.as_uri()]
+               f"--user-data-dir={profile}", *words, file.as_uri()]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
 def opened(html: str, script: str, folder: Path, width: int = 1200, budget: int = 5000) -> dict[str, str]:
     """What a script put at the end of a page wrote into the data attributes of its root."""
+    folder.mkdir(exist_ok=True)
     file = folder / "page.html"
     file.write_text(html.replace("</body>", f"<script>{script}</script></body>"))
     dom = dump(file, folder / "profile", width, budget)

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.browser import BROWSER, screenshot
 
 from lpvid.plot import svg
 from lpvid.plot.style import look, panels
-
-BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
-               None)
 
 
 def figure():
@@ -55,11 +51,7 @@ def test_it_draws_the_same(tmp_path: Path):
     pictures = []
     for name, data in (("plain", as_written()), ("short", svg(figure()))):
         (tmp_path / f"{name}.svg").write_bytes(data)
-        assert BROWSER is not None
-        subprocess.run([BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
-                        f"--user-data-dir={tmp_path / 'p'}", "--window-size=960,220", "--hide-scrollbars",
-                        f"--screenshot={tmp_path / name}.png", (tmp_path / f"{name}.svg").as_uri()],
-                       check=True, capture_output=True, timeout=120)
+        screenshot(tmp_path / f"{name}.svg", tmp_path / f"{name}.png", tmp_path / "p", 960, 220)
         pictures.append(imread(tmp_path / f"{name}.png")[..., :3])
     gap = np.abs(pictures[0] - pictures[1])
     assert np.ptp(pictures[0]) > 0.5

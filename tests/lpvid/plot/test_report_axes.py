@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from helpers.drawings import check_on_given_axes
 
 import lpvid as lpv
-from lpvid.errors import InputError
 from lpvid.plot import controllers, diagnosis, fleet, synthesis
 
 NAMES = ("error_maps", "error_shapes", "error_courses", "suspects", "loops", "close_up", "controller_gains",
@@ -62,18 +60,7 @@ def drawings() -> dict[str, Callable[[Any], Any]]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_callers_axes_hold_what_new_ones_do(drawings: dict[str, Callable[[Any], Any]], name: str) -> None:
-    draw = drawings[name]
-    made = np.atleast_1d(np.asarray(draw(None), dtype=object)).ravel()
-    assert all(isinstance(ax, Axes) for ax in made)
-    given = Figure().subplots(1, made.size, squeeze=False).ravel()
-    back = np.atleast_1d(np.asarray(draw(given), dtype=object)).ravel()
-    assert list(back) == list(given)
-    for new, old in zip(back, made, strict=True):
-        assert len(new.lines) == len(old.lines) and len(new.collections) == len(old.collections)
-        for a, b in zip(new.lines, old.lines, strict=True):
-            np.testing.assert_array_equal(np.asarray(a.get_ydata()), np.asarray(b.get_ydata()))
-    with pytest.raises(InputError, match="is drawn on"):
-        draw(Figure().subplots(1, made.size + 1, squeeze=False))
+    check_on_given_axes(drawings[name])
 
 
 @pytest.mark.parametrize("figure", ["loops", "close_up"])

@@ -5,13 +5,11 @@ from __future__ import annotations
 import base64
 import dataclasses
 import re
-import shutil
-import subprocess
-from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from helpers.browser import BROWSER, opened
 
 import lpvid as lpv
 from lpvid import plot
@@ -31,8 +29,6 @@ from lpvid.report.stability import stability_page, study_stability
 from lpvid.report.validation import validation_page
 from lpvid.validation import ResidualTest
 
-BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
-               None)
 RATE = 200.0
 
 
@@ -335,7 +331,7 @@ def test_embedded_figure_is_svg():
 
 
 # -- a real browser ---------------------------------------------------------------------------------------------------
-PROBE = """<script>
+PROBE = """
 window.onerror = (message) => { document.documentElement.setAttribute('data-error', message); };
 window.addEventListener('load', () => {
   const images = Array.from(document.images), root = document.documentElement;
@@ -346,7 +342,7 @@ window.addEventListener('load', () => {
     e => !e.name.startsWith('data:')).length);
   root.setAttribute('data-overflow', document.documentElement.scrollWidth > window.innerWidth + 1);
 });
-</script></body>"""
+"""
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
@@ -355,28 +351,12 @@ def test_a_browser_shows_them(pages, tmp_path):
     """Four reports in one browser run each: figures loaded, headings there, nothing fetched, no script error."""
     for command in COMMANDS:
         html = render(pages[command])
-        file = tmp_path / f"{command}.html"
-        file.write_text(html.replace("</body>", PROBE))
-        seen = attributes(dump(file, tmp_path / f"profile-{command}"))
+        seen = opened(html, PROBE, tmp_path / command)
         assert "error" not in seen
         assert int(seen["images"]) == html.count("<img ") >= 1
         assert seen["loaded"] == seen["images"]
         assert int(seen["headings"]) == 1 + html.count("<h2>")
         assert seen["fetched"] == "0" and seen["overflow"] == "false"
-
-
-def dump(file: Path, profile: Path) -> str:
-    assert BROWSER is not None
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
-               "--disable-background-networking", "--disable-component-update", "--disable-sync",
-               f"--user-data-dir={profile}", "--window-size=1200,2000", "--virtual-time-budget=5000", "--dump-dom",
-               file.as_uri()]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
-
-
-def attributes(dom: str) -> dict[str, str]:
-    head = dom[: dom.index(">", dom.index("<html"))]
-    return dict(re.findall(r'data-(\w+)="([^"]*)"', head))
 
 
 def test_a_form_is_printed_with_the_errors_that_its_verdict_rests_on():

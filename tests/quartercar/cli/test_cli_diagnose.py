@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from helpers.browser import BROWSER, screenshot
 from typer.testing import CliRunner
 
 import lpvid as lpv
@@ -117,13 +116,10 @@ def test_the_report_opens_in_a_browser(files, tmp_path):
     page = report.read_text()
     assert "<h1>Diagnosis of guo</h1>" in page and "http" not in page.replace("http://www.w3.org", "")
     assert page.count("data:image/svg+xml") >= 5 and "coulomb-friction" in page
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
+    if BROWSER is None:
         pytest.skip("no browser here")
     shot = tmp_path / "page.png"
-    subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", f"--screenshot={shot}",
-                    "--window-size=1200,3000", report.as_uri()], capture_output=True, timeout=60,
-                   check=True)
+    screenshot(report, shot, tmp_path / "profile", 1200, 3000)
     assert shot.stat().st_size > 50_000
 
 

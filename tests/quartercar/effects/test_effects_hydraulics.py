@@ -7,17 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.static_rig import diagnosed, named_or_listed, recorded, static_force, static_law
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.signals import Core, Signals
-from lpvid.record import Record
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline
-from quartercar.dampers.facts import Facts
-from quartercar.effects import CATALOGUE
 from quartercar.effects.hydraulics import (
     Asymmetry,
     Cavitation,
@@ -28,11 +25,10 @@ from quartercar.effects.hydraulics import (
     SeriesOrifice,
     ValveDynamics,
 )
-from quartercar.rig import EXPERIMENTS, Rig, RigDamper, Sensors, effect
+from quartercar.rig import EXPERIMENTS, Rig, RigDamper, Sensors
 
 EFFECTS = (QuadraticLoss(), Asymmetry(), ReliefValve(), SeriesOrifice(), InputNonlinearity(), NetworkTopology(),
            ValveDynamics(), Cavitation())
-C0, C1 = 900.0, 300.0
 
 
 def baseline(name: str = "guo") -> DamperBaseline:
@@ -47,19 +43,10 @@ def signals(seed: int = 0, n: int = 4096) -> Signals:
     x = sum(a * np.sin(2 * math.pi * f * t + p) for a, f, p in waves)
     v = sum(a * 2 * math.pi * f * np.cos(2 * math.pi * f * t + p) for a, f, p in waves)
     i = np.repeat(rng.uniform(0, 2.5, n // 64), 64)
-    return Signals(1 / 512, {"displacement": x, "velocity": v, "current": i}, law_of(v, i))
+    return Signals(1 / 512, {"displacement": x, "velocity": v, "current": i}, static_force(v, i))
 
 
-def law_of(v: np.ndarray, i: np.ndarray) -> np.ndarray:
-    """`RigDamper.static`, as its docstring says."""
-    return (C0 + C1 * i) * v + (60 + 580 * i) * np.tanh(v / 0.025)
-
-
-def law(s: Signals) -> np.ndarray:
-    return law_of(s["velocity"], s["current"])
-
-
-def run(what: Effect, values: list[float], s: Signals, core: Core = law, name: str = "guo") -> np.ndarray:
+def run(what: Effect, values: list[float], s: Signals, core: Core = static_law, name: str = "guo") -> np.ndarray:
     return what.compose(core, np.array(values), baseline(name))(s)
 
 
@@ -70,7 +57,7 @@ def test_at_neutral_nothing_changes_whatever_the_shape(what: Effect, name: str) 
     s = signals()
     for point in what.points((s,)):
         point[0] = what.parameters[0].neutral
-        assert np.array_equal(run(what, list(point), s, name=name), law(s))
+        assert np.array_equal(run(what, list(point), s, name=name), static_law(s))
     assert len(what.points((s,))) <= 14
     low, high = np.array([p.bounds for p in what.parameters]).T
     assert all(np.all((low <= p) & (p <= high)) for p in what.points((s,)))
@@ -92,10 +79,8 @@ RIG = {
 @pytest.mark.parametrize("name", RIG)
 def test_the_rig_does_the_same_to_a_damper_without_memory(name: str) -> None:
     what, values, allowed = RIG[name]
-    record = Rig(damper=RigDamper.static(), effects=(effect(name, 1.0),), sensors=Sensors.perfect()).run(
-        EXPERIMENTS["test-1"], seed=0)
-    s = Signals(record.sample_time, {c: record[c] for c in ("displacement", "velocity", "current")}, record["force"])
-    without = np.sum((law(s) - s.output)[300:] ** 2)
+    s = recorded(name, "test-1")
+    without = np.sum((static_law(s) - s.output)[300:] ** 2)
     assert without > 1e-6 * np.sum(s.output**2)
     assert np.sum((run(what, values, s) - s.output)[300:] ** 2) < min(allowed * np.sum(s.output**2), 0.1 * without)
 
@@ -167,11 +152,6 @@ def test_a_torn_column_refills_before_the_force_returns() -> None:
 
 
 # -- the engine --------------------------------------------------------------------------------------------------------
-def diagnosed(record: Record, damper: str, **changes: object):
-    made = dampers.model_class(damper).suited(Facts.of([record])).replace(values={}, **changes)
-    return diagnose([record], DamperBaseline(made), CATALOGUE)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "values"), [
     ("quadratic-loss", [8000.0]), ("asymmetry", [0.5]), ("series-orifice", [3e4, 0.06]),
@@ -179,13 +159,7 @@ def diagnosed(record: Record, damper: str, **changes: object):
                                                                      strict=True))])
 def test_the_engine_names_or_lists_what_the_rig_hides(name: str, values: list[float]) -> None:
     """Turbulent loss, an orifice and another power of the speed stay rivals in many records."""
-    record = Rig(damper=RigDamper.static(), effects=(effect(name, 1.0),)).run(EXPERIMENTS["test-3"], seed=0)
-    found = diagnosed(record, "guo", offset=False)
-    estimated = {c.name: c.parameters for c in found.causes}
-    assert estimated.keys() <= {name}
-    for group in found.rivals:
-        estimated |= group.parameters
-    assert [p.value for p in estimated[name]] == pytest.approx(values, rel=0.1)
+    assert [p.value for p in named_or_listed(name)[name]] == pytest.approx(values, rel=0.1)
 
 
 @pytest.mark.slow

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.drawings import check_on_given_axes
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from lpvid import plot as lpv_plot
-from lpvid.errors import InputError
 from quartercar import plot
 from quartercar.controllers import Passive, Skyhook
 from quartercar.dampers import compare
@@ -90,19 +89,7 @@ def test_every_function_is_among_them(drawings):
     "force_over_velocity", "force_velocity_fan", "trade_offs", "over_time", "spectra", "weights", "gains",
     "sensitivity", "actuator_use", "bump"])
 def test_the_callers_axes_hold_what_new_ones_do(drawings, name):
-    """Same curves, same figures; another number of axes is refused in one line."""
-    draw = drawings[name]
-    made = np.atleast_1d(np.asarray(draw(None), dtype=object)).ravel()
-    assert all(isinstance(ax, Axes) for ax in made)
-    given = Figure().subplots(1, made.size, squeeze=False).ravel()
-    back = np.atleast_1d(np.asarray(draw(given), dtype=object)).ravel()
-    assert list(back) == list(given)
-    for new, old in zip(back, made, strict=True):
-        assert len(new.lines) == len(old.lines) and len(new.collections) == len(old.collections)
-        for a, b in zip(new.lines, old.lines, strict=True):
-            np.testing.assert_array_equal(np.asarray(a.get_ydata()), np.asarray(b.get_ydata()))
-    with pytest.raises(InputError, match="is drawn on"):
-        draw(Figure().subplots(1, made.size + 1, squeeze=False))
+    check_on_given_axes(drawings[name])
 
 
 @pytest.mark.parametrize("share", [0.8, 1.5])
