@@ -45,9 +45,9 @@ def automatic(
 ) -> tuple[Baseline, str]:
     """The installed law without memory that describes records best for its parameters, fitted, and a note on it.
 
-    By κN ln(error out of fold) + P ln κN, κN the independent samples of the error of the best: a law that misses as
-    much as another and has fewer parameters is a better ground for causes. Laws with memory are left out: what they
-    hold, the causes hold too, by name.
+    The least κN ln(error out of fold) + P ln κN is chosen, with P parameters and κN independent samples in the error of
+    the best law: of two laws with the same error it is the one with fewer parameters. Laws with memory are left out,
+    because their memory is among the causes, by name.
 
     Parameters
     ----------

@@ -105,34 +105,3 @@ class Blocks:
         if fold is None:
             return [n >= 0 for n in self.number]
         return [(n >= 0) & (self.fold[n] == fold) for n in self.number]
-
-    def sums(self, values: Sequence[np.ndarray]) -> np.ndarray:
-        """(count,) or (count, k) sums of per-record (n,) or (n, k) values over each block.
-
-        Parameters
-        ----------
-        values : sequence of (n,) or (n, k) arrays
-            One for each record; what lies in no block is left out.
-
-        Returns
-        -------
-        (count,) or (count, k) array
-            In the unit of the values.
-        """
-        out = None
-        for n, v in zip(self.number, values, strict=True):
-            inside = n >= 0
-            part = np.zeros((self.count, *v.shape[1:]))
-            np.add.at(part, n[inside], v[inside])
-            out = part if out is None else out + part
-        assert out is not None
-        return out
-
-    def sizes(self) -> np.ndarray:
-        """(count,) samples in each block.
-
-        Returns
-        -------
-        (count,) int array
-        """
-        return np.sum([np.bincount(n[n >= 0], minlength=self.count) for n in self.number], axis=0)

@@ -22,9 +22,9 @@ ROUNDING = 1e-13
 
 
 class ComposedBaseline(Baseline):
-    """A baseline that is itself a law with effects, among which further effects take their place.
+    """A baseline that is itself a law with effects; further effects are composed with these in the usual order.
 
-    An effect of its own that is composed with it once more replaces its own values of it.
+    An effect that the baseline already holds replaces the baseline's own values of it.
     """
 
     @property
@@ -135,8 +135,8 @@ class Composition:
     def core(self, vector: np.ndarray, given: Core | None = None) -> Core:
         """The whole simulation at a parameter vector; `given` stands for the baseline's own.
 
-        What the baseline and every effect from the inside out give along the same signals with the same parameters is
-        remembered: what lies beside and around them then costs no further run.
+        The output of the baseline, and of each effect around it, is kept for the same signals and parameters: a change
+        of an outer effect then needs no new run of the inner ones.
 
         Parameters
         ----------
@@ -168,9 +168,9 @@ class Composition:
         return Remembered(self.baseline.core(own), (self.baseline, (), own.tobytes()))
 
     def _carried(self, vector: np.ndarray) -> np.ndarray:
-        """The vector of what goes through the effects up to those in series: an inertia (`Baseline.apart`) does not.
+        """The parameters of what acts through the effects in series: without an inertia (`Baseline.apart`).
 
-        The vector itself where nothing is in its way, so that the composition is the baseline to the last bit.
+        The vector itself where no effect is in series, so that the composition is the baseline to the last bit.
         """
         if not self.baseline.apart or not any(
                 e.stage in CARRIED and (vector[p][: e.strengths] != e.neutral[: e.strengths]).any()
@@ -181,7 +181,7 @@ class Composition:
         return bare
 
     def _beside(self, core: Core, vector: np.ndarray, inner: np.ndarray) -> Core:
-        """A core, and beside it what of the baseline it does not hold."""
+        """A core, and added to it the part of the baseline that does not act through the effects in series."""
         if inner is vector or not (vector != inner).any():
             return core
         whole, bare = self._base(vector), self._base(inner)

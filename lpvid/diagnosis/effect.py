@@ -221,7 +221,7 @@ class Effect(ABC):
         """
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """The same at sizes that follow from the data; `scale` gives the natural size of a number of some unit.
+        """The same points, scaled to the data; `scale` gives the natural size of a quantity of a unit.
 
         Parameters
         ----------
@@ -236,7 +236,9 @@ class Effect(ABC):
         return self.points(signals)
 
     def refit_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """Where a refit in the place of a next of kin may begin: there, and at shapes too many to be looked at always.
+        """Where a refit may begin when the effect replaces one of its kin.
+
+        At `spread_points`, and at further shapes, too many to be looked at always.
 
         Parameters
         ----------
@@ -313,7 +315,7 @@ class Effect(ABC):
         return np.array([p.neutral for p in self.parameters])
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Names of simpler effects of which these values leave no more than another form.
+        """Names of the simpler effects to which this one reduces at these values.
 
         Parameters
         ----------
@@ -330,8 +332,8 @@ class Effect(ABC):
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Names of components that a form with these values describes too: it is reported with them, never alone.
 
-        A form, another power of the speed or one more mode, is no part of a damper. Beside a law that is itself a
-        little wrong it describes more than any single component does, so that no error decides between them.
+        A form (another power of the speed, one more mode) is no part of a damper. Beside a law that is itself slightly
+        wrong it can fit better than any single component, so that the error cannot decide between them.
 
         Parameters
         ----------
@@ -387,9 +389,9 @@ class Effect(ABC):
         return self.memoryless
 
     def clock_error(self, signals: Sequence[Signals]) -> float:
-        """Standard error of the strength that no fit shows: what a signal does between its samples is unknown.
+        """Standard error of the strength beyond that of the fit, because signals are unknown between their samples.
 
-        A held one jumps anywhere between two of them; of a smooth one a time is known to a hundredth of a sample.
+        A held signal may jump anywhere between two samples; in a smooth one a time is known to a hundredth of a sample.
 
         Parameters
         ----------

@@ -67,8 +67,9 @@ class FleetLaw(ComposedBaseline):
     def of(cls, shared: ExtendedModel, specimens: Sequence[np.ndarray]) -> FleetLaw:
         """From what healthy files share and the parameters of each by itself.
 
-        A number may lie within three standard deviations about the fleet's own, or about the specimens' median: the
-        standard deviation is that of their median absolute deviation, so that a specimen that is none is no matter.
+        A number may lie within three standard deviations of the fleet's own value, or of the specimens' median. The
+        standard deviation follows from their median absolute deviation, so that a single outlier among the specimens
+        does not widen it.
 
         Parameters
         ----------

@@ -43,8 +43,8 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
         ) -> tuple[np.ndarray, float]:
     """Move each such number while that lowers the cost, the other parameters following by one Gauss-Newton step.
 
-    A current that is held between samples makes the error jump where a delay passes a whole sample, so that the
-    derivative between jumps holds nothing of what lies behind them; lost motion and kinks make it rugged.
+    With a current that is held between samples the error jumps where a delay passes a whole sample: the derivative
+    between two jumps gives no information on the error beyond them. Lost motion and kinks make the error rugged.
 
     Parameters
     ----------

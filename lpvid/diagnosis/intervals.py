@@ -13,8 +13,8 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """(P, P) covariance of a refit to all blocks; NaN for parameters at a bound, but for the strength of a lag.
 
     Two independent parts: the sandwich covariance of the fit (`refitting.covariance`), and the variance of a lag whose
-    signals are unknown between their samples (`Effect.clock_errors`). The error jumps where a lag that acts in whole
-    samples passes one: no derivative measures it, and of its strength the second part is all.
+    signals are unknown between their samples (`Effect.clock_errors`). A lag that acts in whole samples makes the error
+    jump where it passes one, so that no derivative measures it: the variance of its strength is the second part alone.
 
     Parameters
     ----------

@@ -31,9 +31,9 @@ class NoiseLevel:
     description: str
 
     def bounded(self, most: float) -> NoiseLevel:
-        """The same, and no more than what a model leaves on data not seen: no model predicts noise.
+        """The same, limited to what a model leaves on data not seen: no model predicts noise.
 
-        Repeats whose inputs differ a little, or that begin elsewhere, differ by more than noise.
+        Repeats with slightly different inputs, or another initial state, differ by more than noise.
 
         Parameters
         ----------

@@ -82,9 +82,9 @@ class Refit:
 
     @property
     def yielding(self) -> np.ndarray:
-        """(N, k) derivative in what may take up an error: numbers of a fleet's law at the end of their range may not.
+        """(N, k) derivative in the parameters that are free to take up an error.
 
-        All parameters beside a law whose bounds are those of physics.
+        All parameters, except those of a fleet's law that stand at a bound of the fleet's range.
         """
         if self.composition.flat is None:
             return self.jacobian
@@ -226,11 +226,11 @@ def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 
 def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
             near: Refit | None = None, rough: bool = False, worth: float = 1.0) -> Iterator[Refit]:
-    """The way of a minimisation by derivatives: its start, and where each iteration leads, until none promises more.
+    """The iterates of a minimisation by derivatives, from its start until no step promises a further fall.
 
-    Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
-    a step that succeeds the Jacobian is carried on by a secant; a step that fails, or promises nothing any more, is
-    accepted only of one taken anew.
+    Levenberg-Marquardt with columns scaled by their norms; a parameter at a bound is held if its step would cross it.
+    After a successful step the Jacobian is updated by a secant. A step that fails or promises nothing counts as such
+    only with a Jacobian that was computed anew.
 
     Parameters
     ----------

@@ -105,10 +105,10 @@ def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.nd
 
 
 def knots_of(values: np.ndarray) -> np.ndarray:
-    """Evenly in the mean of the values' number and their range, from 0 to 1 each: as dense as 2/`KNOTS` of either.
+    """Knots spaced evenly in the mean of two coordinates: the rank and the place within the range, each from 0 to 1.
 
-    Laid once by the one and once by the other they would coincide where values lie evenly, as the positions of a
-    triangle do, and half of them would be of no use.
+    The spacing is at most 2/`KNOTS` in either. Half of the knots by rank and half by range would coincide where the
+    values are evenly distributed, as the positions of a triangle are.
 
     Parameters
     ----------

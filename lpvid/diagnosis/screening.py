@@ -260,9 +260,9 @@ def screen(
 def _p_values(null: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(k,) p-values of k candidates by the better of two statistics, (flips, 2) under the null and (k, 2) as seen.
 
-    The share of sign patterns of which the largest value of the one or the other stands as high among all patterns: no
-    dearer than a single statistic, and as exact. The studentised one finds what acts everywhere, however the noise is
-    spread; the likelihood ratio itself what acts in few blocks only.
+    The share of sign patterns in which the largest value of either statistic ranks as high among all patterns: as cheap
+    and as exact as a single statistic. The studentised statistic detects what acts everywhere, whatever the
+    distribution of the noise over the blocks; the likelihood ratio what acts in few blocks only.
     """
     ordered = np.sort(null, axis=0)
     size = len(null)

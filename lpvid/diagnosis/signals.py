@@ -116,7 +116,7 @@ class Signals:
         return np.arange(self.n_samples, dtype=float) if self.at is None else self.at
 
     def of_record(self, values: np.ndarray) -> np.ndarray:
-        """(n,) what is known along the record, (samples of it,), at these samples.
+        """(n,) values given along the whole record, taken at these samples.
 
         Parameters
         ----------
@@ -281,7 +281,8 @@ class Signals:
     def passed(self, core: Core) -> np.ndarray:
         """(n,) a simulation along these signals, which nothing is kept of: they were made for this one run.
 
-        What a law reads along signals refers back to them, so that they would stay until garbage is collected.
+        What a law caches along signals refers back to them, so that they would stay in memory until the next garbage
+        collection.
 
         Parameters
         ----------
@@ -297,9 +298,9 @@ class Signals:
         return out
 
     def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """(n,) what `make` finds along one channel of the record, at these samples; kept for all of these.
+        """(n,) what `make` returns for one channel of the record, at these samples; found once for all signals of it.
 
-        All of them have their places in the record, so that nothing is interpolated twice.
+        Every sample has its place in the record, so that nothing is interpolated twice.
 
         Parameters
         ----------

@@ -32,9 +32,9 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, c from k = 1 on.
 
     x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S,
-    N the sensor's noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is
-    the level at the top of the spectrum. Beyond its ends it goes on as it can be predicted (`ahead`). On a clock
-    `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
+    N the sensor's noise taken twice to be safe, S the power: where that is small, undoing a filter raises little but
+    noise. N is the level at the top of the spectrum. Beyond its ends it goes on as it can be predicted (`ahead`). On a
+    clock `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be found: one that does not jump, of samples enough.
+    """Whether the band in which a channel moves can be found: it does not jump, and has enough samples.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
 def weighed_alike(s: Signals, like: Signals) -> Signals:
     """The signals, whose channels are weighed from now on with the share of motion that they have in others.
 
-    For those that were made of others, maybe on a faster clock: a channel that was read later, or before a filter, has
-    its noise where it had it, and one whose noise was taken away seems to move at every frequency, so that a filter
-    would be undone where there is nothing.
+    For signals that were computed from others, perhaps on a faster clock: a delayed channel, or one before a filter,
+    has its noise at the same frequencies as the original. A channel whose noise was removed would seem to move at every
+    frequency, and a filter would be undone where there is no motion.
 
     Parameters
     ----------
@@ -198,9 +198,9 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
 def _derived(s: Signals, channel: str, source: str) -> bool:
     """Whether a channel moves with the noise of another one's sensor, as one does that was computed from it.
 
-    Where the other holds no more than a level that is flat, as a sensor's is and leaks of a window are not, two that
-    were measured each by itself have nothing in common: by the mean coherence there, weighed with the power of the
-    channel, which smoothing may have taken away in part.
+    At frequencies where the other channel holds only a flat level, which is its sensor's noise, two channels of
+    separate sensors are not coherent. Decided by their mean coherence there, weighted with the power of the channel, of
+    which smoothing may have removed a part.
     """
     from scipy.signal import coherence, welch
 

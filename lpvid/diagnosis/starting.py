@@ -16,8 +16,8 @@ STARTS, PALE = 3, 0.6
 def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
     """Where to refit an effect from, at least one point: the grid points that fit the present residual best.
 
-    The one that takes away most as it stands comes first, for an effect far from small; then those that would take away
-    most by proportion, a smooth one's strength scaled down to that proportion.
+    First the point that lowers the error most as it stands, for a large effect. Then the points that lower it most when
+    scaled in proportion; the strength of a smooth effect is scaled down accordingly.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
 
 
 def scaled(d: Direction) -> np.ndarray:
-    """Parameters of a direction with its strengths in proportion to what is left; as they stand where that is more.
+    """Parameters of a direction with its strengths scaled to the error that is left, but never scaled up.
 
     Parameters
     ----------

@@ -93,9 +93,10 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
 
 def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, held_out: Sequence[Record],
               unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
-    """What the visited sets say, measured on all samples: the most probable set that data not seen bear out.
+    """The diagnosis by the most probable set that lowers the error on data not seen, measured on all samples.
 
-    While those that they do not hold less than half of the weight: beyond that the weights are not to be trusted.
+    Sets that do not lower it are passed over while they hold at most half of the weight: beyond that the weights are
+    not to be trusted.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def best_of(search: SetSearch) -> BestSoFar:
 
 def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
              report_progress: Callable[[str], None]) -> tuple[SetSearch, tuple[CannotTell, ...]]:
-    """A search over the sets of causes that these records call for, and what they cannot be asked for.
+    """A search over sets of the causes that these records can show, and the causes that they cannot show.
 
     Parameters
     ----------
@@ -249,7 +250,7 @@ def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
 
 def usable_of(catalogue: Sequence[Effect], baseline: Baseline, signals: tuple[Signals, ...]
               ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
-    """Candidates that these data can be asked for, and why not the others.
+    """Candidates that these data can show, and why they cannot show the others.
 
     Parameters
     ----------

@@ -70,10 +70,10 @@ def share_of(structured: float, samples: int, worth: float) -> float:
 def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    p is the share beyond the noise floor: what the error holds in the band where nothing moves, as white noise, which
-    is not free to take up more than that. All else is a misfit of the law, or noise so slow that it looks like
-    one. White noise is worth its samples, a misfit α in all. Repeats are no floor: where their inputs differ by a per
-    cent, so do their outputs.
+    p is the share of the error beyond the noise floor. The floor is white noise at the level that the error has in the
+    band where nothing moves. All else is a misfit of the law, or noise so slow that it looks like one. Each sample of
+    white noise counts as independent, a misfit as α samples in all. Repeats give no floor: where their inputs differ by
+    a per cent, so do their outputs.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ class EvidenceOutcome:
                 for w in sets for n, bound in w.at_bounds.items() if n not in best.members}
 
     def _share(self) -> tuple[float, float]:
-        """Share of the baseline's squared error out of fold, beyond noise where repeats tell it, that the set takes."""
+        """Share of the baseline's squared error out of fold, less noise known from repeats, that the set removes."""
         j = self.judged
         floor = (self.level.variance or 0.0) * j.problem.n_samples
         excess = max(float(np.sum(j.before.plain**2)) - floor, 1e-300)

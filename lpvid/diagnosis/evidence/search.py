@@ -85,8 +85,9 @@ class SetSearch(VisitedSets):
     def _beam(self) -> list[Weighed]:
         """The most probable open sets of which none holds all components of a more probable one.
 
-        Forms of one component, and sets that grew from one another, would take every place: beside a law that lacks
-        friction and a resonance a spring comes first, alone and with whatever else, and either of the two long after.
+        Else forms of one component, and sets that grew from one another, would fill the beam: beside a law that lacks
+        friction and a resonance, a spring comes first, alone and with any further effect, and the true causes long
+        after.
         """
         chosen: list[Weighed] = []
         for w in sorted(filter(self._open, self.visited.values()), key=self.score, reverse=True):

@@ -12,7 +12,7 @@ from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
-from lpvid.diagnosis.evidence.discrepancy import USUAL
+from lpvid.diagnosis.evidence.discrepancy import MISSED
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.signals import Signals, SignalStretch
 from lpvid.record import Record
@@ -36,10 +36,11 @@ that dies away"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
-    """Records decimated by a whole number, and it: 1 where stretches of them are few enough samples, or not allowed.
+    """Records decimated by a whole factor, and the factor: 1 where stretches suffice, or where decimation is ruled out.
 
-    Not allowed where they move or jump too fast for a slower clock, and where the baseline runs at its own clock alone:
-    a law with memory, run at a rate of less than `SPARE` times the band, errs by what distinguishes its causes.
+    It is ruled out where the records move or jump too fast for a slower clock, and where the baseline runs at its own
+    clock only. A law with memory that runs at less than `SPARE` times the band has errors of the size of those by which
+    its causes are told apart.
 
     Parameters
     ----------
@@ -120,10 +121,11 @@ def length_of(signals: Sequence[Signals]) -> float:
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
 
-    In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part shows
-    nothing elsewhere. In one of them that in which they reach farthest, where a stop is met and nothing moves.
-    Between two of them the channels lead over smoothly, in a time that counts for nothing; each holds what came
-    before it, of which heat is built up. A run along one record costs a fraction of runs along many.
+    From each part of a record comes the stretch in which the inputs move most: a current that jumps once in a part is
+    informative there only. From one part it is the stretch in which the inputs reach farthest: at an end stop little
+    moves. Between two stretches the channels are continued smoothly, over samples that are not weighed; each
+    stretch holds the record before it too, from which heat is built up. One run along all stretches costs a fraction of
+    a run along each.
 
     Parameters
     ----------
@@ -189,8 +191,8 @@ def _cut(s: Signals, last: int) -> Signals:
 def _liveliest(s: Signals, count: int, size: int) -> list[int]:
     """First samples of so many stretches, one in each part of equal length; the start-up does not count.
 
-    In each part the stretch in which the inputs move most. In the part that reaches farthest it is that of the farthest
-    reach, where this is `FAR` times that of the median part and differs more from it than what moves there does.
+    In each part it is the stretch in which the inputs move most. In the part with the farthest reach it is the stretch
+    of that reach, if this is more than `FAR` times the median part's and exceeds it by more than the motion does its.
     """
     moved, reached = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
@@ -217,4 +219,4 @@ def _quiet(s: Signals, factor: int) -> bool:
         return False
     power = np.abs(np.fft.rfft((s.output - s.output.mean()) * np.hanning(s.n_samples))) ** 2
     kept = int(BAND * power.size / factor)
-    return bool(power[kept:].sum() < (2 * USUAL) ** 2 * power.sum())
+    return bool(power[kept:].sum() < MISSED**2 * power.sum())

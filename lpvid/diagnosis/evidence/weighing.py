@@ -76,20 +76,6 @@ class Weighed:
         return tuple(component_of(e, self.fit.vector[p], self.data.problem.signals, self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
 
-    def holds(self, kind: str) -> bool:
-        """Whether a component is there in some form.
-
-        Parameters
-        ----------
-        kind : str
-            Name of the component.
-
-        Returns
-        -------
-        bool
-        """
-        return kind in self.kinds
-
     @cached_property
     def along(self) -> np.ndarray:
         """(K,) error along the discrepancy's columns."""
@@ -114,8 +100,8 @@ class Weighed:
     def at_bounds(self) -> dict[str, str]:
         """Effects whose strength stands at its bound, within what the clock leaves open, and the bound.
 
-        These data ask for more of it than there can be: it imitates something else (a displacement recorded a tenth of
-        a second late). A share, which has no unit, may be all of it.
+        Such an effect imitates something else, for the fit asks for more of it than there can be (a displacement
+        recorded a tenth of a second late). A share, which has no unit, may stand at its bound.
         """
         found = {}
         low, high = self.fit.composition.bounds
@@ -149,9 +135,9 @@ class Weighed:
 
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
-        parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` for each that the
-        data determine (`determined`). A parameter that these data do not reach costs nothing. A set with a strength at
-        its bound has none.
+        parameters are in every set and stand where they are most probable. Shapes stand there too; each that the data
+        determine (`determined`) costs `SHAPE`. A parameter to which the output does not respond costs nothing. A set
+        with a strength at its bound has no evidence.
 
         Parameters
         ----------

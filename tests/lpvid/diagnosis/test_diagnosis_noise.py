@@ -13,6 +13,7 @@ from helpers.toy_diagnosis import (
 
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.noise import noise_level
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
 
@@ -62,7 +63,8 @@ class TestBlocks:
         assert blocks.count >= FEWEST and 0.4 <= blocks.length <= 2.0
         np.testing.assert_array_equal(np.unique(np.concatenate(blocks.number)), np.arange(-1, blocks.count))
         np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
-        assert np.ptp(blocks.sizes()) == 0
+        inside = np.concatenate(blocks.number)
+        assert np.ptp(np.bincount(inside[inside >= 0])) == 0
         for number in blocks.number:
             inside = number[number >= 0]
             assert np.all(np.diff(inside) >= 0) and inside.size > 0.75 * number.size - 200
@@ -74,9 +76,14 @@ class TestBlocks:
             assert not np.any(even & odd)
 
     def test_sums(self) -> None:
-        blocks = Blocks.of([plain(1200), plain(1300)])
-        ones = [np.ones(1200), np.ones(1300)]
-        np.testing.assert_array_equal(blocks.sums(ones), blocks.sizes())
+        """Of ones, the samples of each block; of columns, column by column."""
+        signals = (plain(1200), plain(1300))
+        problem = DiagnosisProblem(signals, Blocks.of(signals))
+        stacked = problem.stack([np.column_stack([np.ones(s.n_samples), s.times]) for s in signals])
+        sizes = np.bincount(problem.block)
+        np.testing.assert_array_equal(problem.block_sums(stacked[:, 0]), sizes)
+        times = [problem.stack([s.times for s in signals])[problem.block == b].sum() for b in range(sizes.size)]
+        np.testing.assert_allclose(problem.block_sums(stacked)[:, 1], times, rtol=1e-12)
 
     def test_too_little_data(self) -> None:
         with pytest.raises(InputError, match="too little data"):
