@@ -15,9 +15,11 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
 from quartercar.dampers.fitting.front import fit
+from quartercar.dampers.fitting.problem import sized_parameters
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.laws.relief_valve import LagDamper
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.sizes import TYPICAL, Sizes
 
 STARTS = 6
 """points from which a search over a law's parameters may begin"""
@@ -25,7 +27,8 @@ ROLES = ("displacement", "velocity", "current", "temperature")
 ROUGH = FitSettings(starts=4, polished=1, evaluations=15, short_evaluations=6, tolerance=1e-4)
 """search for a damper whose stiff run takes long: the diagnosis moves its parameters on from there"""
 AFFORDABLE = {"valve_frequency": (5.0, 1000.0), "valve_damping": (0.1, 100.0)}
-"""a poppet that rings faster, or without damping, takes a stiff run minutes and no record shows it"""
+"""a poppet that rings faster (at a sample rate of 1 kHz), or without damping, takes a stiff run minutes and no record
+shows it"""
 REACH = 30.0
 """factor by which a diagnosis moves a parameter of such a law: a valve without loss chatters for minutes"""
 
@@ -37,6 +40,8 @@ class DamperBaseline(Baseline):
     Attributes
     ----------
     damper : LawDamper
+    sizes : Sizes or None
+        Of the records that it was fitted to; None: `TYPICAL`.
     """
 
     damper: LawDamper
@@ -48,6 +53,7 @@ class DamperBaseline(Baseline):
     polarity: int = field(init=False)
     schedule: tuple[str, ...] = field(init=False)
     apart: tuple[str, ...] = field(init=False)
+    sizes: Sizes | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.damper.name)
@@ -65,8 +71,9 @@ class DamperBaseline(Baseline):
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
         bounds = _within_reach if self.adaptive else _own_bounds
-        return tuple(Coefficient(p.name, p.unit, *bounds(p, v), _scale(p.default, v)) for p, v in
-                     zip(self.damper.parameters, self.damper.vector, strict=True))
+        sizes = self.sizes or TYPICAL
+        return tuple(Coefficient(p.name, p.unit, *bounds(p, v, sizes), max(abs(v), abs(p.default), _least(p, sizes)))
+                     for p, v in zip(sized_parameters(self.damper, sizes), self.damper.vector, strict=True))
 
     @property
     def vector(self) -> np.ndarray:
@@ -97,7 +104,9 @@ class DamperBaseline(Baseline):
 
     def fit(self, records: Sequence[Record]) -> DamperBaseline:
         settings = ROUGH if isinstance(self.damper, LagDamper) else None
-        return DamperBaseline(fit(self.damper, records, settings=settings).damper)  # type: ignore[arg-type]
+        found = fit(self.damper, records, settings=settings).damper
+        sizes = Sizes.of([found.drive(r, force=True) for r in records])
+        return DamperBaseline(found, sizes=sizes)  # type: ignore[arg-type]
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         return self.damper.jacobian(self._drive(signals), vector)
@@ -131,16 +140,18 @@ def _rate(s: Signals) -> np.ndarray:
     return s.along_record("velocity", "rate of change", lambda _: derivative(record, "velocity"))
 
 
-def _own_bounds(parameter: Parameter, value: float) -> tuple[float, float]:
+def _own_bounds(parameter: Parameter, value: float, sizes: Sizes) -> tuple[float, float]:
     return parameter.lower, parameter.upper
 
 
-def _within_reach(parameter: Parameter, value: float) -> tuple[float, float]:
+def _within_reach(parameter: Parameter, value: float, sizes: Sizes) -> tuple[float, float]:
     """Bounds of a parameter of a stiff law: about its value, and where a run does not take minutes."""
     low, high = (value / REACH, value * REACH) if parameter.log else (parameter.lower, parameter.upper)
-    least, most = AFFORDABLE.get(parameter.name, (low, high))
+    faster = TYPICAL.sample_time / sizes.sample_time if parameter.unit == "Hz" else 1.0
+    least, most = (faster * f for f in AFFORDABLE[parameter.name]) if parameter.name in AFFORDABLE else (low, high)
     return max(parameter.lower, low, least), max(min(parameter.upper, high, most), least)
 
 
-def _scale(default: float, value: float) -> float:
-    return max(abs(value), abs(default), 1e-6)
+def _least(parameter: Parameter, sizes: Sizes) -> float:
+    """Change of a parameter that matters where neither its value nor its typical one says so, in its unit."""
+    return 1e-6 * sizes.factor(parameter.unit)

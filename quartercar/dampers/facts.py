@@ -12,6 +12,8 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
 
+TURNING = 0.01
+"""share of the largest speed over which a force turns with the velocity: on a sine a three-hundredth of its period"""
 MOST_LEVELS = 12
 """with more levels than this a current counts as continuous."""
 
@@ -56,6 +58,11 @@ class Facts:
     n_samples: int
     polarity: int
     switches: bool = True
+
+    @property
+    def turning_speed(self) -> float:
+        """Speed over which friction, or the side of a law, turns with the velocity [m/s]."""
+        return TURNING * (self.speed or 0.1)
 
     @property
     def common(self) -> dict:

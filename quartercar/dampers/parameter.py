@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     import control
 
 
+POSITIVE = 1e-30
+"""least value of a positive number, SI: below any that a record in whatever size can show"""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A number of a damper model.
@@ -38,6 +42,8 @@ class Parameter:
         Physical bounds; ±inf where there are none.
     log : bool
         Whether searches move its logarithm: a positive number that may lie anywhere over decades.
+    search : (float, float) or None
+        Where a search looks in a damper of `quartercar.dampers.sizes.TYPICAL` sizes, SI; None: all of the bounds.
 
     Examples
     --------
@@ -54,11 +60,15 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     log: bool = False
+    search: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not self.lower <= self.default <= self.upper or (self.log and not self.lower > 0):
             raise InputError(f"parameter {self.name} is inconsistent",
                              got=f"default {self.default}, bounds {self.lower} to {self.upper}")
+        if self.search is not None and not self.lower <= self.search[0] <= self.default <= self.search[1] <= self.upper:
+            raise InputError(f"parameter {self.name} is inconsistent",
+                             got=f"default {self.default}, search from {self.search[0]} to {self.search[1]}")
         base_exponents(self.unit)  # an exported file states the unit by its exponents
 
     def checked(self, value: object) -> float:

@@ -20,10 +20,13 @@ class FittedLaw(Protocol):
         Of the model.
     real_runs : bool
         Whether differences of runs take the place of complex steps in linear parameters.
+    of_typical_size : bool
+        Whether its parameters are carried over from `quartercar.dampers.sizes.TYPICAL` sizes to those of the data.
     """
 
     name: ClassVar[str]
     real_runs: ClassVar[bool]
+    of_typical_size: ClassVar[bool]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -12,6 +12,8 @@ from lpvid.least_squares import Trial, bounded_least_squares
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.fitted_law import FittedLaw
 from quartercar.dampers.fitting.solver import SearchCoordinates
+from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.sizes import Sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +26,23 @@ class DamperFitProblem:
         Structure; its values are not read.
     drives : tuple of Drive
         With the measured force.
+    of : Sizes or None
+        Sizes of the data that the search is about, where these drives are part of them; None: those of the drives.
     """
 
     damper: FittedLaw
     drives: tuple[Drive, ...]
+    of: Sizes | None = None
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the damper, with the typical values and the ranges that the sizes of the data give."""
+        return sized_parameters(self.damper, self.sizes)
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Of the data."""
+        return self.of or Sizes.of(self.drives)
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -89,6 +104,22 @@ class DamperFitProblem:
         return np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
 
 
+def sized_parameters(damper: FittedLaw, sizes: Sizes) -> tuple[Parameter, ...]:
+    """Parameters of a law with the typical values and the ranges of a search that the data's sizes give.
+
+    Parameters
+    ----------
+    damper : FittedLaw
+    sizes : Sizes
+
+    Returns
+    -------
+    tuple of Parameter
+        The law's own, where they are not `of_typical_size`.
+    """
+    return tuple(map(sizes.sized, damper.parameters)) if damper.of_typical_size else damper.parameters
+
+
 def _force(drive: Drive) -> np.ndarray:
     assert drive.force is not None
     return drive.force
@@ -108,7 +139,7 @@ class MovingFit:
         damper = problem.damper
         self.problem, self.base = problem, damper.vector
         self.free = [list(damper.names).index(n) for n in (damper.names if free is None else free)]
-        self.coordinates = SearchCoordinates([damper.parameters[i] for i in self.free])
+        self.coordinates = SearchCoordinates([problem.parameters[i] for i in self.free])
 
     def start(self, theta: np.ndarray) -> np.ndarray:
         """Coordinates of a vector of parameters.
@@ -172,7 +203,7 @@ class ProjectedFit:
     """
 
     def __init__(self, problem: DamperFitProblem) -> None:
-        names, parameters = problem.damper.names, problem.damper.parameters
+        names, parameters = problem.damper.names, problem.parameters
         self.problem = problem
         self.linear = np.array([n in problem.damper.linear for n in names])
         self.by_runs = problem.damper.real_runs
@@ -180,7 +211,7 @@ class ProjectedFit:
         chosen = [p for p, lin in zip(parameters, self.linear, strict=True) if lin]
         self.lower, self.upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
         self.anchor = np.array([p.default for p in parameters])
-        self.step = np.array([max(abs(p.default), 1.0) for p in chosen])
+        self.step = np.array([abs(p.default) or problem.sizes.factor(p.unit) for p in chosen])
 
     def start(self, theta: np.ndarray) -> np.ndarray:
         """Coordinates of a vector of parameters.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,9 +15,13 @@ from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.fitted_law import FittedLaw
-from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit, ProjectedFit
+from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit, ProjectedFit, sized_parameters
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.fitting.solver import DamperSearchEnd, SearchCoordinates, search_law
+from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.sizes import Sizes
+
+D = TypeVar("D", bound=FittedLaw)
 
 AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
@@ -57,18 +62,20 @@ def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettin
     NumericalError
         The free run diverges from every start.
     """
-    problem = DamperFitProblem(damper, tuple(drives))
+    sizes = Sizes.of(drives)
+    damper = at_size(damper, sizes)
+    problem = DamperFitProblem(damper, tuple(drives), sizes)
     if problem.measured.size <= len(damper.names):
         raise InputError(f"too few samples to fit {damper.name}",
                          got=f"{problem.measured.size} for {len(damper.names)} parameters", mend="a longer record")
     with single_thread():
         found, starts = search(problem, settings)
         theta = found.trial.theta
-        held = at_bounds(damper, theta)
+        held = at_bounds(problem.parameters, theta)
         jacobian = problem.jacobian(theta)
         left = residual_of(problem.measured, problem.measured + found.trial.residual)
         spread = estimate_covariance(jacobian, left, problem.lengths, ~held)
-        open_, condition = _identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
+        open_, condition = _identifiability(problem, theta, jacobian, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
         notes.append(f"the search stopped at its limit of {settings.evaluations} evaluations before it had settled")
@@ -101,10 +108,10 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
     """
     damper = problem.damper
     rng = np.random.default_rng(settings.seed)
-    short = DamperFitProblem(damper, shortened(problem.drives, settings.short_samples))
+    short = DamperFitProblem(damper, shortened(problem.drives, settings.short_samples), problem.sizes)
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
-    starts += _scattered(damper, starts, settings.starts // 2 - len(starts), rng)
+    starts += _scattered(problem, starts, settings.starts // 2 - len(starts), rng)
     groups = [[ShortSearch(0.0, starts[0])]] if len(starts) == 1 else _alike(searched_short(short, starts, settings))
     followed = [g for g in groups[: settings.polished] if not surely_worse(g[0], groups[0][0])]
     polished = [(polish(problem, group[0].theta, settings), len(group)) for group in followed]
@@ -118,13 +125,31 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
     return best, Starts(len(starts), len(ends), agreed)
 
 
-def _scattered(damper: FittedLaw, starts: Sequence[np.ndarray], count: int,
+def at_size(damper: D, sizes: Sizes) -> D:
+    """A law with the values that its data's sizes make typical in place of those that nobody has chosen.
+
+    Parameters
+    ----------
+    damper : FittedLaw
+    sizes : Sizes
+        Of the data.
+
+    Returns
+    -------
+    FittedLaw
+        Values other than the typical ones stay.
+    """
+    found = zip(damper.parameters, sized_parameters(damper, sizes), damper.vector, strict=True)
+    return damper.with_vector(np.array([sized.default if value == p.default else value for p, sized, value in found]))
+
+
+def _scattered(problem: DamperFitProblem, starts: Sequence[np.ndarray], count: int,
                rng: np.random.Generator) -> list[np.ndarray]:
     """`count` further starts about the given ones: factors of about two where a parameter moves by its logarithm."""
-    if len(damper.linear) == len(damper.names):
+    if len(problem.damper.linear) == len(problem.damper.names):
         return []
-    place = SearchCoordinates(damper.parameters)
-    default = np.array([abs(p.default) for p in damper.parameters])
+    place = SearchCoordinates(problem.parameters)
+    default = np.array([abs(p.default) for p in problem.parameters])
     out = []
     for k in range(max(count, 0)):
         theta = starts[k % len(starts)]
@@ -260,7 +285,7 @@ def distinct(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
     """
     out: list[np.ndarray] = []
     for v in vectors:
-        if not any(np.all(np.abs(v - o) <= SAME_POINT * np.maximum(np.abs(v), np.abs(o)) + 1e-12) for o in out):
+        if not any(np.all(np.abs(v - o) <= SAME_POINT * np.maximum(np.abs(v), np.abs(o)) ) for o in out):
             out.append(v)
     return out
 
@@ -295,13 +320,13 @@ def shortened(drives: Sequence[Drive], samples: int) -> tuple[Drive, ...]:
     return tuple(out)
 
 
-def at_bounds(damper: FittedLaw, theta: np.ndarray) -> np.ndarray:
+def at_bounds(parameters: Sequence[Parameter], theta: np.ndarray) -> np.ndarray:
     """(P,) whether a parameter rests on one of its bounds.
 
     Parameters
     ----------
-    damper : FittedLaw
-        Gives the bounds.
+    parameters : sequence of Parameter
+        Give the bounds.
     theta : (P,) array
         Parameters, SI.
 
@@ -310,8 +335,8 @@ def at_bounds(damper: FittedLaw, theta: np.ndarray) -> np.ndarray:
     (P,) array of bool
         True too beyond a bound.
     """
-    lower = np.array([p.lower for p in damper.parameters])
-    upper = np.array([p.upper for p in damper.parameters])
+    lower = np.array([p.lower for p in parameters])
+    upper = np.array([p.upper for p in parameters])
     return (theta <= lower) | (theta >= upper)
 
 
@@ -325,8 +350,8 @@ NAMED = 0.3
 """share of a direction from which a parameter is named, up to three."""
 
 
-def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray,
-                     covariance: np.ndarray, free: np.ndarray) -> tuple[tuple[str, ...], float]:
+def _identifiability(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.ndarray, covariance: np.ndarray,
+                     free: np.ndarray) -> tuple[tuple[str, ...], float]:
     """Singular directions of the sensitivities to relative changes of the free parameters.
 
     A direction v of relative changes is open where √(vᵀ D⁻¹ C D⁻¹ v) > ½ with C the covariance and D the natural sizes,
@@ -334,11 +359,10 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
 
     Parameters
     ----------
-    damper : FittedLaw
+    problem : DamperFitProblem
     theta : (P,) array
     jacobian : (m, P) array
         At the optimum.
-    measured : (m,) array
     covariance : (P, P) array
     free : (P,) bool array
 
@@ -349,11 +373,12 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
     condition : float
         Largest over smallest singular value of the scaled sensitivities.
     """
-    names = [n for n, f in zip(damper.names, free, strict=True) if f]
+    parameters = problem.parameters
+    names = [n for n, f in zip(problem.damper.names, free, strict=True) if f]
     if not names:
         return (), 1.0
-    sizes = _natural_sizes(damper, theta, jacobian, measured)[free]
-    units = [p.unit for p, f in zip(damper.parameters, free, strict=True) if f]
+    sizes = _natural_sizes(problem, theta, jacobian)[free]
+    units = [p.unit for p, f in zip(parameters, free, strict=True) if f]
     of = ["" if size == abs(value) else f"{size:.3g} {unit}".strip()
           for size, value, unit in zip(sizes.tolist(), theta[free].tolist(), units, strict=True)]
     norms = np.linalg.norm(jacobian[:, free], axis=0) * sizes
@@ -374,14 +399,14 @@ def _identifiability(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray,
     return tuple(out), float("inf") if lost.any() else condition
 
 
-def _natural_sizes(damper: FittedLaw, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def _natural_sizes(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """(P,) what a change of 100 % is: the value, or where that is near zero, what moves the force by a twentieth."""
     effect = np.linalg.norm(jacobian, axis=0)
-    small = np.where(effect > 0, NEGLIGIBLE * np.linalg.norm(measured) / np.where(effect > 0, effect, 1.0), 0.0)
-    log = np.array([p.log for p in damper.parameters])
-    default = np.array([abs(p.default) for p in damper.parameters])
+    small = np.where(effect > 0, NEGLIGIBLE * np.linalg.norm(problem.measured) / np.where(effect > 0, effect, 1.0), 0.0)
+    log = np.array([p.log for p in problem.parameters])
+    default = np.array([abs(p.default) or problem.sizes.factor(p.unit) for p in problem.parameters])
     sizes = np.where(log, np.abs(theta), np.maximum(np.abs(theta), small))
-    return np.where(sizes > 0, sizes, np.where(default > 0, default, 1.0))
+    return np.where(sizes > 0, sizes, default)
 
 
 def _sentence(names: list[str], of: list[str], direction: np.ndarray, error: float, singular: bool) -> str:

@@ -80,23 +80,6 @@ def ranked_starts(damper: LawDamper, drives: Sequence[Drive], candidates: Iterab
     return [vector for _, vector in ranked[:count]]
 
 
-def path(drive: Drive) -> np.ndarray:
-    """(n,) the integral of the velocity, its drift taken off [m].
-
-    Parameters
-    ----------
-    drive : Drive
-        Its velocity is read [m/s].
-
-    Returns
-    -------
-    (n,) array
-        Zero at both ends [m].
-    """
-    way = np.cumsum(drive.velocity) * drive.sample_time
-    return way - np.linspace(way[0], way[-1], way.size)
-
-
 def _thinned(drive: Drive, step: int) -> Drive:
     keep = slice(None, None, max(step, 1))
     return Drive(drive.sample_time * max(step, 1), drive.velocity[keep], drive.displacement[keep],

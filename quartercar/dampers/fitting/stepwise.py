@@ -14,10 +14,12 @@ from lpvid.toolkit import single_thread
 from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.fitting.front import prepared
 from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit
+from quartercar.dampers.fitting.searching import at_size
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.fitting.solver import search_law
 from quartercar.dampers.laws.semi_active import SemiActiveDamper
 from quartercar.dampers.polarity import common_polarity
+from quartercar.dampers.sizes import Sizes
 
 FOLLOWED = 3
 """starts followed for a few steps, the cheapest first"""
@@ -100,8 +102,8 @@ STEADY = 0.02
 """a current that moves by less than this share of the nodes' range is constant"""
 NEAR = 0.25
 """a constant current belongs to a node within this share of the distance to the next one"""
-LAGS = tuple((t, d) for t in (0.003, 0.010, 0.030) for d in (0.001, 0.004, 0.012))
-"""time constants and delays from which the search for the lag starts [s]"""
+LAGS = tuple((t, d) for t in (3.0, 10.0, 30.0) for d in (1.0, 4.0, 12.0))
+"""time constants and delays from which the search for the lag starts, in samples"""
 
 
 @dataclass(frozen=True)
@@ -272,6 +274,7 @@ def sort_records(damper: SemiActiveDamper, drives: Sequence[Drive]) -> Sorted:
 
 def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence[str],
               settings: FitSettings) -> Stepwise:
+    damper = at_size(damper, Sizes.of(drives))
     kinds, steps, notes = sort_records(damper, drives), [], []
 
     def step(name: str, used: Sequence[int], found: tuple[str, ...], esr: float) -> None:
@@ -378,7 +381,8 @@ def _joint(damper: D, drives: Sequence[Drive], missing: Sequence[int], gas: tupl
     names = tuple(p.name for p in lag.parameters) if moves else ()
     starts = [damper]
     if names:
-        starts += [damper.with_values(**{n: t if "time" in n else d for n in names}) for t, d in LAGS]
+        starts += [damper.with_values(**{n: drives[0].sample_time * (t if "time" in n else d) for n in names})
+                   for t, d in LAGS]
     found, esr = best_of(starts, drives, names, settings)
     rows = tuple(f"{p.name}_{j + 1}" for j in missing for p in damper.row_parameters)
     if rows or gas:

@@ -21,6 +21,8 @@ FINEST = 20
 """most halvings of a sample"""
 EVENTS = 16
 """most events within one step"""
+STANDING = 0.05
+"""force to which an error of a standing damper is relative, as a share of the opening force"""
 SEARCH = 30
 """most trial steps towards one event"""
 
@@ -348,7 +350,7 @@ class ReliefValveStepper(DamperStepper):
         z, mode, h = self._state.copy(), self._mode.copy(), self._step
         x0, v0 = self._now
         motion = (v0, (velocity - v0) / h, x0, (displacement - x0) / h)
-        typical = min(self._law[2], self._law[1] * max(v0 * v0, velocity * velocity, 1e-4))
+        typical = min(self._law[2], max(self._law[1] * max(v0 * v0, velocity * velocity), STANDING * self._law[2]))
         level = self._sample(z, mode, motion, h, self._level, self._law, self._shape, self._tolerance, typical,
                              *self._work)
         return z, mode, level

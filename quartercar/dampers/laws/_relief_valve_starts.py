@@ -10,9 +10,12 @@ import numpy as np
 from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.starting import nonnegative_fit, ranked_starts
+from quartercar.dampers.sizes import Sizes
 
 BINS = 40
 """speeds at which the settled curve is read"""
+NEXT_TO_NONE = 1e-4
+"""gain of a main orifice that is closed, relative to the largest speed over the root of its force"""
 CURVES = 4
 """settled curves tried with each stiffness and poppet"""
 OPENINGS = (0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.93, 1.5)
@@ -21,8 +24,8 @@ RATIOS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 """losses of the series orifice tried, relative to the valve's"""
 STIFFNESSES = (2.0, 6.0, 20.0, 60.0, 200.0)
 """tried, relative to force over stroke"""
-POPPETS = ((80.0, 1.0), (250.0, 0.7))
-"""frequencies [Hz] and damping ratios tried"""
+POPPETS = ((0.08, 1.0), (0.25, 0.7))
+"""frequencies, as shares of the sample rate, and damping ratios tried"""
 
 
 def starting_vectors(damper: LawDamper, shape: tuple, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
@@ -34,12 +37,12 @@ def starting_vectors(damper: LawDamper, shape: tuple, drives: Sequence[Drive], c
     speeds, forces, preload = settled_points(drives)
     velocity, total = joined(drives, "velocity", "force")
     bend = np.concatenate([np.gradient(d.velocity, d.sample_time) for d in drives])
-    stroke = float(np.mean(velocity**2) / max(np.sqrt(np.mean(bend**2)), 1e-12))
-    base = float(total.std()) / max(stroke, 1e-9)
+    stroke = float(np.mean(velocity**2) / (np.sqrt(np.mean(bend**2)) or 1.0))
+    base = float(total.std()) / (stroke or Sizes.of(drives).length)
     candidates = []
     best = curves("series_loss" in damper.names, shape, speeds, forces)[:CURVES]
     for curve, stiffness, (frequency, damping) in product(best, STIFFNESSES, POPPETS):
-        named = {**curve, "hydraulic_stiffness": base * stiffness, "valve_frequency": frequency,
+        named = {**curve, "hydraulic_stiffness": base * stiffness, "valve_frequency": frequency / drives[0].sample_time,
                  "valve_damping": damping, "friction": 0.01 * float(forces.max()), "preload": preload}
         candidates.append(np.array([np.clip(named[p.name], p.lower, p.upper) for p in damper.parameters]))
     return ranked_starts(damper, drives, candidates, count)
@@ -59,7 +62,7 @@ def settled_points(drives: Sequence[Drive]) -> tuple[np.ndarray, np.ndarray, flo
             middles.append(0.5 * float(up.mean() + down.mean()))
     if not speeds:
         return np.array([float(np.abs(v).max())]), np.array([float(np.abs(force).max())]), 0.0
-    return np.array(speeds), np.maximum(np.array(forces), 1e-6), float(np.median(middles))
+    return np.array(speeds), np.maximum(np.array(forces), 1e-9 * float(np.abs(force).max())), float(np.median(middles))
 
 
 def curves(series: bool, shape: tuple, speeds: np.ndarray, forces: np.ndarray) -> list[dict[str, float]]:
@@ -73,8 +76,9 @@ def curves(series: bool, shape: tuple, speeds: np.ndarray, forces: np.ndarray) -
             branches = settled_branches(forces, (1.0, 1.0, limit, 1.0, 1.0, 1.0, ratio), shape)
             weight = 1.0 / np.maximum(speeds, 0.05 * speeds.max())
             gains, error = nonnegative_fit(branches * weight[:, None], speeds * weight)
-            curve = {"opening_force": limit, "orifice_loss": 1.0 / max(gains[0], 1e-6) ** 2}
-            valve = gains[1] if gains[1] > 0 else 10.0 * max(gains[0], 1e-6)
+            least = NEXT_TO_NONE * float((speeds / np.sqrt(forces)).max())
+            curve = {"opening_force": limit, "orifice_loss": 1.0 / max(gains[0], least) ** 2}
+            valve = gains[1] if gains[1] > 0 else 10.0 * max(gains[0], least)
             curve["valve_loss"] = 1.0 / valve**2
             if series:
                 curve["series_loss"] = ratio * curve["valve_loss"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,7 +18,7 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper, complex_slope
 from quartercar.dampers.laws.expressions import named_parameters
 from quartercar.dampers.laws.stepping import motion_steps
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 from quartercar.dampers.stepper import DamperStepper, StateStepper
 
 
@@ -102,6 +103,7 @@ class BoucWen(DynamicDamper):
         Whether n is a parameter.
     """
 
+    of_typical_size: ClassVar[bool] = True
     name: ClassVar[str] = "bouc-wen"
     title: ClassVar[str] = "Modified Bouc-Wen"
     source: ClassVar[str] = "Spencer et al. 1997; source 004, equation (2.2)"
@@ -119,17 +121,20 @@ class BoucWen(DynamicDamper):
     def parameters(self) -> tuple[Parameter, ...]:
         unit = self.current_unit
         per = "" if unit == "1" else f"/{unit}"
-        out = [Parameter("viscous_damping", "N*s/m", "c_0, beside the hysteresis", 2100.0, 1e-3, log=True),
-               Parameter("series_damping", "N*s/m", "c_1, in series with it", 28300.0, 1.0, log=True),
-               Parameter("yield_force", "N", "F_y = alpha z_max", 200.0, 1e-3, log=True),
-               Parameter("yield_displacement", "m", "x_y = z_max/A, slip that builds up F_y", 2e-4, 1e-7, 1.0,
-                         log=True),
+        out = [Parameter("viscous_damping", "N*s/m", "c_0, beside the hysteresis", 2100.0, POSITIVE, log=True,
+                         search=(1e-3, math.inf)),
+               Parameter("series_damping", "N*s/m", "c_1, in series with it", 28300.0, POSITIVE, log=True,
+                         search=(1.0, math.inf)),
+               Parameter("yield_force", "N", "F_y = alpha z_max", 200.0, POSITIVE, log=True, search=(1e-3, math.inf)),
+               Parameter("yield_displacement", "m", "x_y = z_max/A, slip that builds up F_y", 2e-4, POSITIVE,
+                         log=True, search=(1e-7, 1.0)),
                Parameter("hysteresis_shape", "", "b = beta/(beta + gamma); dissipative up to 0.5", 0.5, -20.0, 1.0)]
         if self.scheduled:
             out += [Parameter("viscous_damping_per_current", f"N*s/m{per}", "c_0b", 350.0, 0.0),
                     Parameter("series_damping_per_current", f"N*s/m{per}", "c_1b", 295.0, 0.0),
                     Parameter("yield_force_per_current", f"N{per}", "alpha_b z_max", 450.0, 0.0),
-                    Parameter("current_rate", "1/s", "eta of the lag from the current", 190.0, 1.0, 1e5, log=True)]
+                    Parameter("current_rate", "1/s", "eta of the lag from the current", 190.0, POSITIVE, log=True,
+                              search=(1.0, 1e5))]
         if self.springs:
             out += [Parameter("parallel_stiffness", "N/m", "k_0, beside the hysteresis", 4690.0, 0.0),
                     Parameter("gas_stiffness", "N/m", "k_1", 500.0, 0.0)]

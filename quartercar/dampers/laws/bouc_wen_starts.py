@@ -8,15 +8,16 @@ from itertools import product
 import numpy as np
 
 from quartercar.dampers.drive import Drive, joined
-from quartercar.dampers.fitting.starting import bounded_fit, path
+from quartercar.dampers.fitting.starting import bounded_fit
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.sizes import path
 
 KNEES = (0.1, 0.3, 1.0)
 """speed at which c_1 v reaches the yield force, as a share of the rms speed"""
 SLIPS = (0.003, 0.03, 0.3)
 """slip x_y as a share of the rms displacement"""
-RATES = (60.0, 300.0)
-"""rates of the current's lag [1/s]"""
+RATES = (0.06, 0.3)
+"""rates of the current's lag, per sample"""
 
 
 def loop_candidates(parameters: Sequence[Parameter], exponent: float,
@@ -44,7 +45,8 @@ def loop_candidates(parameters: Sequence[Parameter], exponent: float,
     grid = product(KNEES, SLIPS, RATES if "current_rate" in names else RATES[:1])
     speed = float(np.sqrt(np.mean(v**2)))
     for knee, slip, rate in grid:
-        yield _assembled(parameters, exponent, plateau, knee * speed, slip * float(travel), rate)
+        yield _assembled(parameters, exponent, plateau, knee * speed, slip * float(travel),
+                         rate / drives[0].sample_time)
 
 
 def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, names: set[str]) -> dict[str, float]:
@@ -67,13 +69,13 @@ def _assembled(parameters: Sequence[Parameter], exponent: float, p: dict[str, fl
                rate: float) -> np.ndarray:
     """Series dashpot from the knee, then the parallel elements so that the plateau stays."""
     height = max(p["h"] + p["h_i"] * p["top"], 0.05 * p["spread"])
-    slope = max(p["c"] + p["c_i"] * p["top"], 0.01 * p["spread"] / max(knee, 1e-9))
-    series = max(height / max(knee, 1e-9), 2.0 * slope)
+    slope = max(p["c"] + p["c_i"] * p["top"], 0.01 * p["spread"] / (knee or 1.0))
+    series = max(height / (knee or 1.0), 2.0 * slope)
     lift = series / (series - slope)
     values = {"viscous_damping": lift * max(p["c"], 0.05 * slope), "series_damping": series,
               "yield_force": lift * max(p["h"], 0.05 * height), "yield_displacement": slip,
               "hysteresis_shape": 0.5, "viscous_damping_per_current": lift * p["c_i"],
-              "series_damping_per_current": 0.01 * series / max(p["top"], 1e-9),
+              "series_damping_per_current": 0.01 * series / (p["top"] or 1.0),
               "yield_force_per_current": lift * p["h_i"], "current_rate": rate, "parallel_stiffness": 0.5 * p["k"],
               "gas_stiffness": 0.5 * p["k"], "gas_force": p["offset"], "exponent": exponent}
     return np.array([np.clip(values[q.name], q.lower, q.upper) for q in parameters])

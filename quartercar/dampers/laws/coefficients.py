@@ -159,7 +159,8 @@ class Controlled(Coefficient):
                  "_between": ", control value between"}
         ends = {"_at_low": self.span[0], "_at_high": self.span[1]}
         return tuple(Parameter(p.name + place, p.unit, p.description + where[place].format(ends.get(place)), value,
-                               p.lower, p.upper) for place, value in zip(places, self.defaults, strict=True))
+                               p.lower, p.upper, search=p.search)
+                     for place, value in zip(places, self.defaults, strict=True))
 
     def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """By de Casteljau's rule: no matrix of powers, which would take longer than the law itself."""

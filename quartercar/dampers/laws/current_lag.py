@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.toolkit import checks
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 
 PLACES = ("compression", "compression", "rebound", "rebound")
 EDGES = ("rise", "fall", "rise", "fall")
@@ -20,11 +20,11 @@ SHARING: dict[str, tuple[tuple[str, str], ...]] = {
 }
 """Names of (T, τ) for compression rise, compression fall, rebound rise, rebound fall, by how much they share."""
 SHORTEST, LONGEST = 1e-4, 1.0
-"""bounds of the time constants [s]"""
+"""range of a search for the time constants in records at 1 kHz, of 10 s [s]"""
 NO_LAG = 1e-12
 """time constant that stands for none [s]"""
 LATEST = 0.1
-"""bound of the delays [s]"""
+"""that of the delays [s]"""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,9 @@ class CurrentLag:
         found = {}
         for place, edge, (time, delay) in zip(PLACES, EDGES, SHARING[self.sharing], strict=False):
             where = {"shared": "", "edges": f" of a {edge}", "full": f" of a {edge} in {place}"}[self.sharing]
-            found[time] = Parameter(time, "s", f"time constant T{where}", 0.010, SHORTEST, LONGEST, log=True)
-            found[delay] = Parameter(delay, "s", f"delay tau{where}", 0.005, 0.0, LATEST)
+            found[time] = Parameter(time, "s", f"time constant T{where}", 0.010, POSITIVE, log=True,
+                                    search=(SHORTEST, LONGEST))
+            found[delay] = Parameter(delay, "s", f"delay tau{where}", 0.005, 0.0, search=(0.0, LATEST))
         return tuple(found.values())
 
     def unpack(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,9 @@ from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive, joined
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes, sub_steps
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 from quartercar.dampers.real_time import RealTime
+from quartercar.dampers.sizes import Sizes
 
 if TYPE_CHECKING:
     from lpvid.export.expression import Expr
@@ -24,9 +25,11 @@ DIRECTIONS = ("compression", "rebound")
 ROW = (
     Parameter("damping", "N*s/m", "damping c_0", 1000.0, 0.0),
     Parameter("stiffness", "N/m", "stiffness k_0 beside it", 1000.0, 0.0),
-    Parameter("roll_off_damping", "N*s/m", "damping c_1 in series, low-speed roll-off", 20000.0, 10.0, log=True),
+    Parameter("roll_off_damping", "N*s/m", "damping c_1 in series, low-speed roll-off", 20000.0, POSITIVE,
+              log=True, search=(10.0, math.inf)),
     Parameter("yield_force", "N", "force alpha of the saturated hysteresis", 100.0, 0.0),
-    Parameter("sharpness", "1/m", "slope delta of the hysteresis at z = 0", 1000.0, 1.0, 1e7, log=True),
+    Parameter("sharpness", "1/m", "slope delta of the hysteresis at z = 0", 1000.0, POSITIVE, log=True,
+              search=(1.0, 1e7)),
     Parameter("unloading", "", "gamma/delta; 1/2: unloads as stiffly as it loads at first", 0.7, 0.5, 5.0),
 )
 """parameters of one current and one direction"""
@@ -72,7 +75,7 @@ class ExtendedBoucWen(SemiActiveDamper):
     row_parameters: ClassVar[tuple[Parameter, ...]] = tuple(
         Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",
                   p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
-                  p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
+                  p.lower, p.upper, p.log, p.search) for d in DIRECTIONS for p in ROW)
     gas_parameters: ClassVar[tuple[Parameter, ...]] = gas_spring(True)
     growing: ClassVar[tuple[str, ...]] = tuple(f"{name}_{d}" for name in ("damping", "yield_force") for d in DIRECTIONS)
     needs_displacement: ClassVar[bool] = True
@@ -87,7 +90,8 @@ class ExtendedBoucWen(SemiActiveDamper):
     @classmethod
     def suited(cls, facts: Facts) -> ExtendedBoucWen:
         facts.need_displacement(cls.name)
-        return cls(nodes=proposed_nodes(facts), lag="full" if facts.switches else "none", **facts.common)
+        return cls(nodes=proposed_nodes(facts), lag="full" if facts.switches else "none",
+                   switch_speed=facts.turning_speed, **facts.common)
 
     def tables(self, vector: np.ndarray) -> np.ndarray:
         """(2, M, 7) of c_0, k_0, c_1, α, β, γ, δ for compression and rebound, over the nodes.
@@ -274,7 +278,7 @@ class ExtendedBoucWen(SemiActiveDamper):
     def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[ExtendedBoucWen]:
         """Gas, c_0 and α from the force at higher speeds; c_1 and δ over a grid."""
         x, v, f = joined(drives, "displacement", "velocity", "force")
-        fastest, stroke = float(np.abs(v).max()), max(float(np.ptp(x)), 1e-6)
+        fastest, stroke = float(np.abs(v).max()), float(np.ptp(x)) or Sizes.of(drives).length
         if gas_known:
             f = f - self.conservative_force(x)
         plateau = np.abs(v) > 0.3 * fastest
@@ -283,12 +287,14 @@ class ExtendedBoucWen(SemiActiveDamper):
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         found = [float(a) for a in np.linalg.lstsq(columns / size, f[plateau], rcond=1e-6)[0] / size]
         guess = {} if gas_known else {"gas_stiffness": max(found[4], 0.0), "gas_preload": found[5]}
-        scale = max(float(np.abs(f - guess.get("gas_preload", 0.0)).max()) / fastest, 1.0)
+        sized = {p.name: Sizes.of(drives).sized(p) for p in self.row_parameters}
+        scale = float(np.abs(f - guess.get("gas_preload", 0.0)).max()) / fastest
         for d, c0, alpha in zip(DIRECTIONS, found[0:4:2], found[1:4:2], strict=True):
             guess[f"damping_{d}"] = max(c0, 0.02 * scale)
             guess[f"yield_force_{d}"] = max(alpha, 0.02 * scale * fastest)
-        return [self.with_values(**guess, **{f"roll_off_damping_{d}": max(factor * scale, 10.0) for d in DIRECTIONS},
-                                 **{f"sharpness_{d}": max(share / stroke, 1.0) for d in DIRECTIONS})
+        return [self.with_values(**guess, **{n: max(factor * scale, sized[n].lower) for d in DIRECTIONS
+                                              for n in (f"roll_off_damping_{d}",)},
+                                 **{f"sharpness_{d}": share / stroke for d in DIRECTIONS})
                 for factor in (3.0, 20.0) for share in (5.0, 50.0)]
 
     def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:

@@ -103,7 +103,8 @@ class ForceMap(SemiActiveDamper):
     def suited(cls, facts: Facts) -> ForceMap:
         shares = np.array([-s for s in reversed(SPREAD)] + [0.0, *SPREAD])
         return cls(nodes=proposed_nodes(facts), knots=tuple(float(v) for v in facts.speed * shares),
-                   spring=facts.has_displacement, lag="full" if facts.switches else "none", **facts.common)
+                   spring=facts.has_displacement, lag="full" if facts.switches else "none",
+                   switch_speed=facts.turning_speed, **facts.common)
 
     def table(self, vector: np.ndarray) -> np.ndarray:
         """(M, N) forces over nodes and knots [N].

@@ -21,7 +21,7 @@ from quartercar.dampers.laws.coefficients import Controlled, settled_span
 from quartercar.dampers.laws.expressions import Law, named_parameters
 from quartercar.dampers.laws.secant import secant
 from quartercar.dampers.laws.secant_model import secant_model
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 
 SECANTS = ("saturation", "turning")
 """Channels that schedule the LPV form."""
@@ -62,6 +62,7 @@ class Kwok(StaticDamper):
     array([-375.797,    5.   ])
     """
 
+    of_typical_size: ClassVar[bool] = True
     name: ClassVar[str] = "kwok"
     title: ClassVar[str] = "Kwok"
     source: ClassVar[str] = "source 004, (2.5)"
@@ -84,7 +85,8 @@ class Kwok(StaticDamper):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        sharpness = Parameter("sharpness", "s/m", "slope of the hysteresis β", 60.0, 1e-2, 1e4, log=True)
+        sharpness = Parameter("sharpness", "s/m", "slope of the hysteresis β", 60.0, POSITIVE, log=True,
+                              search=(1e-2, 1e4))
         return (*(p for f in self.functions.values() for p in f.parameters), sharpness)
 
     @property
@@ -99,8 +101,8 @@ class Kwok(StaticDamper):
     def suited(cls, facts: Facts) -> Kwok:
         facts.need_displacement(cls.name)
         span = facts.current_range if facts.current_varies else None
-        return cls(degree=int(facts.current_varies), span=span, turning_stroke=0.02 * facts.stroke or 5e-4,
-                   **facts.common)
+        return cls(degree=int(facts.current_varies), span=span,
+                   turning_stroke=0.02 * facts.stroke or cls.turning_stroke, **facts.common)
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:

@@ -33,6 +33,7 @@ class Linear(LawDamper):
         Whether k x is part of it.
     """
 
+    of_typical_size: ClassVar[bool] = True
     name: ClassVar[str] = "linear"
     title: ClassVar[str] = "Mass, viscous, spring"
     source: ClassVar[str] = "linear baseline"

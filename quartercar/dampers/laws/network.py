@@ -116,6 +116,7 @@ class NetworkDamper(StaticDamper):
         ε [m/s]: below it friction turns with the velocity instead of jumping.
     """
 
+    of_typical_size: ClassVar[bool] = True
     asymmetric: bool = False
     smoothing: float = 1e-3
     reads: ClassVar[tuple[str, ...]] = ("velocity",)
@@ -165,10 +166,10 @@ class NetworkDamper(StaticDamper):
 
     @classmethod
     def suited(cls, facts: Facts) -> Self:
-        """Any moving record: a network per direction, friction smoothed over 1 % of the top speed, 2 mm/s at most."""
+        """Any moving record: a network per direction, friction smoothed over 1 % of the top speed."""
         if facts.speed <= 0:
             raise InputError(f"{cls.name} needs motion", got="zero velocity throughout")
-        return cls(asymmetric=True, smoothing=float(f"{min(2e-3, 0.01 * facts.speed):.2g}"), **facts.common)
+        return cls(asymmetric=True, smoothing=facts.turning_speed, **facts.common)
 
     def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
         raise InputError(f"'{self.name}' has no exported step", why="its force solves an equation of its own",
@@ -213,7 +214,7 @@ class NetworkDamper(StaticDamper):
                      for sign in (1, -1)]
             columns = [shape[0], -shape[1]] if self.asymmetric else [shape[0] - shape[1]]
             found, cost = nonnegative_fit(np.column_stack([*columns, *rest]), f)
-            sides = [self.network_vector(k * share / top, k * turbulent / top**2, min(leak / k, 1e6))
+            sides = [self.network_vector(k * share / top, k * turbulent / top**2, leak / k)
                      for k in np.maximum(found[:-3], 1e-12 * float(np.abs(f).max()))]
             ranked.append((cost, np.concatenate([*sides, [found[-3], found[-2] - found[-1]]])))
         ranked.sort(key=lambda pair: pair[0])

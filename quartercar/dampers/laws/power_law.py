@@ -61,6 +61,7 @@ class PowerLawDamper(StaticDamper):
         v_ref [m/s].
     """
 
+    of_typical_size: ClassVar[bool] = True
     reference_speed: float = 0.5
 
     @property
@@ -259,7 +260,7 @@ class PowerLaw(PowerLawDamper):
 
     @classmethod
     def suited(cls, facts: Facts) -> PowerLaw:
-        return cls(reference_speed=round(0.7 * facts.speed, 4) or 0.5, **facts.common)
+        return cls(reference_speed=_reference(facts), **facts.common)
 
     def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         return []
@@ -313,7 +314,8 @@ class PowerLawFrictionGas(PowerLawDamper):
 
     @classmethod
     def suited(cls, facts: Facts) -> PowerLawFrictionGas:
-        return cls(reference_speed=round(0.7 * facts.speed, 4) or 0.5, spring=facts.has_displacement, **facts.common)
+        return cls(reference_speed=_reference(facts), friction_speed=facts.turning_speed, spring=facts.has_displacement,
+                   **facts.common)
 
     def _static_columns(self, displacement: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         spring = [displacement] if self.spring else []
@@ -325,3 +327,8 @@ class PowerLawFrictionGas(PowerLawDamper):
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         return self.values.get("gas_stiffness", 0.0) * np.asarray(displacement) - self.values["gas_preload"]
+
+
+def _reference(facts: Facts) -> float:
+    """v_ref of data, to four digits [m/s]."""
+    return float(f"{0.7 * facts.speed:.4g}") or 0.5

@@ -15,7 +15,7 @@ from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 
 if TYPE_CHECKING:
     from quartercar.dampers.laws.relief_valve_design import ReliefValveDesign
@@ -23,18 +23,23 @@ if TYPE_CHECKING:
 
 TOLERANCE = 3e-4
 """relative error of one integration step"""
-POSITIVE = ("piston_area", "precompression", "seat_diameter", "discharge", "discharge_rise", "smoothing",
+ABOVE_ZERO = ("piston_area", "precompression", "seat_diameter", "discharge", "discharge_rise", "smoothing",
             "friction_speed")
 SEATING, SEAT = 1e-4, 1e-5
 """in `rates` only: a poppet settles on a stop within `SEATING` [s], `SEAT` X_CRIT past it, where round-off cannot make
 it chatter; the compiled run stops it at once"""
 
 COMMON = (
-    Parameter("hydraulic_stiffness", "N/m", "oil column A_P²/(β_eff 𝒱)", 1.5e7, 1e2, 1e12, log=True),
-    Parameter("orifice_loss", "N*s^2/m^2", "main orifice, F = a_O v²: A_P³/K_O²", 4e6, 1e-2, 1e12, log=True),
-    Parameter("opening_force", "N", "of the relief valve, A_P P_CRIT", 7000.0, 1e-2, 1e8, log=True),
-    Parameter("valve_loss", "N*s^2/m^2", "valve at lift X_CRIT and full discharge", 2400.0, 1e-6, 1e12, log=True),
-    Parameter("valve_frequency", "Hz", "poppet on its spring, √(k_V/m_V)/2π", 200.0, 0.5, 1e5, log=True),
+    Parameter("hydraulic_stiffness", "N/m", "oil column A_P²/(β_eff 𝒱)", 1.5e7, POSITIVE, log=True,
+              search=(1e2, 1e12)),
+    Parameter("orifice_loss", "N*s^2/m^2", "main orifice, F = a_O v²: A_P³/K_O²", 4e6, POSITIVE, log=True,
+              search=(1e-2, 1e12)),
+    Parameter("opening_force", "N", "of the relief valve, A_P P_CRIT", 7000.0, POSITIVE, log=True,
+              search=(1e-2, 1e8)),
+    Parameter("valve_loss", "N*s^2/m^2", "valve at lift X_CRIT and full discharge", 2400.0, POSITIVE, log=True,
+              search=(1e-6, 1e12)),
+    Parameter("valve_frequency", "Hz", "poppet on its spring, √(k_V/m_V)/2π", 200.0, POSITIVE, log=True,
+              search=(0.5, 1e5)),
     Parameter("valve_damping", "", "damping ratio b_V/(2√(k_V m_V))", 0.8, 1e-3, 1e3, log=True),
     Parameter("friction", "N", "seals F_f", 50.0, 0.0),
     Parameter("preload", "N", "constant force of gas or sensor", 0.0),
@@ -81,6 +86,7 @@ class LagDamper(DynamicDamper):
         v_f [m/s].
     """
 
+    of_typical_size: ClassVar[bool] = True
     exported_instead: ClassVar[str] = "force-map"
     piston_area: float = 1.5e-3
     precompression: float = 4.5e-3
@@ -97,7 +103,7 @@ class LagDamper(DynamicDamper):
         "x_V1 [m]", "x_V1' [m/s]", "x_V2 [m]", "x_V2' [m/s]", "pressure difference [Pa]")
 
     def check_settings(self) -> None:
-        for name in POSITIVE:
+        for name in ABOVE_ZERO:
             checks.positive(getattr(self, name), name)
         if not 0 < self.cone_half_angle < math.pi / 2:
             raise InputError("cone_half_angle lies between 0 and π/2", got=f"{self.cone_half_angle:g} rad")
@@ -141,7 +147,7 @@ class LagDamper(DynamicDamper):
 
     @classmethod
     def suited(cls, facts: Facts) -> Self:
-        return cls(**facts.common)
+        return cls(friction_speed=facts.turning_speed, **facts.common)
 
     @classmethod
     def from_design(cls, design: ReliefValveDesign, friction: float = 0.0, preload: float = 0.0) -> Self:
@@ -408,7 +414,8 @@ class ReliefValveOrifice(LagDamper):
     title: ClassVar[str] = "Relief valve with series orifice"
     source: ClassVar[str] = "Titurus & Lieven, (9)-(11)"
     further: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("series_loss", "N*s^2/m^2", "holes behind a valve, A_P³/(N_O K_O)²", 27000.0, 1e-6, 1e12, log=True),)
+        Parameter("series_loss", "N*s^2/m^2", "holes behind a valve, A_P³/(N_O K_O)²", 27000.0, POSITIVE, log=True,
+              search=(1e-6, 1e12)),)
 
     def series_loss(self, vector: np.ndarray) -> complex:
         return vector[8]

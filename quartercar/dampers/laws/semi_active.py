@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class SemiActiveDamper(LawDamper):
         ε of the switch between compression and rebound [m/s].
     """
 
+    of_typical_size: ClassVar[bool] = True
     nodes: tuple[float, ...] = ()
     lag: str = "full"
     switch_speed: float = 5e-3

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.sizes import travel
 
-TRAVEL = 1e-6
-"""a² times the acceleration that an integration step of length a may have [m]: what it travels about a reversal."""
+TRAVEL = 1e-4
+"""a² times the acceleration that an integration step of length a may have: what it travels about a reversal, as a share
+of the root mean square of the displacement; a micrometre of a centimetre."""
 FEWEST, MOST = 2, 20
 """integration steps per sample"""
 
@@ -20,7 +22,7 @@ def motion_steps(drive: Drive) -> np.ndarray:
     Parameters
     ----------
     drive : Drive
-        Its velocity [m/s] and period are read.
+        Its velocity [m/s], displacement [m] and period are read.
 
     Returns
     -------
@@ -29,8 +31,12 @@ def motion_steps(drive: Drive) -> np.ndarray:
 
     Examples
     --------
-    >>> motion_steps(Drive(0.005, np.array([0.0, 0.001, 0.02]), np.zeros(3), np.zeros(3))).tolist()
-    [3, 10]
+    >>> x = np.array([0.01, -0.01, 0.01])
+    >>> motion_steps(Drive(0.005, np.array([0.0, 0.001, 0.02]), x, np.zeros(3))).tolist()
+    [3, 11]
     """
-    wanted = np.sqrt(np.abs(np.diff(drive.velocity)) * drive.sample_time / TRAVEL)
+    reach = travel([drive])
+    if not reach:
+        return np.full(max(drive.n_samples - 1, 0), FEWEST)
+    wanted = np.sqrt(np.abs(np.diff(drive.velocity)) * drive.sample_time / (TRAVEL * reach))
     return np.clip(np.ceil(wanted), FEWEST, MOST).astype(int)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, product
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,12 +25,12 @@ from quartercar.dampers.laws.coefficients import Coefficient, Controlled, settle
 from quartercar.dampers.laws.expressions import Law, named_parameters
 from quartercar.dampers.laws.secant import secant
 from quartercar.dampers.laws.secant_model import box, origin, secant_model
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 
 SATURATION = "saturation"
 """Channel that schedules the LPV form of a law with displacement."""
 YIELD = Parameter("yield_force", "N", "dynamic yield force A_1", 0.0, 0.0)
-SHARPNESS = Parameter("sharpness", "s/m", "pre-yield sharpness A_3", 20.0, 1e-2, 1e4, log=True)
+SHARPNESS = Parameter("sharpness", "s/m", "pre-yield sharpness A_3", 20.0, POSITIVE, log=True, search=(1e-2, 1e4))
 POST_YIELD = Parameter("post_yield_damping", "N*s/m", "post-yield damping A_2", 0.0, 0.0)
 RATIO = Parameter("critical_ratio", "1/s", "critical ratio κ = V_0/X_0", 3.0, 0.0)
 OFFSET = Parameter("offset", "N", "constant force F_0", 0.0)
@@ -80,6 +80,7 @@ class TanhLaw(StaticDamper):
         Whether there is a constant F_0, which the printed laws do not have.
     """
 
+    of_typical_size: ClassVar[bool] = True
     span: tuple[float, float] | None = None
     offset: bool = False
 

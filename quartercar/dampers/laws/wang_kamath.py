@@ -18,17 +18,19 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.laws.expressions import named_parameters
 from quartercar.dampers.laws.stepping import motion_steps
-from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.parameter import POSITIVE, Parameter
 from quartercar.dampers.stepper import DamperStepper, StateStepper
 
 MOST_STARTS = 8
 """starting vectors worth a search; more only cost time."""
 
-COEFFICIENTS = (Parameter("force_inertia", "m*s", "w_1, on the second derivative of the force", 2e-6, 1e-10, log=True),
-                Parameter("force_lag", "m", "w_2, on its rate", 1e-3, 1e-8, log=True),
+COEFFICIENTS = (Parameter("force_inertia", "m*s", "w_1, on the second derivative of the force", 2e-6, POSITIVE,
+                          log=True, search=(1e-10, math.inf)),
+                Parameter("force_lag", "m", "w_2, on its rate", 1e-3, POSITIVE, log=True, search=(1e-8, math.inf)),
                 Parameter("linear_flow", "m/s", "w_3", 0.02),
                 Parameter("cubic_flow", "m/s", "w_4", 0.0),
-                Parameter("quintic_flow", "m/s", "w_5, bounds the force", 0.1, 1e-8, log=True))
+                Parameter("quintic_flow", "m/s", "w_5, bounds the force", 0.1, POSITIVE, log=True,
+                          search=(1e-8, math.inf)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -62,6 +64,7 @@ class WangKamath(DynamicDamper):
         Upper end of the interval of the polynomials, in the unit of the current.
     """
 
+    of_typical_size: ClassVar[bool] = True
     name: ClassVar[str] = "wang-kamath"
     title: ClassVar[str] = "Phase transition (Wang-Kamath)"
     source: ClassVar[str] = "Wang, Kamath 2006; source 004, equation (2.4)"

@@ -8,8 +8,9 @@ from itertools import product
 import numpy as np
 
 from quartercar.dampers.drive import Drive, joined
-from quartercar.dampers.fitting.starting import column_size, path
+from quartercar.dampers.fitting.starting import column_size
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.sizes import Sizes, path
 
 WINDOWS = (7, 21)
 """samples of the smoothing that differentiates the force"""
@@ -43,8 +44,10 @@ def regression_candidates(parameters: Sequence[Parameter], basis: Callable[[np.n
     """
     v, current = joined(drives, "velocity", "current")
     travel = float(np.concatenate([path(d) for d in drives]).std())
-    top = max(float(np.abs(current).max()), 1e-9)
+    top = float(np.abs(current).max()) or 1.0
     growing = parameters[-1].name == "force_growth"
+    sizes = Sizes.of(drives)
+    parameters = [sizes.sized(p) for p in parameters]
     for growth, window in product([g / top for g in GROWTHS] if growing else [0.0], WINDOWS):
         columns = np.vstack([_columns(basis, force_scale, d, window, growth) for d in drives])
         for lag, factor in product(LAGS, FACTORS):
