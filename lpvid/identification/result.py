@@ -93,13 +93,15 @@ class Identification(Shown):
     def doubt(self) -> str | None:
         """Why the fit cannot be trusted, or None: of the held-out data, or else of the training data.
 
-        A free run that diverges on the training data counts first.
+        A free run that diverges on the training data, or is no better than their mean, counts first.
 
         A state space counts without the n² entries that only choose its state coordinates.
         """
         run = None if self.training is None else self.training.overall.free_run
         if run is not None and run.diverged_at is not None:
             return "the model cannot simulate the data that it was fitted to: its free run diverges"
+        if run is not None and run.esr is not None and run.esr >= 1:
+            return "the model cannot simulate the data that it was fitted to: its free run is no better than their mean"
         if self.held_out is not None:
             return self.held_out.doubt
         if self.training is None:

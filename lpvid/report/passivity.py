@@ -45,10 +45,25 @@ def energy_statement(model: Any) -> PassivityMargin | None:
     from lpvid.analysis.passivity_margin import passivity_margin
 
     assert model.c is not None
-    turned = model.metadata.get("polarity") == "reversed"
+    turned = is_reversed(model)
     ends = model.metadata.get("training", {}).get("ranges", {}).get(source.name)
     largest = float(np.abs(ends).max()) if ends else None
     return passivity_margin(model.replace(b=-model.b, c=-model.c) if turned else model, largest=largest or None)
+
+
+def is_reversed(model: Any) -> bool:
+    """Whether the audit found the force of a model's training data against the motion.
+
+    Parameters
+    ----------
+    model : object
+        A model with metadata.
+
+    Returns
+    -------
+    bool
+    """
+    return model.metadata.get("polarity") == "reversed"
 
 
 def passivity_lines(found: Identification) -> list[str]:
@@ -69,7 +84,12 @@ def passivity_lines(found: Identification) -> list[str]:
         return [*str(_certificate(data)).splitlines(), *cost_lines(found)]
     margin = energy_statement(found.model)
     stated = "" if margin is None else margin.statement()
-    return [f"NOT passive: {stated}: --passive"] if stated else []
+    if not stated:
+        return []
+    if is_reversed(found.model):
+        return [f"NOT passive, with its force turned to positive polarity: {stated}: "
+                f"--flip {found.model.outputs[0].name} --passive"]
+    return [f"NOT passive: {stated}: --passive"]
 
 
 def cost_lines(found: Identification) -> list[str]:
@@ -121,8 +141,11 @@ def passivity_section(found: Identification) -> tuple[Section, ...]:
     data, items = found.model.metadata.get("passive"), []
     if isinstance(data, Mapping):
         items.append(Paragraph(str(_certificate(data)).splitlines()[0] + ".", strong=True))
-    items.append(Paragraph((margin.statement() or "In steady motion it takes energy at every amplitude, frequency and "
-                            "held scheduling").capitalize() + "."))
+    if is_reversed(found.model):
+        items.append(Paragraph("The polarity of these data is reversed: what follows holds for the model with its force "
+                               "turned."))
+    stated = margin.statement() or "in steady motion it takes energy at every amplitude, frequency and held scheduling"
+    items.append(Paragraph(f"{stated[:1].upper()}{stated[1:]}."))
     items.append(
         PageFigure.of(
             plot.passivity(margin),

@@ -115,7 +115,7 @@ def verdict(found: Validation, doubt: str | None = None) -> str:
                 f"{late.fit_percent:.1f}\u00a0%).{_worst_record(found)}")
     explained = (f"{_share(run.esr)}\u00a0% of the output's variance" if run.esr < 1 else
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
-    doubt = doubt or found.doubt
+    doubt = doubt or (found.doubt if run.esr < 1 else None)
     return (f"In free run on {found.label} data the model explains {explained} "
             f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
             f"{number(run.mean_error, 3, run.rmse_unit)}).{f' {doubt[0].upper()}{doubt[1:]}.' if doubt else ''}"
