@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 LEAK_SAMPLES = 200_000
 """Training samples up to which held-out stretches are sought among them."""
-STILL = 1e-9
-"""Spread of a scheduling variable over its size, within every record, below which it stands still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,10 +295,13 @@ def _compared(bare: Identification) -> tuple[str, ...]:
 def _settled(request: Request, training: Sequence[Record],
              report_progress: Callable[[str], None]) -> tuple[Structure, tuple[str, ...]]:
     """The structure with its first input lag and its number of affine terms, and what was decided for them."""
+    from lpvid.condition.constancy import at_rest
     from lpvid.identification.delay import choose_delay
+    from lpvid.identification.stage_fit import require_motion
 
     affine, notes = None, ()
-    if request.affine > 1 and "affine-terms" not in request.given and _stands_still(request.schedule, training):
+    require_motion(training, request.build(0, None))
+    if request.affine > 1 and "affine-terms" not in request.given and at_rest(training, request.schedule):
         affine = 1
         notes = (f"{', '.join(request.schedule)} stands still within every record, so that its lags are the same: "
                  "one affine term",)
@@ -315,12 +316,6 @@ def _settled(request: Request, training: Sequence[Record],
         delay, notes = chosen.delay, (*notes, note)
     return request.build(delay, affine), notes
 
-
-def _stands_still(names: Sequence[str], records: Sequence[Record]) -> bool:
-    import numpy as np
-
-    values = [r[n][np.isfinite(r[n])] for r in records for n in names]
-    return bool(names) and all(v.size == 0 or np.ptp(v) <= STILL * np.abs(v).max() for v in values)
 
 
 def marked(found: Identification, reversed_: bool) -> Identification:

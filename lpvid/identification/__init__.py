@@ -14,6 +14,7 @@ from lpvid.files.streaming import Chunks
 from lpvid.identification.covariance import residual_memory
 from lpvid.identification.result import Identification
 from lpvid.identification.separation import separated, spoken_for
+from lpvid.identification.stage_fit import require_motion
 from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
 from lpvid.record import Record
@@ -51,8 +52,8 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     Raises
     ------
     InputError
-        Missing or unusable channels, a scheduling variable that does not move, too few samples, parameters that
-        these data cannot separate.
+        Missing or unusable channels, a scheduling variable that does not move, a scheduling filter to be fitted where
+        it moves in no record, too few samples, parameters that these data cannot separate.
 
     Examples
     --------
@@ -80,6 +81,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     listed = with_derived(listed, structure.channels)
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
                       remedy="a lower order")
+    require_motion(pieces, structure)
     found = _remember(structure.estimate(pieces), pieces, listed[0])
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     found = _coloured(found.replace(training=figures(found.model, pieces, "training"), notes=notes), pieces)

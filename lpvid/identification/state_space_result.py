@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
+from lpvid.condition.constancy import DISTINCT
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.identification.arx import _moves
 from lpvid.identification.covariance import block_length, residual_memory
@@ -182,21 +183,26 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
     if sure.free < layout.size and free_coordinates:
         stated.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
                     "standard errors hold the coordinates fixed")
-    unstable = _unstable_share(model, search)
+    unstable, resting = _unstable_share(model, search)
     if unstable > 0:
         stated.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
-                    "the run is bounded there by the motion of the scheduling, not by the model")
+                    + ("the scheduling stands still there, and a longer run diverges" if resting else
+                       "the run is bounded there by the motion of the scheduling, not by the model"))
     return Identification(model, structure, layout, covariance, sure.condition, sure.condition,
                           search.data.rows, notes=tuple(stated), covariance_kind=sure.kind)
 
 
-def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
-    """Share of the training samples at which the frozen model is unstable."""
+def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> tuple[float, bool]:
+    """Share of the training samples at which the frozen model is unstable; whether it rests in one of their records."""
     if not model.order:
-        return 0.0
-    phi = np.vstack([piece[0][:: max(1, len(piece[0]) // 2000)] for piece in search.data.at(model).pieces])
-    poles = np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))
-    return float(np.mean(np.abs(poles).max(axis=1) > 1.0))
+        return 0.0, False
+    unstable, resting = [], False
+    for piece in search.data.at(model).pieces:
+        phi = piece[0][:: max(1, len(piece[0]) // 2000)]
+        outside = np.abs(np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))).max(axis=1) > 1.0
+        unstable.append(outside)
+        resting = resting or bool(outside.any() and (np.ptp(phi, axis=0) <= DISTINCT).all())
+    return float(np.mean(np.concatenate(unstable))), resting
 
 
 @dataclass(frozen=True, eq=False)

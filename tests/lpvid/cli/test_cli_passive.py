@@ -61,7 +61,7 @@ def test_energy_of_reversed_polarity_is_stated_of_the_force_turned(tmp_path):
     described = run("identify", turned, "--na", 0, "--nb", 3, "--nk", 0, "--out", tmp_path / "m").output
     (other,) = [x for x in described.splitlines() if "NOT passive" in x]
     assert "with its force turned" in other and other.endswith("--flip force --passive")
-    assert other.split("polarity: ")[1].split(":")[0] == line.split("NOT passive: ")[1].split(":")[0]
+    assert other.split("polarity: ")[1].split("(")[0] == line.split("NOT passive: ")[1].split("(")[0]
     assert "with its force turned" in (tmp_path / "m" / "report.html").read_text()
 
 
