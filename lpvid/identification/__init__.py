@@ -25,6 +25,8 @@ from lpvid.validation import figures, validate
 COLOURED_LIMIT = 400_000
 """samples up to which a coloured residual's covariance is worth two more passes over the data."""
 
+SANDWICH = "least squares, sandwich over the coloured residual"
+
 
 def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, *, sample_rate: float | None = None,
              held_out: Record | Sequence[Record] | Chunks | None = None,
@@ -123,7 +125,7 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
     if covariance is None:
         return found
     stated = f"the residual is correlated over {memory} samples: standard errors in sandwich form"
-    return found.with_covariance(covariance).replace(notes=(*found.notes, stated))
+    return found.with_covariance(covariance).replace(notes=(*found.notes, stated), covariance_kind=SANDWICH)
 
 
 def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:
