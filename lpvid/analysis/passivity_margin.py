@@ -96,7 +96,7 @@ class PassivityMargin:
     @property
     def unstable(self) -> np.ndarray:
         """(N,) at which scheduling the frozen model is unstable, so that it has no steady motion."""
-        return ~np.isfinite(self.damping).all(axis=1)
+        return np.array([not np.isfinite(row).all() for row in self.damping], dtype=bool)
 
     def description(self, band: float | None = BAND) -> str:
         """Where the frozen model is unstable, and where else it gives energy within a band; empty where neither.

@@ -437,7 +437,7 @@ class PassiveSearch:
         return self.program(xi).shortage(iterate) <= 0.9 * max(-self.room, 0.5 * before)
 
     def covariance(self, reached: Reached) -> tuple[np.ndarray, float, int, str]:
-        """Covariance of the layout's parameters, the condition of J in unit columns, its rows, and the covariance's kind.
+        """Covariance of the layout's parameters, the condition of J in unit columns, its rows, and how it was found.
 
         It allows for the colour of the free run's error (`free_run_covariance`). The constraint is left out: where it
         is active the parameters vary less.

@@ -87,7 +87,7 @@ def _coloured(problem: PredictionErrorProblem, rows: list[np.ndarray], spread: n
     series = [e[:, o] / max(np.sqrt(spread[o, o]), 1e-300) for e in rows for o in range(problem.n_outputs)]
     polynomial = _colour(series)
     filtered = [np.apply_along_axis(lambda v: np.convolve(v, polynomial)[: len(v)], 0, e) for e in rows]
-    return polynomial, sum(e.T @ e for e in filtered) * (problem.n_outputs / degrees)
+    return polynomial, np.sum([e.T @ e for e in filtered], axis=0) * (problem.n_outputs / degrees)
 
 
 def _colour(series: list[np.ndarray]) -> np.ndarray:

@@ -27,7 +27,7 @@ from lpvid.scheduling.basis import checked_basis
 from lpvid.validation import residual_tests
 
 SCORES = 64
-"""samples of a stretch whose scores are formed at once; what is left of a record behind the last whole one is left out."""
+"""samples of a stretch whose scores are formed at once; a record's rest behind the last whole one is left out."""
 
 
 class StateSpaceStructure(Structure):

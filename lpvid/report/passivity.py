@@ -142,8 +142,8 @@ def passivity_section(found: Identification) -> tuple[Section, ...]:
     if isinstance(data, Mapping):
         items.append(Paragraph(str(_certificate(data)).splitlines()[0] + ".", strong=True))
     if is_reversed(found.model):
-        items.append(Paragraph("The polarity of these data is reversed: what follows holds for the model with its force "
-                               "turned."))
+        items.append(Paragraph("The polarity of these data is reversed: what follows holds for the model with its "
+                               "force turned."))
     stated = margin.statement() or "in steady motion it takes energy at every amplitude, frequency and held scheduling"
     items.append(Paragraph(f"{stated[:1].upper()}{stated[1:]}."))
     items.append(

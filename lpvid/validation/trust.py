@@ -110,8 +110,8 @@ NO_BETTER = "the free run is no better than the mean of the measured output"
 def held_out_doubt(figures: Figures, count: float | None) -> str | None:
     """Why the free run of data that the model has not seen cannot be trusted, or None.
 
-    It is where the model is no better than the mean of the data (ESR 1, fit 0 %), and where the interval of one that seems
-    better includes that mean.
+    It is where the model is no better than the mean of the data (ESR 1, fit 0 %), and where the interval of one that
+    seems better includes that mean.
 
     Parameters
     ----------

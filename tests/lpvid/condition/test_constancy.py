@@ -34,7 +34,7 @@ def test_a_share_means_nothing_where_zero_is_a_convention():
 
 
 def test_rest_is_within_each_record_up_to_the_sensor_of_a_command():
-    """Held currents with a noise of 0.3 % rest, and so does the one at zero beside them; one step in one record does not."""
+    """Held currents with a noise of 0.3 % rest, and so does the one at zero beside them; one step does not."""
     rng = np.random.default_rng(0)
     levels = [i + rng.uniform(-0.003, 0.003, 200) for i in (0.0, 0.5, 1.0)]
 

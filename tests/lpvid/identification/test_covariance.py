@@ -113,7 +113,7 @@ def coloured_gain(seed: int) -> lpv.Record:
 
 
 def test_a_short_record_with_a_coloured_residual_has_no_white_standard_errors() -> None:
-    """Too short for a hundred blocks: white standard errors are (1 + .95²)/(1 − .95²) = 20 times too small in variance."""
+    """Too short for a hundred blocks: white ones are (1 + .95²)/(1 − .95²) = 20 times too small in variance."""
     found = np.array([static_gain(seed) for seed in range(40)])
     assert found[:, 2].all()
     assert 0.5 < found[:, 1].mean() / found[:, 0].std() < 1.5
