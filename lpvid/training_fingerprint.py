@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -142,6 +143,24 @@ def unstated_units(records: Sequence[Record], names: Sequence[str]) -> tuple[str
     listed = ", ".join(f"'{n}'" for n in bare)
     return (f"no unit is stated for {listed}: taken as SI; the header 'name [unit]' or --role 'name=name [unit]' "
             "states it",)
+
+
+def unstated_of(model: Any, records: Sequence[Record]) -> tuple[str, ...]:
+    """`unstated_units` of the channels that a model reads.
+
+    Parameters
+    ----------
+    model : Model
+        With inputs, outputs and a box.
+    records : sequence of Record
+        In the model's roles.
+
+    Returns
+    -------
+    tuple of str
+        At most one.
+    """
+    return unstated_units(records, (*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names))
 
 
 def unit_doubt(records: Sequence[Record], metadata: Mapping, names: Sequence[str]) -> tuple[str, ...]:

@@ -125,7 +125,7 @@ class PassivityMargin:
             return ""
         f, damping = self.frequencies[inside], self.damping[:, inside]
         columns = np.flatnonzero(mask.any(axis=0))
-        where = ", ".join([*self._spans(mask.any(axis=1)),
+        where = ", ".join([*self._spans(np.array([row.any() for row in mask])),
                            f"{_number(float(f[columns[0]]))} to {_number(float(f[columns[-1]]))} Hz"])
         row, column = np.unravel_index(int(np.argmin(np.where(mask, damping, np.inf))), mask.shape)
         held = zip(self.scheduling[row].tolist(), self.units, strict=True)

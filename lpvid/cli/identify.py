@@ -154,7 +154,7 @@ def identify(
             other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
             joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, report_progress)
             conclude(results, joint.to_dict(), str(joint), json)
-            if joint.failed:
+            if joint.failed or joint.diverging:
                 raise typer.Exit(SHORTFALL)
             return
         if chunk is not None:

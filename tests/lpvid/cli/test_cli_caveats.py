@@ -92,6 +92,21 @@ def test_units_that_no_file_states_are_named_once(folder):
     assert "no unit" not in run("validate", folder / "plain/model.json", folder / "wide.csv").output
 
 
+@pytest.mark.parametrize("command", [("simulate",), ("compare",), ("validate", "--chunk", 300)])
+def test_units_that_no_file_states_are_named_by_every_command_that_runs_a_model(folder, command):
+    name, *more = command
+    shown = run(name, folder / "plain/model.json", folder / "bare.csv", *more).output
+    assert shown.count("no unit is stated for 'force': taken as SI") == 1
+    assert "no unit is stated" not in run(name, folder / "plain/model.json", folder / "wide.csv", *more).output
+
+
+def test_units_of_later_files_count_in_parts_too(folder):
+    shown = run("identify", folder / "run.csv", folder / "bare.csv", *IO, "--chunk", 500).output
+    assert "no unit is stated for 'force': taken as SI" in shown
+    again = run("validate", folder / "plain/model.json", folder / "run.csv", "--chunk", 500).output
+    assert "not held-out: run begins with samples that the model was fitted to" in again
+
+
 @pytest.mark.parametrize(("size", "doubted"), [(1000.0, True), (10.0, False)])
 def test_a_channel_without_unit_that_is_a_thousand_times_as_large_is_doubted(folder, tmp_path, size, doubted):
     other = write(tmp_path / "mm.csv", 5, size=size, units=("velocity", "force [N]"))
