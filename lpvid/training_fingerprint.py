@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from lpvid.caveat import Caveat
 from lpvid.condition.preparing import STAND_IN
 from lpvid.record import Record
 
@@ -116,9 +117,9 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
         share = float(np.mean((values < low) | (values > high)))
         if share > 0:
             unit = next(r.unit(name) for r in records if r.has(name))
-            said.append(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
+            said.append(Caveat(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
                         f"{values.min():.4g} to {values.max():.4g} {unit}".rstrip()
-                        + f", training {low:.4g} to {high:.4g}")
+                        + f", training {low:.4g} to {high:.4g}"))
     return tuple(said)
 
 

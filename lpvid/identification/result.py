@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lpvid._shown import Shown
+from lpvid.caveat import Caveat
 from lpvid.identification.layout import ModelLayout, ParameterCloud
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.state_space import LPVStateSpace
@@ -116,8 +117,8 @@ class Identification(Shown):
         if self.held_out is None:
             return ()
         share = self.held_out.extrapolation_share
-        beyond = () if share < 5e-4 else (f"{100 * share:.1f} % of samples outside the training range of the "
-                                          "scheduling: the model extrapolates there",)
+        beyond = () if share < 5e-4 else (Caveat(f"{100 * share:.1f} % of samples outside the training range of the "
+                                                 "scheduling: the model extrapolates there"),)
         return (*(n for n in self.held_out.notes if n not in self.notes), *beyond)
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import floor, log10
 
+from lpvid.caveat import Caveat
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
@@ -40,7 +41,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
         sections.append(Section("What is left in the residuals", tuple(left)))
     sections += responses(model, shown)
     sections.append(Section("The model", (Paragraph(repr(model)),)))
-    caveats = [n for n in found.notes if "--flip" in n or "of its start" in n]
+    caveats: list[str] = [n for n in found.notes if isinstance(n, Caveat)]
     if rest := tuple(n for n in found.notes if n not in caveats):
         sections.append(Section("Remarks", (Notes(rest),)))
     if found.extrapolation_share > 0:
