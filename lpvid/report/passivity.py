@@ -111,13 +111,22 @@ def cost_lines(found: Identification) -> list[str]:
     stated = [
         f"{new.label} free-run ESR {_esr(old)} unconstrained, {_esr(new)} passive" for old, new in reversed(pairs)
     ]
-    lines = [f"what it costs: {'; '.join(stated)}"] if stated else []
+    lines = [f"what it costs: {'; '.join(stated)}{_other_aim(found)}"] if stated else []
     worst = None if found.training is None else found.training.worst
     if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
             and not getattr(found.structure, "balanced", True):
         lines.append(f"training record '{worst.name}' is simulated no better than by its mean (free-run ESR "
                      f"{worst.free_run.esr:.3g}): --balanced weighs records by their own variance")
     return lines
+
+
+def _other_aim(found: Identification) -> str:
+    """That the unconstrained estimate minimised another error than the passive one; empty where both are free runs."""
+    from lpvid.report.stability import fits_free_run
+
+    if found.unconstrained is None or fits_free_run(found.unconstrained):
+        return ""
+    return " (the unconstrained model minimises the one-step error, the passive one its free run)"
 
 
 def passivity_section(found: Identification) -> tuple[Section, ...]:
@@ -174,7 +183,7 @@ def _cost_table(found: Identification) -> list[Item]:
         Notes(
             (
                 "The passive model's free run was minimised; the unconstrained model is the estimate that it "
-                "started from.",
+                f"started from{_other_aim(found)}.",
             )
         ),
     ]

@@ -35,7 +35,7 @@ MOST_LOCI = 4
 BECOMES = {"to-stable": "becomes stable", "to-unstable": "becomes unstable", "touching": "touches the limit"}
 CROSSES = {"complex": "a complex pair", "zero": "0", "imaginary": "an imaginary pair"}
 """words for the direction and the crossing of a critical value"""
-FREE_RUN = ("oe", "state-space-error")
+FREE_RUN = ("oe", "state-space-error", "quasi-lpv", "compliance", "right-coprime")
 """kinds of structure whose estimate minimises the free-run error, unless it has an observer gain"""
 WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
            "unless a certificate states so.")

@@ -85,6 +85,15 @@ def test_held_out_currents_beyond_the_training_range_are_named(folder, tmp_path)
     assert "training range of the scheduling" not in run(*words[:-1], "--hold-out", "0.1").output
 
 
+def test_a_rate_that_was_given_is_not_advised_again(folder, tmp_path):
+    rows = (folder / "wide.csv").read_text().splitlines()
+    slow = tmp_path / "slow.csv"
+    slow.write_text("\n".join([rows[0], *rows[1::2]]) + "\n")
+    described = run("identify", folder / "run.csv", slow, *IO, "--sample-rate", 100).output
+    assert "mixed-rates" not in described and "resampled from 200 Hz to 100 Hz" in described
+    assert "mixed-rates" in run("inspect", folder / "run.csv", slow).output
+
+
 def test_units_that_no_file_states_are_named_once(folder):
     stated = "no unit is stated for 'force': taken as SI"
     assert run("identify", folder / "bare.csv", *IO).output.count(stated) == 1

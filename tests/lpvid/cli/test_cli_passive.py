@@ -40,6 +40,7 @@ def test_passive_is_certified_stored_and_priced(tmp_path):
     assert lpv.verify(certificate, model).holds
     data = json.loads((out / "identification.json").read_text())
     assert data["passivity"]["active"] is False and data["structure"]["passive"] is True
+    assert "passive one its free run)" in described  # of a one-step estimate beside
     judged = run("stability", out / "model.json", "--draws", 20).output
     assert "with probability" not in judged and "leaves out the constraint of passivity" in judged
     assert "no models are drawn" in judged
