@@ -104,7 +104,7 @@ class Identification(Shown):
         if run is not None and run.esr is not None and run.esr >= 1:
             return "the model cannot simulate the data that it was fitted to: its free run is no better than their mean"
         if self.held_out is not None:
-            return self.held_out.doubt
+            return None if self.held_out.doubt is None else f"{self.held_out.label} {self.held_out.doubt}"
         if self.training is None:
             return None
         coordinates = self.model.order**2 if isinstance(self.model, LPVStateSpace) else 0

@@ -103,7 +103,7 @@ def esr_interval(esr: float, count: float) -> tuple[float, float]:
     return low, high
 
 
-NO_BETTER = "the free run is no better than the mean of the measured output"
+NO_BETTER = "free run no better than the mean of the measured output"
 """of an ESR of 1 or more, a fit of 0 % or less."""
 
 

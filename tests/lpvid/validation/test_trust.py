@@ -104,9 +104,10 @@ def test_a_free_run_no_better_than_the_mean_stands_in_the_first_line():
     model = lpv.identify(linear(400), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y")).model
     wrong = lpv.validate(model.replace(b=-model.b), linear(400, 5))
     assert wrong.overall.free_run.esr > 1
-    assert repr(wrong).startswith("Validation (held-out; the free run is no better than the mean")
+    assert repr(wrong).startswith("Validation (held-out; free run no better than the mean")
     assert verdict(wrong).count("better than the mean") == 0 and "explains nothing of the output" in verdict(wrong)
     fitted = lpv.identify(linear(400), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y"), held_out=linear(400, 5))
     poor = fitted.replace(training=lpv.validate(model.replace(b=-model.b), linear(400)))
     assert fitted.doubt is None
+    assert repr(fitted.replace(held_out=wrong)).startswith("Identification (held-out free run no better than the mean")
     assert repr(poor).startswith("Identification (the model cannot simulate the data that it was fitted to")
