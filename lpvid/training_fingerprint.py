@@ -151,7 +151,7 @@ def unstated_of(model: Any, records: Sequence[Record]) -> tuple[str, ...]:
 
     Parameters
     ----------
-    model : Model
+    model : object
         With inputs, outputs and a box.
     records : sequence of Record
         In the model's roles.
