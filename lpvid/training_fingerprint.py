@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from lpvid.caveat import Caveat
 from lpvid.condition.preparing import STAND_IN
 from lpvid.record import Record
 
@@ -115,9 +117,9 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
         share = float(np.mean((values < low) | (values > high)))
         if share > 0:
             unit = next(r.unit(name) for r in records if r.has(name))
-            said.append(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
+            said.append(Caveat(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
                         f"{values.min():.4g} to {values.max():.4g} {unit}".rstrip()
-                        + f", training {low:.4g} to {high:.4g}")
+                        + f", training {low:.4g} to {high:.4g}"))
     return tuple(said)
 
 
@@ -142,6 +144,24 @@ def unstated_units(records: Sequence[Record], names: Sequence[str]) -> tuple[str
     listed = ", ".join(f"'{n}'" for n in bare)
     return (f"no unit is stated for {listed}: taken as SI; the header 'name [unit]' or --role 'name=name [unit]' "
             "states it",)
+
+
+def unstated_of(model: Any, records: Sequence[Record]) -> tuple[str, ...]:
+    """`unstated_units` of the channels that a model reads.
+
+    Parameters
+    ----------
+    model : object
+        With inputs, outputs and a box.
+    records : sequence of Record
+        In the model's roles.
+
+    Returns
+    -------
+    tuple of str
+        At most one.
+    """
+    return unstated_units(records, (*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names))
 
 
 def unit_doubt(records: Sequence[Record], metadata: Mapping, names: Sequence[str]) -> tuple[str, ...]:

@@ -93,8 +93,13 @@ class PassivityMargin:
         """
         return np.ones(len(self.frequencies), dtype=bool) if band is None else self.frequencies <= band
 
+    @property
+    def unstable(self) -> np.ndarray:
+        """(N,) at which scheduling the frozen model is unstable, so that it has no steady motion."""
+        return np.array([not np.isfinite(row).all() for row in self.damping], dtype=bool)
+
     def description(self, band: float | None = BAND) -> str:
-        """Where energy is given within a band, in a line; empty where none is.
+        """Where the frozen model is unstable, and where else it gives energy within a band; empty where neither.
 
         Parameters
         ----------
@@ -104,19 +109,24 @@ class PassivityMargin:
         Returns
         -------
         str
-            Scheduling, frequencies and least damping; or where the frozen model is unstable.
+            Scheduling, frequencies and least damping.
         """
+        return " and ".join(filter(None, (self._instability(), self._energy(band))))
+
+    def _instability(self) -> str:
+        if not self.unstable.any():
+            return ""
+        return " at ".join(["is unstable", *filter(None, [", ".join(self._spans(self.unstable))])])
+
+    def _energy(self, band: float | None) -> str:
         inside = self.within(band)
-        mask = self.mask[:, inside]
+        mask = (self.mask & ~self.unstable[:, None])[:, inside]
         if not mask.any():
             return ""
         f, damping = self.frequencies[inside], self.damping[:, inside]
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        spans = [_span(self.scheduling[rows, i], n, u)
-                 for i, (n, u) in enumerate(zip(self.names, self.units, strict=True))]
-        where = ", ".join([*spans, f"{_number(float(f[columns[0]]))} to {_number(float(f[columns[-1]]))} Hz"])
-        if not np.isfinite(damping[mask]).all():
-            return f"is unstable at {where}"
+        columns = np.flatnonzero(mask.any(axis=0))
+        where = ", ".join([*self._spans(np.array([row.any() for row in mask])),
+                           f"{_number(float(f[columns[0]]))} to {_number(float(f[columns[-1]]))} Hz"])
         row, column = np.unravel_index(int(np.argmin(np.where(mask, damping, np.inf))), mask.shape)
         held = zip(self.scheduling[row].tolist(), self.units, strict=True)
         at = ", ".join([*(f"{_number(v)} {u}".rstrip() for v, u in held), f"{_number(float(f[column]))} Hz"])
@@ -124,6 +134,16 @@ class PassivityMargin:
         size = f", {far if self.large[:, inside][row, column] else 'small amplitudes'}" if self.shaped else ""
         unit = f" {self.unit}" if self.unit else ""
         return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
+
+    def _spans(self, rows: np.ndarray) -> list[str]:
+        """Stretches of a single scheduling variable over the judged points; of several, the range of each."""
+        if len(self.names) == 1:
+            order = np.argsort(self.scheduling[:, 0], kind="stable")
+            index = np.flatnonzero(rows[order])
+            stretches = np.split(self.scheduling[order][index, 0], np.flatnonzero(np.diff(index) > 1) + 1)
+            return [" and ".join(_span(values, self.names[0], self.units[0]) for values in stretches)]
+        return [_span(self.scheduling[rows, i], n, u)
+                for i, (n, u) in enumerate(zip(self.names, self.units, strict=True))]
 
     def statement(self) -> str:
         """What is reported of an unconstrained model: within `BAND`, and beyond it; empty if passive.
@@ -133,7 +153,10 @@ class PassivityMargin:
         str
             One sentence without subject.
         """
-        inside, everywhere = self.description(BAND), self.description(None)
+        return "; ".join(filter(None, (self._instability(), self._energy_statement())))
+
+    def _energy_statement(self) -> str:
+        inside, everywhere = self._energy(BAND), self._energy(None)
         if not everywhere:
             return ""
         if not inside:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lpvid.cli import options
 from lpvid.cli.beside import labels, with_roles_of
 from lpvid.cli.running import Results, command, conclude, working
+
+if TYPE_CHECKING:
+    from lpvid.record import Record
+    from lpvid.validation.comparing import ComparedModel
 
 
 @command
@@ -46,6 +52,7 @@ def compare(
         report_progress("simulating")
         found = compare_models(loaded, records, sample_rate=models_rate(records, given, raw, clockless),
                                label="training" if training else "held-out", fitted=with_roles)
+        found = replace(found, models=tuple(_with_units(m, with_roles(m.model, records)) for m in found.models))
         refuse_still(found.models[0].model, found.models[0].found)
         if results.kept:
             from lpvid.report.comparing import compare_page
@@ -54,3 +61,11 @@ def compare(
             results.json("compare.json", found.to_dict())
             results.report(compare_page(found, records, with_roles))
     conclude(results, found.to_dict(), repr(found), json)
+
+
+def _with_units(compared: ComparedModel, records: Sequence[Record]) -> ComparedModel:
+    """The same with a note on channels whose unit no file states."""
+    from lpvid.training_fingerprint import unstated_of
+
+    found = compared.found
+    return replace(compared, found=replace(found, notes=(*found.notes, *unstated_of(compared.model, records))))

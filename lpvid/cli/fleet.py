@@ -136,6 +136,7 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
     from lpvid.files import find
     from lpvid.fleet import plan_fleet, run_fleet
     from lpvid.identification.arx import ARX
+    from lpvid.report.fleet import fleet_page
 
     for name, given in refused.items():
         if given:
@@ -160,4 +161,5 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
     results.save("model.json", model.model)
     results.json("identification.json", {**model.to_dict(), "model": "model.json"})
     results.json("fleet.json", found.to_dict())
+    results.report(fleet_page(found))
     return found

@@ -322,7 +322,7 @@ def read_options(path: Path, command: Any) -> dict[str, Any]:
     keys, values = _keys(command), {}
     for key, value in found.items():
         known = key.replace("_", "-")
-        _checks.known_name(known, list(keys), "key", where=path.name)
+        _checks.known_name(known, list(keys), "key", "Take it out; --template prints them all.", where=path.name)
         values[keys[known].name] = _value(path, key, keys[known], value)
     return values
 

@@ -113,8 +113,8 @@ def identify(
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
-    Exits with 3 where the free run of the model diverges on its training data, or with --passive where there is no
-    certificate; the files are written all the same.
+    Exits with 3 where the free run of the model diverges on its training data (with --fleet along one of the files), or
+    with --passive where there is no certificate; the files are written all the same.
     """
     from lpvid.cli.beside import compared, load_beside
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, with_cause, working_rate
@@ -154,7 +154,7 @@ def identify(
             other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
             joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, report_progress)
             conclude(results, joint.to_dict(), str(joint), json)
-            if joint.failed:
+            if joint.failed or joint.diverging:
                 raise typer.Exit(SHORTFALL)
             return
         if chunk is not None:

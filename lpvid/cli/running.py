@@ -423,13 +423,13 @@ def _write_manifest(folder: Path, found: Mapping[str, list[str]]) -> None:
     write_text(json.dumps(found, indent=1) + "\n", folder / MANIFEST)
 
 
-def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool) -> None:
+def conclude(results: Results | None, data: Mapping[str, Any], text: str, as_json: bool) -> None:
     """Write what is kept, then print the result: as JSON alone, or as text with the files that were written.
 
     Parameters
     ----------
-    results : Results
-        Files that are queued.
+    results : Results or None
+        Files that are queued; None of a command that writes none.
     data : mapping of str to object
         Printed where JSON is requested.
     text : str
@@ -437,7 +437,7 @@ def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool
     as_json : bool
         Whether --json was written.
     """
-    written = results.write()
+    written = [] if results is None else results.write()
     if as_json:
         import json
 
@@ -446,6 +446,8 @@ def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool
         typer.echo(json.dumps(jsonable(data), allow_nan=False, indent=2, ensure_ascii=False))
         return
     typer.echo(text)
+    if results is None:
+        return
     if not results.kept:
         typer.echo("nothing was saved: --out DIR keeps the result and its report", err=True)
     if written:

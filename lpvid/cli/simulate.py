@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -32,6 +33,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.cli.data import asked_rate, models_rate, read_clocked, split_names
     from lpvid.cli.parts import parts
     from lpvid.export.serialise import load
+    from lpvid.training_fingerprint import unstated_of
     from lpvid.validation import acting_model
     from lpvid.validation.free_runs import free_runs
 
@@ -45,6 +47,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
         records = [r.with_roles(parts(acting, named)) for r in records]
         report_progress("simulating")
         found = free_runs(acting, records, models_rate(records, given, raw, clockless))
+        found = replace(found, notes=(*found.notes, *unstated_of(acting, records)))
         if results.kept:
             _deliver(results, found, format, model.name, report_progress)
     conclude(results, found.to_dict(), repr(found), json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -75,6 +76,20 @@ def beginning(chunks: Chunks) -> Record:
     return replace(cut, **({"time": None} if cut.time is None else {"sample_time": None}))
 
 
+def first_samples(chunks: Chunks) -> list[Record]:
+    """The first two samples of every record, for the units of its channels.
+
+    Parameters
+    ----------
+    chunks : Chunks
+
+    Returns
+    -------
+    list of Record
+    """
+    return [r for s in chunks.sets for r in itertools.islice(replace(chunks, sets=(s,), rows=2), 1)]
+
+
 def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused: Mapping[str, Any],
               folder: Path | None, report_progress: Callable[[str], None]) -> ReportedIdentification:
     """Audit, choose what was left open, fit, validate: part by part.
@@ -102,6 +117,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     from lpvid.auditing.streamed import audit_stream
     from lpvid.cli.modelling import ReportedIdentification, _settled, marked
     from lpvid.identification.streaming import identify_stream
+    from lpvid.training_fingerprint import unstated_units
     from lpvid.validation.streamed import validate_stream
 
     for name, given in refused.items():
@@ -134,5 +150,6 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     stated = (*notes, *(("the first input lag was chosen on the first "
                        f"{head.n_samples} samples",) if request.searches_delay else ()),
             f"the report draws the first {head.n_samples} samples")
+    stated += unstated_units(first_samples(chunks), request.channels)
     found = marked(found.replace(notes=(*stated, *found.notes)), bool(audited.of("reversed-polarity")))
     return ReportedIdentification(found, (), audited, (head,), shown, request.form)

@@ -114,7 +114,7 @@ def verify(certificate: Annotated[Path, typer.Argument(metavar="CERTIFICATE", he
             "between_grid": found.between_grid, "why": found.why, "claim": getattr(held, "claim", ""),
             "certificate": str(certificate)}
     claim = f"\n  {data['claim']}" if found.holds else ""
-    conclude(Results(None), data, f"{found}{claim}", json)
+    conclude(None, data, f"{found}{claim}", json)
     if not found.holds:
         raise typer.Exit(SHORTFALL)
 

@@ -33,7 +33,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.cli.data import asked_rate, models_rate, read_clocked, split_names
     from lpvid.cli.parts import parts, refuse_still
     from lpvid.export.serialise import load
-    from lpvid.training_fingerprint import unstated_units
+    from lpvid.training_fingerprint import unstated_of
     from lpvid.validation import acting_model
 
     results = Results(out)
@@ -58,8 +58,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         rate = models_rate(records, given, raw, clockless)
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
         refuse_still(loaded, found)
-        used = (*(s.name for s in (*loaded.inputs, *loaded.outputs)), *loaded.box.names)
-        found = replace(found, notes=(*found.notes, *unstated_units(records, used)))
+        found = replace(found, notes=(*found.notes, *unstated_of(loaded, records)))
         beside_it = compared((name, loaded), others, measured, label, rate, named)
         stated = found.to_dict() if beside_it is None else {**found.to_dict(), "beside": beside_it.to_dict()}
         if results.kept:
@@ -78,7 +77,8 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
 def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, Any], rows: int, label: str,
               json: bool, report_progress: Callable[[str], None]) -> None:
     """The same for data that are read in parts."""
-    from lpvid.cli.streamed import beginning, parts
+    from lpvid.cli.streamed import beginning, first_samples, parts
+    from lpvid.training_fingerprint import unstated_of
     from lpvid.validation.report import acting_model
     from lpvid.validation.streamed import validate_stream
 
@@ -87,6 +87,7 @@ def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, 
     acts = acting_model(model, [head])
     used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
     found = validate_stream(acts, chunks.only(used), label=label, report_progress=report_progress)
+    found = replace(found, notes=(*found.notes, *unstated_of(acts, first_samples(chunks))))
     if results.kept:
         from lpvid.report.figures import comparisons
         from lpvid.report.validation import validation_page

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.record import Record
+
 DISTINCT = 0.02
 """Share of its largest value below which a command counts as constant, and two of its values as one level.
 
@@ -37,3 +43,35 @@ def constant(low: float, high: float, unit: str) -> bool:
     """
     share = DISTINCT if unit in COMMANDS else ROUNDING
     return bool(high - low <= share * max(abs(low), abs(high)))
+
+
+def at_rest(records: Sequence[Record], names: Sequence[str]) -> bool:
+    """Whether scheduling variables stand still within every record, though they may differ between records.
+
+    A lag, a delay or a filter of the scheduling leaves no trace in such data.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    names : sequence of str
+        Of the variables; missing samples count for nothing.
+
+    Returns
+    -------
+    bool
+        False without any variable.
+
+    Examples
+    --------
+    >>> runs = [Record({"current": np.full(9, i)}, sample_time=0.01, units={"current": "A"}) for i in (0.0, 1.0)]
+    >>> at_rest(runs, ["current"])
+    True
+    """
+    return bool(names) and all(_rests([r[n][np.isfinite(r[n])] for r in records], records[0].unit(n)) for n in names)
+
+
+def _rests(values: Sequence[np.ndarray], unit: str) -> bool:
+    """Whether every stretch stays within the share of the largest value of all that `constant` allows."""
+    size = max((float(np.abs(v).max(initial=0.0)) for v in values), default=0.0)
+    share = DISTINCT if unit in COMMANDS else ROUNDING
+    return all(v.size == 0 or float(np.ptp(v)) <= share * size for v in values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -270,6 +271,8 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
         data = _named_columns(data, units)
     if hasattr(data, "collect_schema") and not hasattr(data, "to_numpy"):
         raise InputError("a lazy frame holds no data yet", got=type(data).__name__, mend="give frame.collect()")
+    if hasattr(data, "to_dataset") and not hasattr(data, "data_vars"):
+        data = _dataset(data)
     if _columns_of(data) is not None:
         return [_from_columns(data, name, units or {})]
     if isinstance(data, Iterable) and not isinstance(data, (str, bytes, np.ndarray)):
@@ -287,6 +290,15 @@ def _with_own_units(record: Record, units: Mapping[str, str] | None) -> Record:
         raise InputError("units= belongs to columns whose names state none", got=f"record '{record.name}', which has "
                          "its own", mend="leave units= out, or give them to lpv.Record(..., units={...})")
     return record
+
+
+def _dataset(data: Any) -> Any:
+    """An xarray DataArray of one named channel as a Dataset."""
+    if getattr(data, "name", None) is None or len(data.dims) != 1:
+        raise InputError("a DataArray is one channel with a name and one dimension",
+                         got=f"name {data.name!r}, dimensions {', '.join(map(str, data.dims)) or 'none'}",
+                         mend="give a Dataset: array.to_dataset(dim=...) or array.to_dataset(name=...)")
+    return data.to_dataset()
 
 
 def _named_columns(data: np.ndarray, units: Mapping[str, str]) -> dict[str, np.ndarray]:
@@ -323,6 +335,9 @@ def _from_columns(data: Any, name: str, stated: Mapping[str, str]) -> Record:
     headers = _columns_of(data)
     if headers is None:
         raise _no_record(data)
+    twice = next((h for h, n in Counter(map(str, headers)).items() if n > 1), None)
+    if twice is not None:
+        raise InputError(f"{name}: two columns are named '{twice}'", mend="give every column a name of its own")
     titles = [units.parse_header(str(header)) for header in headers]
     sources = [(str(header), data[header]) for header in headers]
     if not any(is_time_name(title) for title, _ in titles) and (clock := _index_clock(data)) is not None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.condition.constancy import at_rest
 from lpvid.condition.derivation import DERIVED, derived
 from lpvid.diagnosis.effect import Effect, LpvChange
 from lpvid.errors import InputError
@@ -139,13 +140,15 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
     if not kept:
         pairs = [split_tail(r, HELD_OUT) for r in records]
         training, kept = [a for a, _ in pairs], [b for _, b in pairs]
-    stated, left, taken = [], [], []
+    stated, left, taken, names = [], [], [], structure.basis.names
     for effect in effects:
         change = effect.lpv_change()
         lacking = None if change is None else _lacking((*change.regressors, *change.schedule), derived(records))
         if change is None or lacking is not None:
             why = f"{lacking} was not measured" if lacking else "no LPV structure shows it"
             left.append(f"{effect.name}: {why}")
+        elif change.schedule_filter is not None and at_rest(training, names):
+            left.append(f"{effect.name}: {', '.join(names)} stands still within every record")
         else:
             taken.append(effect)
             stated.append(f"{effect.name}: {change.description}")

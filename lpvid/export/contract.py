@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.export.step_program import StepProgram
+from lpvid.model.quasi import SelfScheduled
 
 SAMPLES = 200
 """samples of the reference data of a self-test"""
@@ -88,7 +89,9 @@ class Exportable:
             raise InputError("an unstable model is not exported as a step",
                              got=f"a self-test of {self.program.name} that leaves all bounds at sample "
                              f"{int(np.argmin(np.isfinite(y).all(axis=1)))}",
-                             mend="identify again with a lower order, or with --passive")
+                             mend="identify again with --na 0, which is bounded by construction"
+                             if isinstance(self.model, SelfScheduled) else
+                             "identify again with a lower order, or a damper with --passive")
         return u, y
 
     def rounding(self, samples: int = SAMPLES) -> float:

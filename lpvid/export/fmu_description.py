@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
@@ -15,6 +16,9 @@ BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 """Base units of FMI."""
 STRUCTURED = 500
 """Variables up to which their names are declared structured: FMPy 0.3.32 parses each such name for some 10 ms."""
+
+IDENTIFIER = re.compile(r"(der\()?[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+(,\d+)*\])?\)?", re.ASCII)
+"""a structured name of FMI 2.0 (2.2.9) without quotes"""
 
 
 @dataclass(frozen=True)
@@ -207,8 +211,12 @@ def build_description(program: StepProgram) -> str:
 
 
 def _convention(listed: tuple[Variable, ...]) -> str:
-    """Structured names let a tool show arrays as such; many are flat, since importers parse each (see `STRUCTURED`)."""
-    return "structured" if len(listed) <= STRUCTURED else "flat"
+    """Structured names let a tool show arrays as such; many are flat, since importers parse each (see `STRUCTURED`).
+
+    So are names of channels that are no identifiers (`motor current`): flat names may be any text.
+    """
+    plain = all(IDENTIFIER.fullmatch(v.name) for v in listed)
+    return "structured" if plain and len(listed) <= STRUCTURED else "flat"
 
 
 def _attributes(v: Variable) -> str:

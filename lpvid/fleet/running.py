@@ -126,6 +126,11 @@ class FleetResult:
         return float(np.median([self.esr(n) for n in self.errors])) if self.errors else float("nan")
 
     @property
+    def diverging(self) -> tuple[str, ...]:
+        """Files along which the free run of the model of all diverges, though it was fitted to them."""
+        return tuple(n for n, row in self.errors.items() if row.get("diverged"))
+
+    @property
     def failed(self) -> tuple[str, ...]:
         """Files of which some step was not done."""
         return tuple(n for n, found in self.outcomes.items() if any(o.state != "done" for o in found.values()))
@@ -154,6 +159,16 @@ class FleetResult:
         if not np.isfinite(self.differing.centre):
             judged = f"which of them differ is open: that takes {FEWEST} files"
         return f"{stated}; {judged}{self._audited()}."
+
+    def _spread(self) -> str:
+        """Median and largest of the files' free-run errors, and where the run diverges; empty without any."""
+        if not self.errors:
+            return ""
+        worst = max(self.errors, key=self.esr)
+        most = "" if not np.isfinite(self.esr(worst)) else f", {self.esr(worst):.4g} at most ({worst})"
+        gone = "" if not self.diverging else f"; it diverges in {len(self.diverging)} (first: {self.diverging[0]})"
+        median = f"ESR {self.median_esr:.4g} in the median" if np.isfinite(self.median_esr) else "no median ESR"
+        return f": {median}{most}{gone}"
 
     def _reach(self) -> str:
         """How far off a file would have to be to be named, and how far the farthest is."""
@@ -206,7 +221,7 @@ class FleetResult:
     def __str__(self) -> str:
         lines = [f"Fleet: {self.verdict}"]
         if self.found is not None:
-            lines += [f"  model of all: {self.found.model}", f"  errors of the files: {FIGURES}"]
+            lines += [f"  model of all: {self.found.model}", f"  errors of the files: {FIGURES}{self._spread()}"]
         if self.against:
             lines.append(f"  diagnosed against {self.against}")
         for name in (() if self.differing is None else self.differing.named)[:12]:

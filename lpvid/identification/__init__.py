@@ -14,6 +14,7 @@ from lpvid.files.streaming import Chunks
 from lpvid.identification.covariance import residual_memory
 from lpvid.identification.result import Identification
 from lpvid.identification.separation import separated, spoken_for
+from lpvid.identification.stage_fit import require_motion
 from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
 from lpvid.record import Record
@@ -23,6 +24,8 @@ from lpvid.validation import figures, validate
 
 COLOURED_LIMIT = 400_000
 """samples up to which a coloured residual's covariance is worth two more passes over the data."""
+
+SANDWICH = "least squares, sandwich over the coloured residual"
 
 
 def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, *, sample_rate: float | None = None,
@@ -51,8 +54,8 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     Raises
     ------
     InputError
-        Missing or unusable channels, a scheduling variable that does not move, too few samples, parameters that
-        these data cannot separate.
+        Missing or unusable channels, a scheduling variable that does not move, a scheduling filter to be fitted where
+        it moves in no record, too few samples, parameters that these data cannot separate.
 
     Examples
     --------
@@ -80,6 +83,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     listed = with_derived(listed, structure.channels)
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
                       remedy="a lower order")
+    require_motion(pieces, structure)
     found = _remember(structure.estimate(pieces), pieces, listed[0])
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     found = _coloured(found.replace(training=figures(found.model, pieces, "training"), notes=notes), pieces)
@@ -121,7 +125,7 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
     if covariance is None:
         return found
     stated = f"the residual is correlated over {memory} samples: standard errors in sandwich form"
-    return found.with_covariance(covariance).replace(notes=(*found.notes, stated))
+    return found.with_covariance(covariance).replace(notes=(*found.notes, stated), covariance_kind=SANDWICH)
 
 
 def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:

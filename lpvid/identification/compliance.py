@@ -34,6 +34,8 @@ SAMPLES = 12_000
 """samples on which the starts are compared."""
 SURE = 0.02
 """what one equation of the prior is worth, as a share of the output's spread."""
+QUANTILE = 1.96
+"""of the normal law, two-sided, at 95 %"""
 
 
 @dataclass(frozen=True)
@@ -153,8 +155,9 @@ class Compliance(Structure):
             problem = ComplianceProblem.of(records, best_problem.model, free, self.asymmetric)
             found = self._search(problem, best.trial.x, self.max_iterations)
             assert found is not None
-            return package(self, problem.model_at(found.trial.x), problem, found, records,
-                           (f"best of {len(tried)} starts",), problem.matrix)
+            whole = package(self, problem.model_at(found.trial.x), problem, found, records,
+                            (f"best of {len(tried)} starts",), problem.matrix)
+        return whole.replace(notes=(*whole.notes, *rigid_remarks(whole)))
 
     def _search(self, problem: ComplianceProblem, start: np.ndarray, iterations: int) -> FreeRunSearchEnd | None:
         scales, prior = self._prior(problem)
@@ -218,3 +221,25 @@ class Compliance(Structure):
         linear = [0.1 * spread / r for r in [*reach, 1.0]]
         scales = np.concatenate([np.ones(place), linear, problem.filter_scales])
         return scales, Prior(np.array(rows), np.array(values))
+
+
+def rigid_remarks(found: Identification) -> tuple[str, ...]:
+    """Springs whose compliance the data do not distinguish from none.
+
+    The compliance 1/k has the relative standard error of ln k; within `QUANTILE` of its own standard errors it may be
+    zero, which is an element without a spring.
+
+    Parameters
+    ----------
+    found : Identification
+        Of a `Compliance`.
+
+    Returns
+    -------
+    tuple of str
+        One remark for each such spring.
+    """
+    named = zip(found.parameter_names, found.parameters.tolist(), found.standard_errors.tolist(), strict=True)
+    return tuple(f"not identifiable: the stiffness {name.removeprefix('ln ')}, {np.exp(value):.3g} N/m: at the 95 % "
+                 "level these data do not distinguish its compliance from none, and a rigid element would do"
+                 for name, value, error in named if name.startswith("ln k_h") and not 0 < QUANTILE * error < 1)

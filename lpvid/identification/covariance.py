@@ -134,12 +134,11 @@ def bartlett(scores: Sequence[np.ndarray], lags: int) -> np.ndarray:
     -------
     (k, k) array
     """
-    out = np.zeros((scores[0].shape[1], scores[0].shape[1]))
-    for s in scores:
-        out += s.T @ s
-        for lag in range(1, min(lags, len(s) - 1) + 1):
-            product = (1 - lag / (lags + 1)) * (s[lag:].T @ s[:-lag])
-            out += product + product.T
+    out, window = np.zeros((scores[0].shape[1], scores[0].shape[1])), lags + 1
+    for s in scores:  # (1 − |τ|/window) of s(t) s(t−τ)ᵀ is the mean share of the windows that hold both samples
+        sums = np.cumsum(np.vstack([s, np.zeros((lags, s.shape[1]))]), axis=0)
+        sums[window:] -= sums[:-window].copy()
+        out += sums.T @ sums / window
     return out
 
 
@@ -221,12 +220,13 @@ def estimate_covariance(jacobian: np.ndarray, residual: np.ndarray, lengths: Seq
 
 
 def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor: Factor, theta: np.ndarray,
-                        memory: int) -> np.ndarray | None:
+                        memory: int) -> np.ndarray:
     r"""(XᵀX)⁻¹ S (XᵀX)⁻¹ with S the long-run covariance of the scores x(t) e(t).
 
     S = Σ_b s_b s_bᵀ B/(B − 1), where s_b sums the scores over blocks of three times the residual's `memory` (batch
-    means; Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not
-    remove the bias that colour gives least squares.
+    means; Carlstein 1986, and White 1980 for the sandwich). Data too short for enough blocks take lagged products with
+    Bartlett weights (`bartlett`). It corrects the standard errors for colour; it does not remove the bias that colour
+    gives least squares.
 
     Parameters
     ----------
@@ -240,18 +240,20 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
 
     Returns
     -------
-    (columns·n_outputs, columns·n_outputs) array or None
-        None where the data are too short for enough blocks.
+    (columns·n_outputs, columns·n_outputs) array
     """
     from scipy.linalg import solve_triangular
 
     k, ny = factor.columns, theta.shape[1]
     length = block_length(memory, factor.rows, k)
-    if length is None:
-        return None
     with single_thread():
         inverse = solve_triangular(factor.r[:k, :k], np.eye(k))
         gram = inverse @ inverse.T
+        freedom = factor.rows / max(factor.rows - k, 1)
+        if length is None:
+            middle = bartlett([_scores(r, data, theta) for r in records], 3 * memory)
+            outer = np.kron(np.eye(ny), gram)
+            return outer @ middle @ outer * freedom
         total, blocks = np.zeros((k * ny, k * ny)), 0
         work = np.zeros((k + ny, CHUNK))
         pending, held = np.zeros(k * ny), 0
@@ -268,8 +270,17 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
                         total += np.outer(pending, pending)
                         pending, held, blocks = np.zeros(k * ny), 0, blocks + 1
         outer = np.kron(np.eye(ny), gram)
-        scale = factor.rows / (length * max(blocks - 1, 1)) * factor.rows / max(factor.rows - k, 1)
-        return outer @ total @ outer * scale
+        return outer @ total @ outer * (factor.rows / (length * max(blocks - 1, 1)) * freedom)
+
+
+def _scores(record: Record, data: RegressionData, theta: np.ndarray) -> np.ndarray:
+    """(n, columns·n_outputs) x(t) e(t) of one record."""
+    k, ny = theta.shape
+    work, out = np.zeros((k + ny, CHUNK)), []
+    for rows in rows_of(record, data, work):
+        x, y = work[:k, :rows], work[k:, :rows]
+        out.append(np.einsum("or,kr->rok", y - theta.T @ x, x).reshape(rows, k * ny))
+    return np.vstack(out)
 
 
 def block_length(memory: int, samples: int, parameters: int) -> int | None:

@@ -168,10 +168,10 @@ class Passive(ThroughARX):
                  certificate: PassivityCertificate) -> Identification:
         layout = search.layout
         model = search.model_at(reached.xi)
-        covariance, condition, rows = search.covariance(reached)
+        covariance, condition, rows, kind = search.covariance(reached)
         structure = replace(self, structure=replace(self.structure, basis=model.basis, stage=model.input_stage,
                                                     schedule_filter=model.scheduling_stage))
-        kind = "free run, white residual, the constraint left out"
+        kind += ", the constraint left out"
         metadata: dict = {"structure": structure.to_dict(), "covariance_kind": kind,
                           "training": {"records": [r.name for r in records], "n_samples": rows},
                           "passive": certificate.to_dict()}

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
-from lpvid.identification.covariance import inverse_gram
+from lpvid.identification.covariance import pseudo_inverse
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.levenberg_marquardt import reduce
+from lpvid.identification.pem_covariance import free_run_covariance
 from lpvid.identification.pem_problem import Point, PredictionErrorProblem, PredictionErrors
 from lpvid.lmi.passive_form import slack
 from lpvid.lmi.passive_search import PassiveProgram, current_centre
@@ -435,10 +436,11 @@ class PassiveSearch:
             return False
         return self.program(xi).shortage(iterate) <= 0.9 * max(-self.room, 0.5 * before)
 
-    def covariance(self, reached: Reached) -> tuple[np.ndarray, float, int]:
-        """(k, k) σ²(JᵀJ)⁻¹ of the layout's parameters in free run, the condition of J in unit columns, and its rows.
+    def covariance(self, reached: Reached) -> tuple[np.ndarray, float, int, str]:
+        """Covariance of the layout's parameters, the condition of J in unit columns, its rows, and how it was found.
 
-        The constraint is left out: where it is active the parameters vary less.
+        It allows for the colour of the free run's error (`free_run_covariance`). The constraint is left out: where it
+        is active the parameters vary less.
 
         Parameters
         ----------
@@ -447,18 +449,19 @@ class PassiveSearch:
 
         Returns
         -------
-        (k, k) array, float, int
+        (k, k) array, float, int, str
         """
-        found = self.linearised(reached.xi)
-        assert found is not None
+        found, point = self.linearised(reached.xi), self.point(reached.xi)
+        residuals = self.problem.residuals(point)
+        assert found is not None and residuals is not None
         jacobian = found[0]
         norms = np.linalg.norm(jacobian, axis=0)
         size = np.where(norms > 0, norms, 1.0)
         alive = (jacobian / size)[:, norms > 0]
-        rows = self.problem.counted
-        chain = self.chain(reached.xi)[: self.layout.size]
-        spread = found[2] / max(rows - reached.xi.size, 1)
-        return (chain @ (spread * inverse_gram(jacobian)) @ chain.T, float(np.linalg.cond(alive)), rows)
+        whole, kind = free_run_covariance(self.problem, point, residuals,
+                                          self.chain(reached.xi) @ pseudo_inverse(jacobian), self.record_weights)
+        k = self.layout.size
+        return whole[:k, :k], float(np.linalg.cond(alive)), self.problem.counted, kind
 
 
 def _positive_parts(model: LPVTransferFunction) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lpvid._shown import Shown
+from lpvid.caveat import Caveat
 from lpvid.identification.layout import ModelLayout, ParameterCloud
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.state_space import LPVStateSpace
@@ -93,15 +94,17 @@ class Identification(Shown):
     def doubt(self) -> str | None:
         """Why the fit cannot be trusted, or None: of the held-out data, or else of the training data.
 
-        A free run that diverges on the training data counts first.
+        A free run that diverges on the training data, or is no better than their mean, counts first.
 
         A state space counts without the n² entries that only choose its state coordinates.
         """
         run = None if self.training is None else self.training.overall.free_run
         if run is not None and run.diverged_at is not None:
             return "the model cannot simulate the data that it was fitted to: its free run diverges"
+        if run is not None and run.esr is not None and run.esr >= 1:
+            return "the model cannot simulate the data that it was fitted to: its free run is no better than their mean"
         if self.held_out is not None:
-            return self.held_out.doubt
+            return None if self.held_out.doubt is None else f"{self.held_out.label} {self.held_out.doubt}"
         if self.training is None:
             return None
         coordinates = self.model.order**2 if isinstance(self.model, LPVStateSpace) else 0
@@ -114,8 +117,8 @@ class Identification(Shown):
         if self.held_out is None:
             return ()
         share = self.held_out.extrapolation_share
-        beyond = () if share < 5e-4 else (f"{100 * share:.1f} % of samples outside the training range of the "
-                                          "scheduling: the model extrapolates there",)
+        beyond = () if share < 5e-4 else (Caveat(f"{100 * share:.1f} % of samples outside the training range of the "
+                                                 "scheduling: the model extrapolates there"),)
         return (*(n for n in self.held_out.notes if n not in self.notes), *beyond)
 
     @property

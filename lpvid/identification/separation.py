@@ -37,6 +37,7 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.auditing.coherence import INFLATION, InputCoherence, input_coherence, one_per_motion
 from lpvid.auditing.view import View
+from lpvid.caveat import Caveat
 from lpvid.condition.tables import as_records
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.result import Identification
@@ -155,7 +156,7 @@ def _mean_square(found: Identification, records: Sequence[Record]) -> float:
 
 def _noted(found: Identification, marked: dict, note: str) -> Identification:
     model = found.model.replace(metadata={**found.model.metadata, "coherent_inputs": marked})
-    return found.replace(model=model, notes=(*found.notes, note))
+    return found.replace(model=model, notes=(*found.notes, Caveat(note)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvid._forks import in_forks
 from lpvid._threads import single_thread
+from lpvid.condition.constancy import at_rest
 from lpvid.errors import InputError
 from lpvid.identification.result import Identification
 from lpvid.model.input_stage import NARROWEST, STAGES, InputStage
@@ -120,6 +121,31 @@ def _search(records: Sequence[Record], structure: StagedStructure, box: Scheduli
     stated = " and ".join(fitted_stages(result.model, structure))
     return result.replace(notes=(*result.notes, *unresolved(result.model, structure, records),
                                  f"fitted to the free run on training data: {stated}; the covariance holds it fixed"))
+
+
+def require_motion(records: Sequence[Record], structure: object) -> None:
+    """Refuse to fit a scheduling filter to records within which the scheduling stands still.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : object
+        Any structure; one without a filter to be fitted, or with one that is given, needs no motion.
+
+    Raises
+    ------
+    InputError
+        A filter is asked for by name, and no record shows it.
+    """
+    wanted = getattr(structure, "schedule_filter", None)
+    if not isinstance(wanted, str):
+        return
+    names = next((tuple(b.names) for n in ("external", "basis") if (b := getattr(structure, n, None)) is not None),
+                 ()) or tuple(filter(None, (getattr(structure, "current", None),)))
+    if at_rest(records, names):
+        raise InputError(f"no scheduling filter can be fitted: {', '.join(names)} stands still within every record",
+                         got=f"the filter '{wanted}'", why="a filter shows only where its input moves",
+                         mend="leave the filter out, or add records in which the scheduling steps")
 
 
 def fitted_stages(model: LPVTransferFunction, structure: StagedStructure) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
+from lpvid.condition.constancy import DISTINCT
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.identification.arx import _moves
-from lpvid.identification.covariance import block_length, residual_memory
+from lpvid.identification.covariance import bartlett, block_length, residual_memory
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.staged_search import StagedLayout
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
@@ -24,6 +25,9 @@ from lpvid.record import Record
 from lpvid.scheduling import Basis, Scheduling
 from lpvid.scheduling.basis import checked_basis
 from lpvid.validation import residual_tests
+
+SCORES = 64
+"""samples of a stretch whose scores are formed at once; a record's rest behind the last whole one is left out."""
 
 
 class StateSpaceStructure(Structure):
@@ -182,21 +186,26 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
     if sure.free < layout.size and free_coordinates:
         stated.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
                     "standard errors hold the coordinates fixed")
-    unstable = _unstable_share(model, search)
+    unstable, resting = _unstable_share(model, search)
     if unstable > 0:
         stated.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
-                    "the run is bounded there by the motion of the scheduling, not by the model")
+                    + ("the scheduling stands still there, and a longer run diverges" if resting else
+                       "the run is bounded there by the motion of the scheduling, not by the model"))
     return Identification(model, structure, layout, covariance, sure.condition, sure.condition,
                           search.data.rows, notes=tuple(stated), covariance_kind=sure.kind)
 
 
-def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
-    """Share of the training samples at which the frozen model is unstable."""
+def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> tuple[float, bool]:
+    """Share of the training samples at which the frozen model is unstable; whether it rests in one of their records."""
     if not model.order:
-        return 0.0
-    phi = np.vstack([piece[0][:: max(1, len(piece[0]) // 2000)] for piece in search.data.at(model).pieces])
-    poles = np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))
-    return float(np.mean(np.abs(poles).max(axis=1) > 1.0))
+        return 0.0, False
+    unstable, resting = [], False
+    for piece in search.data.at(model).pieces:
+        phi = piece[0][:: max(1, len(piece[0]) // 2000)]
+        outside = np.abs(np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))).max(axis=1) > 1.0
+        unstable.append(outside)
+        resting = resting or bool(outside.any() and (np.ptp(phi, axis=0) <= DISTINCT).all())
+    return float(np.mean(np.concatenate(unstable))), resting
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,8 +236,8 @@ class Precision:
 def _precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
     """Covariance through the projected Jacobian, zero along a change of coordinates.
 
-    For white errors σ² (JᵀJ)⁺. Where the whiteness test fails and the data are long enough, the sandwich
-    (JᵀJ)⁺ S (JᵀJ)⁺ with S from sums of the scores over blocks (`sandwich`), the initial states held.
+    For white errors σ² (JᵀJ)⁺. Where the whiteness test fails, the sandwich (JᵀJ)⁺ S (JᵀJ)⁺ with S from sums of the
+    scores over blocks, or of data too short for these from Bartlett weights (`bartlett`), the initial states held.
     """
     model, data = search.model, search.data
     with single_thread():
@@ -240,33 +249,50 @@ def _precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_co
         covariance, free = local.covariance(search.evaluation.cost / freedom)
         kind = Precision.kind
         series = [e[:, o] for e in search.evaluation.errors for o in range(e.shape[1])]
-        length = block_length(residual_memory(series), data.rows // model.n_outputs, free)
+        memory = residual_memory(series)
+        length = block_length(memory, data.rows // model.n_outputs, free)
         white = all(t.passed for t in residual_tests(series, [None] * len(series)))
-        if length is not None and not white:
+        if not white:
             inverse, _ = local.covariance(1.0)
-            middle = _scores(model, layout, data, search.evaluation.starts, length) * (data.rows / freedom)
+            starts = search.evaluation.starts
+            middle = (bartlett(_scores(model, layout, data, starts), 3 * memory) if length is None else
+                      _block_sums(model, layout, data, starts, length)) * (data.rows / freedom)
             covariance, kind = inverse @ middle @ inverse, "projected Jacobian, sandwich over coloured errors"
     errors = np.vstack(search.evaluation.errors)
     noise = errors.T @ errors / max(len(errors) - lost / errors.shape[1], 1.0)
     return Precision(covariance, noise, local.condition, free, kind)
 
 
-def _scores(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, starts: Sequence[np.ndarray],
-            length: int) -> np.ndarray:
+def _block_sums(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, starts: Sequence[np.ndarray],
+                length: int) -> np.ndarray:
     """(k, k) long-run sum of products of the scores Jᵀe, from sums over blocks of `length` samples."""
+    total, used, every = np.zeros((layout.size, layout.size)), 0, 0
+    for i, piece in enumerate(data.at(model).pieces):
+        every += len(piece[2])
+        for products in _products(model, layout, data, starts, i, length):
+            score = products.sum(axis=(0, 1))
+            total += np.outer(score, score)
+            used += length
+    return total * (every / max(used, 1))
+
+
+def _scores(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, starts: Sequence[np.ndarray]
+            ) -> list[np.ndarray]:
+    """(n, k) scores Jᵀe of every sample, record by record."""
+    return [np.vstack([p.sum(axis=1) for p in _products(model, layout, data, starts, i, min(SCORES, len(piece[2])))])
+            for i, piece in enumerate(data.at(model).pieces)]
+
+
+def _products(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, starts: Sequence[np.ndarray],
+              record: int, length: int) -> Iterator[np.ndarray]:
+    """(length, outputs, k) products of the Jacobian and the error, stretch by whole stretch of one record."""
     from lpvid._state_space_kernels import sensitivity_rows
 
     arrays, table = stacks(model), np.array(layout.table)
     nx, ny, k = model.order, model.n_outputs, layout.size
-    total, used, every = np.zeros((k, k)), 0, 0
     block = np.zeros((nx + k + 1, length * ny))
-    for (phi, u, y), (d_phi, d_u), x0 in zip(data.at(model).pieces, data.tangents(model), starts, strict=True):
-        x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, k))])
-        every += len(y)
-        for first in range(0, len(y) - length + 1, length):
-            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, first + length, block,
-                             d_phi, d_u)
-            score = block[nx: nx + k] @ block[nx + k]
-            total += np.outer(score, score)
-            used += length
-    return total * (every / max(used, 1))
+    (phi, u, y), (d_phi, d_u) = data.at(model).pieces[record], list(data.tangents(model))[record]
+    x, moved = starts[record].copy(), np.hstack([np.eye(nx), np.zeros((nx, k))])
+    for first in range(0, len(y) - length + 1, length):
+        sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, first + length, block, d_phi, d_u)
+        yield (block[nx: nx + k] * block[nx + k]).T.reshape(length, ny, k)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lpvid.auditing import Audit
+from lpvid.caveat import Caveat
 from lpvid.identification.result import Identification
 from lpvid.model.quasi import SelfScheduled
 from lpvid.plot import Comparison
@@ -18,12 +19,6 @@ from lpvid.report.stability import fits_free_run, locus_items
 from lpvid.validation import Validation
 
 MOST_PARAMETERS = 200
-TOGETHER = ("inputs move together", "the held-out inputs move together")
-"""how remarks on inputs begin that are a caveat of every figure."""
-GRAVE = ("--flip", "of its start", "outside the range of the training data", "outside the training range")
-"""words of remarks on held-out data that are a caveat of the held-out figures"""
-LEAK = "the held-out figures test less than they seem to"
-"""How a note ends that states the held-out excitation has been seen in training."""
 
 
 def identification_page(found: Identification, shown: Sequence[Comparison], gaps: Sequence[FormGap],
@@ -108,8 +103,7 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
         lines.append("All figures are on training data: nothing was held out. They show little of other data.")
-    lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK) or n.startswith(TOGETHER)]
-    lines += [f"{n[:1].upper()}{n[1:]}." for n in found.held_out_notes if any(words in n for words in GRAVE)]
+    lines += [f"{n[:1].upper()}{n[1:]}." for n in (*found.notes, *found.held_out_notes) if isinstance(n, Caveat)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):
         lines.append(_coloured(found))

@@ -45,10 +45,25 @@ def energy_statement(model: Any) -> PassivityMargin | None:
     from lpvid.analysis.passivity_margin import passivity_margin
 
     assert model.c is not None
-    turned = model.metadata.get("polarity") == "reversed"
+    turned = is_reversed(model)
     ends = model.metadata.get("training", {}).get("ranges", {}).get(source.name)
     largest = float(np.abs(ends).max()) if ends else None
     return passivity_margin(model.replace(b=-model.b, c=-model.c) if turned else model, largest=largest or None)
+
+
+def is_reversed(model: Any) -> bool:
+    """Whether the audit found the force of a model's training data against the motion.
+
+    Parameters
+    ----------
+    model : object
+        A model with metadata.
+
+    Returns
+    -------
+    bool
+    """
+    return model.metadata.get("polarity") == "reversed"
 
 
 def passivity_lines(found: Identification) -> list[str]:
@@ -69,7 +84,12 @@ def passivity_lines(found: Identification) -> list[str]:
         return [*str(_certificate(data)).splitlines(), *cost_lines(found)]
     margin = energy_statement(found.model)
     stated = "" if margin is None else margin.statement()
-    return [f"NOT passive: {stated}: --passive"] if stated else []
+    if not stated:
+        return []
+    if is_reversed(found.model):
+        return [f"NOT passive, with its force turned to positive polarity: {stated}: "
+                f"--flip {found.model.outputs[0].name} --passive"]
+    return [f"NOT passive: {stated}: --passive"]
 
 
 def cost_lines(found: Identification) -> list[str]:
@@ -91,13 +111,22 @@ def cost_lines(found: Identification) -> list[str]:
     stated = [
         f"{new.label} free-run ESR {_esr(old)} unconstrained, {_esr(new)} passive" for old, new in reversed(pairs)
     ]
-    lines = [f"what it costs: {'; '.join(stated)}"] if stated else []
+    lines = [f"what it costs: {'; '.join(stated)}{_other_aim(found)}"] if stated else []
     worst = None if found.training is None else found.training.worst
     if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
             and not getattr(found.structure, "balanced", True):
         lines.append(f"training record '{worst.name}' is simulated no better than by its mean (free-run ESR "
                      f"{worst.free_run.esr:.3g}): --balanced weighs records by their own variance")
     return lines
+
+
+def _other_aim(found: Identification) -> str:
+    """That the unconstrained estimate minimised another error than the passive one; empty where both are free runs."""
+    from lpvid.report.stability import fits_free_run
+
+    if found.unconstrained is None or fits_free_run(found.unconstrained):
+        return ""
+    return " (the unconstrained model minimises the one-step error, the passive one its free run)"
 
 
 def passivity_section(found: Identification) -> tuple[Section, ...]:
@@ -121,8 +150,11 @@ def passivity_section(found: Identification) -> tuple[Section, ...]:
     data, items = found.model.metadata.get("passive"), []
     if isinstance(data, Mapping):
         items.append(Paragraph(str(_certificate(data)).splitlines()[0] + ".", strong=True))
-    items.append(Paragraph((margin.statement() or "In steady motion it takes energy at every amplitude, frequency and "
-                            "held scheduling").capitalize() + "."))
+    if is_reversed(found.model):
+        items.append(Paragraph("The polarity of these data is reversed: what follows holds for the model with its "
+                               "force turned."))
+    stated = margin.statement() or "in steady motion it takes energy at every amplitude, frequency and held scheduling"
+    items.append(Paragraph(f"{stated[:1].upper()}{stated[1:]}."))
     items.append(
         PageFigure.of(
             plot.passivity(margin),
@@ -151,7 +183,7 @@ def _cost_table(found: Identification) -> list[Item]:
         Notes(
             (
                 "The passive model's free run was minimised; the unconstrained model is the estimate that it "
-                "started from.",
+                f"started from{_other_aim(found)}.",
             )
         ),
     ]

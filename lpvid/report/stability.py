@@ -19,7 +19,14 @@ from lpvid.identification.layout import ParameterCloud
 from lpvid.model.quasi import SelfScheduled
 from lpvid.report.formatting import number, percent
 from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
-from lpvid.report.stability_reach import NOTHING, Questions, StabilityAnswers, reach
+from lpvid.report.stability_reach import (
+    NOTHING,
+    UNCONSTRAINED,
+    Questions,
+    StabilityAnswers,
+    is_constrained,
+    reach,
+)
 from lpvid.scheduling import Scheduling
 
 DRAWS = 300
@@ -28,7 +35,7 @@ MOST_LOCI = 4
 BECOMES = {"to-stable": "becomes stable", "to-unstable": "becomes unstable", "touching": "touches the limit"}
 CROSSES = {"complex": "a complex pair", "zero": "0", "imaginary": "an imaginary pair"}
 """words for the direction and the crossing of a critical value"""
-FREE_RUN = ("oe", "state-space-error")
+FREE_RUN = ("oe", "state-space-error", "quasi-lpv", "compliance", "right-coprime")
 """kinds of structure whose estimate minimises the free-run error, unless it has an observer gain"""
 WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
            "unless a certificate states so.")
@@ -167,15 +174,14 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     certificate = certify_stability(ranged, rate=rate)
     report_progress("frozen poles and critical values")
     frozen = frozen_stability(ranged)
-    cloud = ParameterCloud.of(ranged)
-    drawn = _drawn(cloud, seed, questions.draws if questions is not None and questions.draws else DRAWS)
+    drawn = _drawn(ranged, seed, questions.draws if questions is not None and questions.draws else DRAWS)
     report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
     further = reach(ranged, certificate, rate, questions, seed, report_progress) if questions is not None else NOTHING
     if rate is not None and not ranged.box.names:
         further = replace(further, notes=(*further.notes, "the rate has no effect: nothing schedules this model"))
     return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further,
-                          _caution(cloud, frozen, probability))
+                          _caution(ranged, frozen, probability))
 
 
 def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, PoleBand | None], ...]:
@@ -224,7 +230,7 @@ def locus_items(model: Model | SelfScheduled) -> list[Item]:
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
         return [PageFigure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
-    drawn = _drawn(ParameterCloud.of(model), 0)
+    drawn = _drawn(model, 0)
     return [_locus_figure(found, band, None, model.box) for found, band in loci(model, drawn)]
 
 
@@ -367,18 +373,23 @@ def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy
                      f"Pole locus over {found.variable}")
 
 
-def _drawn(cloud: ParameterCloud | None, seed: int, draws: int = DRAWS) -> list[Model]:
-    """Models from the normal law of the estimate; none where its covariance is unknown or none."""
-    return [] if cloud is None or cloud.fault else list(cloud.draw(np.random.default_rng(seed), draws))
+def _drawn(model: Model, seed: int, draws: int = DRAWS) -> list[Model]:
+    """Models from the normal law of the estimate; none where its covariance is unknown, none, or of another law."""
+    cloud = ParameterCloud.of(model)
+    return [] if cloud is None or cloud.fault or is_constrained(model) else list(
+        cloud.draw(np.random.default_rng(seed), draws))
 
 
-def _caution(cloud: ParameterCloud | None, frozen: FrozenStability, found: StabilityProbability | None) -> str:
+def _caution(model: Model, frozen: FrozenStability, found: StabilityProbability | None) -> str:
     """Why draws give no probability, or why it is worth little; empty for neither.
 
     The draws lie evenly about the estimate. Where the pole that limits stability changes in proportion to the
     parameters, at least half of them are then as stable as the estimate; where surely fewer are, the spread is wider
     than that proportion holds.
     """
+    if is_constrained(model):
+        return f"no probability of stability: {UNCONSTRAINED}"
+    cloud = ParameterCloud.of(model)
     if cloud is not None and cloud.fault:
         return f"no probability of stability: {cloud.fault}, the data determine too few of the parameters together"
     if found is None or not frozen.stable or found.interval[1] >= 0.5:

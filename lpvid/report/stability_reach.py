@@ -20,6 +20,8 @@ from lpvid.realization import realize
 from lpvid.report.formatting import number, percent
 from lpvid.report.page import Item, Notes, PageTable
 
+UNCONSTRAINED = "the covariance leaves out the constraint of passivity, which the estimate keeps and draws would not"
+
 
 @dataclass(frozen=True)
 class Questions:
@@ -171,9 +173,26 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, questions
     return StabilityAnswers(wide, speed, share, gain, _gain_unit(model), tuple(notes))
 
 
+def is_constrained(model: Model) -> bool:
+    """Whether a model was estimated under a constraint that its parameters' covariance leaves out.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With its metadata.
+
+    Returns
+    -------
+    bool
+    """
+    return "passive" in model.metadata
+
+
 def _share(model: Model, certificate: StabilityCertificate, count: int, seed: int
            ) -> tuple[StabilityProbability | None, str]:
     cloud = ParameterCloud.of(model)
+    if is_constrained(model):
+        return None, f"{UNCONSTRAINED}: no models are drawn"
     if cloud is None:
         return None, "the covariance of the parameters is not known: no models can be drawn"
     if cloud.fault:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import floor, log10
 
+from lpvid.caveat import Caveat
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
@@ -40,7 +41,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
         sections.append(Section("What is left in the residuals", tuple(left)))
     sections += responses(model, shown)
     sections.append(Section("The model", (Paragraph(repr(model)),)))
-    caveats = [n for n in found.notes if "--flip" in n or "of its start" in n]
+    caveats: list[str] = [n for n in found.notes if isinstance(n, Caveat)]
     if rest := tuple(n for n in found.notes if n not in caveats):
         sections.append(Section("Remarks", (Notes(rest),)))
     if found.extrapolation_share > 0:
@@ -115,7 +116,7 @@ def verdict(found: Validation, doubt: str | None = None) -> str:
                 f"{late.fit_percent:.1f}\u00a0%).{_worst_record(found)}")
     explained = (f"{_share(run.esr)}\u00a0% of the output's variance" if run.esr < 1 else
                  f"nothing of the output: its squared error is {run.esr:.3g} times the output's variance")
-    doubt = doubt or found.doubt
+    doubt = doubt or (found.doubt if run.esr < 1 else None)
     return (f"In free run on {found.label} data the model explains {explained} "
             f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
             f"{number(run.mean_error, 3, run.rmse_unit)}).{f' {doubt[0].upper()}{doubt[1:]}.' if doubt else ''}"

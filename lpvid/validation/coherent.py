@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.auditing.coherence import input_coherence
 from lpvid.auditing.view import View
+from lpvid.caveat import Caveat
 from lpvid.record import Record
 
 
@@ -37,5 +38,5 @@ def independence_remark(model: Any, records: Sequence[Record], label: str) -> st
     if coherence.separable:
         return f"the {label} inputs move independently: the {label} figures speak for each of them"
     share = 100 * float(1 - np.min(coherence.share))
-    return (f"the {label} inputs move together as in training ({share:.4g} % explained by the others): the {label} "
-            "figures do not speak for independent inputs")
+    return Caveat(f"the {label} inputs move together as in training ({share:.4g} % explained by the others): the "
+                  f"{label} figures do not speak for independent inputs")

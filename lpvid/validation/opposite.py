@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lpvid.caveat import Caveat
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
 from lpvid.validation.figures import Figures, Pool
@@ -37,5 +38,5 @@ def opposite_remark(model: Model, pieces: Sequence[Record], found: Figures) -> s
     other = pool.total("free-run")
     if other.esr is None or other.esr >= 1 or other.fit_percent is None:
         return None
-    return (f"with the sign of '{name}' turned the free-run fit would be {other.fit_percent:.1f} %: its polarity is "
-            f"another than in the training data; --flip {name}")
+    return Caveat(f"with the sign of '{name}' turned the free-run fit would be {other.fit_percent:.1f} %: its polarity "
+                  f"is another than in the training data; --flip {name}")

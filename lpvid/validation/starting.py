@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from lpvid.caveat import Caveat
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
@@ -68,6 +69,6 @@ def start_remark(found: Figures, other: Figures) -> str:
     -------
     str
     """
-    return (f"the free-run error is that of its start: from the first measured samples fit {found.fit_percent:.1f} %, "
-            f"from a past estimated from the record's beginning fit {other.fit_percent:.1f} %; a slow mode of the "
-            "model carries the error of the first samples on")
+    return Caveat(f"the free-run error is that of its start: from the first measured samples fit "
+                  f"{found.fit_percent:.1f} %, from a past estimated from the record's beginning fit "
+                  f"{other.fit_percent:.1f} %; a slow mode of the model carries the error of the first samples on")

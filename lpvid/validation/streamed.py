@@ -343,7 +343,10 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     kept = [row for row in found if row[2].count]
     if not kept:
         raise InputError("no stretch of the stream is long enough", got=f"{seen} samples", mend="give longer records")
+    notes = (f"figures of a stream of {seen} samples; regimes are not looked for",)
     if familiar_to and label == "held-out":
+        known = list(dict.fromkeys(familiar_to))
+        notes += (f"not held-out: {', '.join(known[:4])} begins with samples that the model was fitted to",)
         label = "training" if len(familiar_to) == len(kept) else "partly training"
     unit, start, several = model.outputs[0].unit, model.start, Counter(row[0] for row in kept)
     numbers: Counter[str] = Counter()
@@ -355,5 +358,4 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
                                   one.figures("one-step", unit, start), share / length))
     pair = FigurePair(_pooled([r[2] for r in kept], "free-run", unit, start),
                 _pooled([r[3] for r in kept], "one-step", unit, start))
-    return Validation(label, pair, tuple(rows), tests.tests(), outside / seen,
-                      (f"figures of a stream of {seen} samples; regimes are not looked for",))
+    return Validation(label, pair, tuple(rows), tests.tests(), outside / seen, notes)

@@ -103,10 +103,15 @@ def esr_interval(esr: float, count: float) -> tuple[float, float]:
     return low, high
 
 
+NO_BETTER = "free run no better than the mean of the measured output"
+"""of an ESR of 1 or more, a fit of 0 % or less."""
+
+
 def held_out_doubt(figures: Figures, count: float | None) -> str | None:
     """Why the free run of data that the model has not seen cannot be trusted, or None.
 
-    It is where the interval of a model that seems better than the mean of the data includes that mean (ESR 1, fit 0 %).
+    It is where the model is no better than the mean of the data (ESR 1, fit 0 %), and where the interval of one that
+    seems better includes that mean.
 
     Parameters
     ----------
@@ -119,7 +124,9 @@ def held_out_doubt(figures: Figures, count: float | None) -> str | None:
     -------
     str or None
     """
-    if count is None or not count > 0 or figures.esr is None or not 0 < figures.esr < 1:
+    if figures.esr is not None and figures.esr >= 1:
+        return NO_BETTER
+    if count is None or not count > 0 or figures.esr is None or not figures.esr > 0:
         return None
     high = esr_interval(figures.esr, count)[1]
     if high < 1:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from lpvid import _checks
 from lpvid.condition import with_derived
+from lpvid.condition.constancy import at_rest
 from lpvid.condition.tables import as_records
 from lpvid.identification.selection.candidates import Candidates
 from lpvid.identification.selection.every_kind import every_kind
@@ -65,9 +66,10 @@ def _automatic_candidates(records: Sequence[Record], input: str | Sequence[str],
     variables = _checks.names(scheduling, "scheduling") if scheduling else ()
     if not _is_damper(records, inputs, outputs):
         return list(Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1, 2), degree=(1, 2)))
+    filters = (None,) if not variables or at_rest(records, variables) else (None, "rise-fall")
     return list(Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1), degree=(1, 2),
                            affine=("none", "one"), stage=(None, "tanh", "three-zone"),
-                           schedule_filter=(None, "rise-fall") if variables else (None,),
+                           schedule_filter=filters,
                            bases=() if variables else tuple(Spline(inputs[0], n, 1) for n in SEGMENTS)))
 
 

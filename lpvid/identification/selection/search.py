@@ -419,7 +419,7 @@ class StructureSearch:
             elif i >= running:
                 reason = "its free run is worse than the mean of the output"
             else:
-                reason = f"free-run error {tried.trial.mean / max(trials[0].mean, 1e-300):.3g} times the least"
+                reason = f"free-run error {_above(tried.trial.mean / max(trials[0].mean, 1e-300))}"
             rows.append(replace(row, esr=tried.trial.mean, esr_error=tried.trial.error,
                                 esr_folds=tuple(tried.trial.esr.tolist()), reason=reason))
         return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]
@@ -466,3 +466,8 @@ def _traits(structure: ARX) -> set[tuple]:
     return {("na", structure.na), ("nb − na", tuple(b - structure.na for b in structure.width)),
             ("nk", structure.delay), ("basis", structure.basis), ("affine", terms), ("lagged", structure.lagged),
             ("stages", structure.stage, structure.schedule_filter)}
+
+
+def _above(ratio: float) -> str:
+    """How far an error lies above the least, in words that three digits carry."""
+    return f"{ratio:.3g} times the least" if ratio >= 1.01 else f"{100 * (ratio - 1):.1g} % above the least"

@@ -160,3 +160,24 @@ def _digest(model):
     from lpvid.lmi.passive_form import supplied
 
     return supplied(model, np.zeros(0)).digest
+
+
+def test_only_the_scheduling_of_unstable_poles_is_stated_as_unstable():
+    """y(k) = −p y(k−1) + u(k): the pole −p leaves the circle where |p| > 1, over p in −2 … 2 in two stretches."""
+    model = lpv.LPVTransferFunction.siso(
+        a=[[0.0, 2.0]], b=[[1.0, 0.0]], sample_time=0.01, basis=lpv.Polynomial("current", 1, (0.0,), (2.0,)),
+        scheduling=lpv.Scheduling(("current",), (-2.0,), (2.0,), units=("A",)))
+    margin = lpv.passivity_margin(model, np.linspace(-2.0, 2.0, 41))
+    assert "is unstable at -2 to -1 A and 1 to 2 A" in margin.statement()
+    assert margin.description(25.0) == "is unstable at -2 to -1 A and 1 to 2 A" == margin.statement()
+    assert margin.active and margin.unstable.sum() == 22
+
+
+def test_energy_beside_instability_is_stated_of_the_stable_scheduling_alone():
+    """The damping of −1/(1 + p z⁻¹) is negative for every p < 1; the frozen model is unstable from p = 1 on."""
+    model = lpv.LPVTransferFunction.siso(
+        a=[[1.0, 1.0]], b=[[-1.0, 0.0], [0.0, 0.0]], sample_time=0.01,
+        basis=lpv.Polynomial("current", 1, (1.0,), (1.0,)),
+        scheduling=lpv.Scheduling(("current",), (0.0,), (2.0,), units=("A",)))
+    stated = lpv.passivity_margin(model, np.linspace(0.0, 2.0, 21)).statement()
+    assert stated.startswith("is unstable at 1 to 2 A; ") and "gives energy at 0 to 0.9 A" in stated

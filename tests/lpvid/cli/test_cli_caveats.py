@@ -85,11 +85,35 @@ def test_held_out_currents_beyond_the_training_range_are_named(folder, tmp_path)
     assert "training range of the scheduling" not in run(*words[:-1], "--hold-out", "0.1").output
 
 
+def test_a_rate_that_was_given_is_not_advised_again(folder, tmp_path):
+    rows = (folder / "wide.csv").read_text().splitlines()
+    slow = tmp_path / "slow.csv"
+    slow.write_text("\n".join([rows[0], *rows[1::2]]) + "\n")
+    described = run("identify", folder / "run.csv", slow, *IO, "--sample-rate", 100).output
+    assert "mixed-rates" not in described and "resampled from 200 Hz to 100 Hz" in described
+    assert "mixed-rates" in run("inspect", folder / "run.csv", slow).output
+
+
 def test_units_that_no_file_states_are_named_once(folder):
     stated = "no unit is stated for 'force': taken as SI"
     assert run("identify", folder / "bare.csv", *IO).output.count(stated) == 1
     assert run("validate", folder / "plain/model.json", folder / "bare.csv").output.count(stated) == 1
     assert "no unit" not in run("validate", folder / "plain/model.json", folder / "wide.csv").output
+
+
+@pytest.mark.parametrize("command", [("simulate",), ("compare",), ("validate", "--chunk", 300)])
+def test_units_that_no_file_states_are_named_by_every_command_that_runs_a_model(folder, command):
+    name, *more = command
+    shown = run(name, folder / "plain/model.json", folder / "bare.csv", *more).output
+    assert shown.count("no unit is stated for 'force': taken as SI") == 1
+    assert "no unit is stated" not in run(name, folder / "plain/model.json", folder / "wide.csv", *more).output
+
+
+def test_units_of_later_files_count_in_parts_too(folder):
+    shown = run("identify", folder / "run.csv", folder / "bare.csv", *IO, "--chunk", 500).output
+    assert "no unit is stated for 'force': taken as SI" in shown
+    again = run("validate", folder / "plain/model.json", folder / "run.csv", "--chunk", 500).output
+    assert "not held-out: run begins with samples that the model was fitted to" in again
 
 
 @pytest.mark.parametrize(("size", "doubted"), [(1000.0, True), (10.0, False)])

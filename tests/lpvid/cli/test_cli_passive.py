@@ -40,6 +40,10 @@ def test_passive_is_certified_stored_and_priced(tmp_path):
     assert lpv.verify(certificate, model).holds
     data = json.loads((out / "identification.json").read_text())
     assert data["passivity"]["active"] is False and data["structure"]["passive"] is True
+    assert "passive one its free run)" in described  # of a one-step estimate beside
+    judged = run("stability", out / "model.json", "--draws", 20).output
+    assert "with probability" not in judged and "leaves out the constraint of passivity" in judged
+    assert "no models are drawn" in judged
     page = (out / "report.html").read_text()
     assert "Free-run ESR with and without the constraint" in page and "least favourable amplitude" in page
 
@@ -50,6 +54,19 @@ def test_an_active_model_says_so_unasked(tmp_path):
     (line,) = [x for x in described.splitlines() if "NOT passive" in x]
     assert "gives energy at 63.2 to 187 Hz" in line and "beyond 25 Hz" in line and line.endswith("--passive")
     assert json.loads((tmp_path / "m" / "identification.json").read_text())["passivity"]["active"] is True
+
+
+def test_energy_of_reversed_polarity_is_stated_of_the_force_turned(tmp_path):
+    """--passive alone would refuse these records, so the line names --flip along with it."""
+    data = written(tmp_path / "run.csv", late(own=300.0, delay=2))
+    described = run("identify", data, "--na", 0, "--nb", 3, "--nk", 0).output
+    (line,) = [x for x in described.splitlines() if "NOT passive" in x]
+    turned = written(tmp_path / "turned.csv", late(own=-300.0, damping=-500.0, delay=2))
+    described = run("identify", turned, "--na", 0, "--nb", 3, "--nk", 0, "--out", tmp_path / "m").output
+    (other,) = [x for x in described.splitlines() if "NOT passive" in x]
+    assert "with its force turned" in other and other.endswith("--flip force --passive")
+    assert other.split("polarity: ")[1].split("(")[0] == line.split("NOT passive: ")[1].split("(")[0]
+    assert "with its force turned" in (tmp_path / "m" / "report.html").read_text()
 
 
 def test_a_passive_model_says_nothing(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.condition.constancy import DISTINCT, constant
+from lpvid.condition.constancy import DISTINCT, at_rest, constant
 from quartercar.dampers.facts import Facts
 
 
@@ -31,3 +31,18 @@ def test_identify_and_a_damper_fit_agree_on_a_current(share, still, size, rng):
 
 def test_a_share_means_nothing_where_zero_is_a_convention():
     assert not constant(99.0, 100.0, "") and not constant(293.0, 298.0, "K") and constant(293.0, 293.0, "K")
+
+
+def test_rest_is_within_each_record_up_to_the_sensor_of_a_command():
+    """Held currents with a noise of 0.3 % rest, and so does the one at zero beside them; one step does not."""
+    rng = np.random.default_rng(0)
+    levels = [i + rng.uniform(-0.003, 0.003, 200) for i in (0.0, 0.5, 1.0)]
+
+    def of(values, unit="A"):
+        return lpv.Record({"current": values}, sample_time=0.01, units={"current": unit})
+
+    assert at_rest([of(v) for v in levels], ["current"])
+    assert not at_rest([of(v, "K") for v in levels], ["current"])
+    stepped = np.where(np.arange(200) < 100, 0.0, 1.0)
+    assert not at_rest([*(of(v) for v in levels), of(stepped)], ["current"])
+    assert not at_rest([of(levels[0])], [])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -267,3 +268,31 @@ def test_a_missing_column_names_the_way_in_python():
     with pytest.raises(InputError, match=r"in Python record\.with_roles\({'velocity': 'CHANNEL'}\) or a column"):
         lpv.identify({"t": 0.01 * np.arange(50), "v": np.arange(50.0), "force": np.arange(50.0)},
                      lpv.ARX(na=1, nb=1, input="velocity", output="force"))
+
+
+class Array:
+    """What an xarray DataArray has: a name, dimensions, and itself as a Dataset."""
+
+    def __init__(self, name, dims):
+        self.name, self.dims = name, dims
+
+    def __iter__(self):
+        raise TypeError("iteration over a 0-d array")
+
+    def to_dataset(self):
+        return {"time [s]": np.arange(4) / 10, f"{self.name} [N]": np.ones(4)}
+
+
+def test_a_data_array_is_one_channel():
+    (read,) = as_records(Array("force", ("time",)))
+    assert list(read.channels) == ["force"]
+    for name, dims in ((None, ("time",)), ("force", ("time", "run")), ("force", ())):
+        with pytest.raises(InputError, match=r"one channel with a name and one dimension.*to_dataset"):
+            as_records(Array(name, dims))
+
+
+def test_a_frame_with_two_columns_of_one_name_is_named():
+    twice = type("Twice", (SimpleNamespace,), {"__getitem__": lambda self, _: np.zeros((4, 2))})
+    frame = twice(columns=["time [s]", "force [N]", "force [N]"])
+    with pytest.raises(InputError, match="two columns are named 'force"):
+        as_records(frame)

@@ -403,6 +403,15 @@ def test_the_lpv_extension_gains_what_the_cause_costs():
     assert lpv.validate(found.extended.model, other).overall.free_run.esr == pytest.approx(found.esr[1])
 
 
+def test_the_lpv_extension_leaves_a_filter_out_where_the_scheduling_rests():
+    """Held currents do not show a lag: `identify` refuses such a filter, and the extension goes on without it."""
+    lag = Added("lag", sign, change=LpvChange("scheduled on the lagged current", schedule_filter="lag"))
+    runs = [measured(k, current=np.full(4000, float(k))) for k in (0, 1)]
+    structure = lpv.ARX(0, 1, 0, basis=lpv.Polynomial("current", 1))
+    found = measured_extension(runs, structure, [DRY, lag], [measured(2, current=np.ones(4000))])
+    assert found.left_out == ("lag: current stands still within every record",) and found.changes == ("dry: sign",)
+
+
 def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_current(installed):
     found = replace(plain_diagnosis(), wrong=(Wrong("large |current|", 0.78, 0.25), Wrong("velocity < 0", 0.6, 0.5),
                                                Wrong("after a change of current", 0.6, 0.2)))

@@ -93,6 +93,16 @@ def test_parameters_can_be_set_and_a_step_must_fit_the_period(version, fmpy, tmp
 
 
 @needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_channel_whose_name_is_no_identifier_keeps_it_in_a_valid_fmu(version, fmpy, tmp_path, rng):
+    model = state_space(rng, "square", inputs=("motor current", "gas (N2)"), outputs=("gimbal speed", "Kraft/Weg"))
+    made = lpv.export_fmu(model, tmp_path, version=version)
+    assert made.passed, made.checks
+    described = fmpy.read_model_description(str(made.files[0]))
+    assert {"motor current", "gas (N2)", "gimbal speed", "Kraft/Weg"} <= {v.name for v in described.modelVariables}
+
+
+@needs_compiler
 def test_an_input_and_an_output_of_one_name_are_told_apart(fmpy, rng):
     model = state_space(rng, "square", inputs=("force", "speed"), outputs=("force", "speed"))
     made = content(model, "fmu2")

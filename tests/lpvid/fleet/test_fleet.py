@@ -12,6 +12,7 @@ import threading
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -419,6 +420,7 @@ def test_identify_on_a_fleet_is_the_model_of_all_files(folder: Path, tmp_path: P
     np.testing.assert_allclose(found.a, whole.model.a, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.b, whole.model.b, rtol=1e-8, atol=1e-7)
     assert json.loads((out / "identification.json").read_text())["n_samples"] == whole.n_samples
+    assert (out / "report.html").exists()
 
 
 def test_what_a_fleet_cannot_identify_is_one_line(folder: Path, tmp_path: Path) -> None:
@@ -489,3 +491,15 @@ def test_a_file_without_a_record_is_refused(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(steps, "records", lambda *_: [])
     done = steps.scan(plan.jobs[0], plan)
     assert done.state == "refused" and "holds no record" in done.message
+
+
+def test_a_run_of_the_common_model_that_diverges_is_stated_and_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:
+    errors = {"a": {"esr": 0.02, "diverged": False}, "b": {"esr": None, "diverged": True},
+              "c": {"esr": 0.04, "diverged": False}}
+    found = FleetResult(SimpleNamespace(jobs=(), do=("identify",), fdr=0.05), {},  # type: ignore[arg-type]
+                        SimpleNamespace(model="M"), errors, None, {}, {})  # type: ignore[arg-type]
+    assert found.diverging == ("b",)
+    assert "ESR 0.04 in the median; it diverges in 1 (first: b)" in str(found)
+    monkeypatch.setattr("lpvid.cli.fleet.identify_fleet", lambda *_: found)
+    ended = CliRunner().invoke(app, ["identify", "x.csv", "--fleet"])
+    assert ended.exit_code == 3 and "it diverges in 1" in ended.output

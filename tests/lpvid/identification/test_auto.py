@@ -16,7 +16,7 @@ from lpvid.identification.selection import auto
 from lpvid.identification.selection.every_kind import every_kind
 from lpvid.identification.selection.free_run import Trial, cross_validate, make_folds
 from lpvid.identification.selection.rounds import output_error
-from lpvid.identification.selection.search import StructureSearch
+from lpvid.identification.selection.search import StructureSearch, _above
 from lpvid.identification.subspace_order import FOLDS, GAP, free_run_errors
 from lpvid.record import Record
 
@@ -263,3 +263,7 @@ def test_subspace_finds_an_order_that_runs_freely(seed: int) -> None:
 def test_subspace_on_a_record_too_short_for_folds_takes_the_gap() -> None:
     found = lpv.identify(third_order(0).slice(0, 60), lpv.Subspace(input="u", output="y", past=6))
     assert any("from the largest gap" in n or "as requested" in n for n in found.notes)
+
+
+def test_an_error_beside_the_least_is_told_apart_from_it():
+    assert _above(2.5) == "2.5 times the least" and _above(1.0004) == "0.04 % above the least"

@@ -233,3 +233,16 @@ def test_refusals(rng: np.random.Generator) -> None:
     opposed = record.with_channel("force", -1000 * record["velocity"])
     with pytest.raises(InputError, match="opposite senses"):
         lpv.identify(opposed, Compliance())
+
+
+@pytest.mark.parametrize(("stiffness", "named"), [(1e13, True), (2e5, False)])
+def test_a_spring_that_the_data_do_not_show_is_named(stiffness: float, named: bool) -> None:
+    """The deflection of the stiff one is 1e-10 m at 1 kN, the motion of a sample 1e-4 m; the soft one yields 5 mm."""
+    rng = np.random.default_rng(8)
+    record = driven(rng, 2500)
+    truth = model_of(smooth_law(np.array(KNOTS)), stiffness=stiffness)
+    force = lpv.simulate(truth, record, "zero").output[:, 0] + 5.0 * rng.normal(size=2500)
+    run = lpv.Record({"velocity": record["velocity"], "force": force}, sample_time=PERIOD,
+                     units={"velocity": "m/s", "force": "N"})
+    found = lpv.identify(run, Compliance(current=None, knots=KNOTS))
+    assert any("not identifiable: the stiffness k_h" in n for n in found.notes) is named

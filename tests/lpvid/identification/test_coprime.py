@@ -175,3 +175,19 @@ def test_says_what_it_cannot_do() -> None:
         RightCoprime(2, 2, "u", "y", lpv.Shifted(BASIS, 1))
     with pytest.raises(InputError, match="input and output at once"):
         RightCoprime(2, 2, "y", "y", BASIS)
+
+
+def growing(level: float, n: int, seed: int) -> lpv.Record:
+    """y(k) = (0.7 + 0.303 p) y(k−1) + u(k−1): at p = 1 it grows, e-fold in 333 samples."""
+    rng = np.random.default_rng(seed)
+    u, y = rng.normal(size=n), np.zeros(n)
+    for k in range(1, n):
+        y[k] = (0.7 + 0.303 * level) * y[k - 1] + u[k - 1]
+    return lpv.Record({"u": u, "p": np.full(n, level), "y": y}, sample_time=0.01)
+
+
+def test_growth_at_a_scheduling_that_rests_is_not_put_down_to_its_motion():
+    found = lpv.identify([growing(0.0, 400, 1), growing(1.0, 400, 2)], RightCoprime(1, 1, "u", "y", BASIS))
+    assert np.abs(found.model.frozen_poles([1.0])).max() == pytest.approx(1.003, abs=1e-3)
+    (stated,) = [n for n in found.notes if "frozen pole outside" in n]
+    assert "the scheduling stands still there, and a longer run diverges" in stated and "50 %" in stated

@@ -88,3 +88,32 @@ def test_estimate_covariance_is_the_textbook_one_for_white_errors(rng: np.random
     np.testing.assert_allclose(found.covariance[:2, :2], e @ e / 3998 * np.linalg.inv(j[:, :2].T @ j[:, :2]), rtol=1e-9)
     j[:, 1] = 0.0
     assert estimate_covariance(j, e, (2000, 2000), free).covariance[1, 1] == np.inf
+
+
+def test_bartlett_is_the_sum_of_weighted_lagged_products(rng: np.random.Generator) -> None:
+    pieces = [rng.normal(size=(n, 3)) for n in (40, 7, 2)]
+    expected = np.zeros((3, 3))
+    for s in pieces:
+        for t in range(len(s)):
+            for u in range(len(s)):
+                expected += max(1 - abs(t - u) / 10, 0.0) * np.outer(s[t], s[u])
+    np.testing.assert_allclose(bartlett(pieces, 9), expected, atol=1e-12)
+
+
+def static_gain(seed: int) -> tuple[float, float, bool]:
+    """b of y = b·u by least squares of 1500 samples, its standard error, and whether the fit says sandwich."""
+    found = lpv.identify(coloured_gain(seed), lpv.ARX(na=0, nb=1, nk=0, input="u", output="y"))
+    return float(found.parameters[0]), float(found.standard_errors[0]), "sandwich" in found.covariance_kind
+
+
+def coloured_gain(seed: int) -> lpv.Record:
+    rng = np.random.default_rng(seed)
+    u, e = (lfilter([1.0], [1, -0.95], rng.normal(size=1500)) for _ in range(2))
+    return lpv.Record({"u": u, "y": 2 * u + e}, sample_time=0.01)
+
+
+def test_a_short_record_with_a_coloured_residual_has_no_white_standard_errors() -> None:
+    """Too short for a hundred blocks: white ones are (1 + .95²)/(1 − .95²) = 20 times too small in variance."""
+    found = np.array([static_gain(seed) for seed in range(40)])
+    assert found[:, 2].all()
+    assert 0.5 < found[:, 1].mean() / found[:, 0].std() < 1.5

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.passive_models import BASIS, STEP, late, maxwell, motion, record, yielding
+from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid.errors import InputError
@@ -108,3 +109,18 @@ def test_output_error_and_held_out_data_go_with_it():
     assert found.held_out.overall.free_run.esr < 1e-3
     assert found.to_dict()["structure"]["passive"] is True
     assert found.model.sample_time == STEP
+
+
+def test_standard_errors_allow_for_the_colour_of_the_error():
+    """F = 500 v + slow error: white standard errors are (1 + .9²)/(1 − .9²) = 9.5 times too small in variance."""
+    found = []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        v, e = (lfilter([1.0], [1, -0.9], rng.normal(size=1200)) for _ in range(2))
+        run = lpv.Record({"velocity": 0.1 * v, "force": 50.0 * v + 20.0 * e}, sample_time=0.005,
+                         units={"velocity": "m/s", "force": "N"})
+        fit = lpv.identify(run, lpv.Passive(lpv.ARX(0, 1, 0, "velocity", "force", affine=1)))
+        found.append((fit.parameters[0], fit.standard_errors[0]))
+        assert "sandwich" in fit.covariance_kind and "constraint left out" in fit.covariance_kind
+    values, errors = np.array(found).T
+    assert 0.6 < errors.mean() / values.std() < 1.6

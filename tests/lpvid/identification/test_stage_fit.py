@@ -10,15 +10,19 @@ import numpy as np
 import pytest
 
 from lpvid import _threads
+from lpvid.errors import InputError
 from lpvid.files import read
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
+from lpvid.identification.compliance import Compliance
 from lpvid.identification.output_error import OutputError
+from lpvid.identification.quasi_lpv import QuasiLPV
+from lpvid.identification.selection.automatic import _automatic_candidates
 from lpvid.identification.stage_fit import DIVERGED_COST, free_run_cost, shorten, unresolved
 from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.scheduling_stage import SchedulingLag, SchedulingStage
 from lpvid.record import Record
-from lpvid.scheduling import Polynomial, Scheduling
+from lpvid.scheduling import Polynomial, Scheduling, Spline
 
 TS = 0.002
 P1 = Polynomial("current", degree=1)
@@ -254,3 +258,31 @@ def test_a_knee_at_its_bound_is_named_with_its_unit(rng: np.random.Generator) ->
     assert "v0" in stated and "1e-09 m/s" in stated and "current is 0" in stated
     wide = identify(record, ARX(na=1, nb=1, basis=P1, stage=TanhStage(v0=1e-3, slope=0.1))).model
     assert unresolved(wide, asked, [record]) == ()
+
+
+@pytest.mark.parametrize("structure", [
+    ARX(na=1, nb=2, nk=0, input="velocity", output="force", basis=P1, schedule_filter="rise-fall"),
+    OutputError(na=1, nb=2, nk=0, input="velocity", output="force", basis=P1, schedule_filter="lag"),
+    QuasiLPV(nb=2, on="trial", basis=Spline("force", 4, order=1), external=P1, schedule_filter="lag"),
+    Compliance(current="current", schedule_filter="rise-fall")])
+def test_a_filter_of_a_scheduling_at_rest_is_refused(structure):
+    """Time constants of a filter whose input never moves are free: what a search returned was its start."""
+    rng = np.random.default_rng(4)
+    held = []
+    for level in (0.0, 1.0, 2.0):
+        v, p = motion(rng, 400), np.full(400, level)
+        held.append(Record({"velocity": v, "current": p, "force": respond(v[:, None], p, rng, 0.001)}, sample_time=TS,
+                           units={"velocity": "m/s", "current": "A", "force": "N"}))
+    with pytest.raises(InputError, match="current stands still within every record"):
+        identify(held, structure)
+
+
+def test_auto_offers_no_filter_where_the_scheduling_rests():
+    rng = np.random.default_rng(5)
+    moving = bench(TanhStage(0.1), rng, 600)
+    units = {"velocity": "m/s", "current": "A", "force": "N"}
+    moving = Record({n: moving[n] for n in units}, sample_time=TS, units=units)
+    resting = Record({**{n: moving[n] for n in units}, "current": np.ones(600)}, sample_time=TS, units=units)
+    for records, offered in (([moving], True), ([resting], False)):
+        found = _automatic_candidates(records, "velocity", "force", "current")
+        assert any(c.schedule_filter is not None for c in found) is offered

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.state_space_systems import StateSpaceSystem
+from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid.condition import split_tail
@@ -334,3 +335,12 @@ def test_coloured_errors_get_wider_standard_errors() -> None:
         gains = [float((C @ np.linalg.solve(np.eye(1) - A, B) + D)[0, 0]) for A, B, C, D in frozen]
         scores.append((gain - truth) / np.std(gains))
     assert 0.6 < np.std(scores) < 1.5
+
+
+def test_short_data_with_a_coloured_error_have_no_white_standard_errors():
+    """y = x + v, x(k) = 0.8 x(k−1) + u(k−1), v autoregressive: 800 samples hold no hundred blocks of its memory."""
+    rng = np.random.default_rng(3)
+    u, v = rng.normal(size=800), lfilter([1.0], [1, -0.95], rng.normal(size=800))
+    y = lfilter([0.0, 1.0], [1, -0.8], u) + 0.3 * v
+    found = lpv.identify(lpv.Record({"u": u, "y": y}, sample_time=0.01), lpv.StateSpaceError(1, "u", "y"))
+    assert "sandwich" in found.covariance_kind

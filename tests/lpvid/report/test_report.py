@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import pickle
 import re
 from urllib.parse import unquote
 
@@ -16,6 +17,7 @@ from lpvid import plot
 from lpvid.analysis.bands import frequency_response
 from lpvid.analysis.frozen_responses import step_response
 from lpvid.auditing import audit
+from lpvid.caveat import Caveat
 from lpvid.plot.responses import FrozenResponse
 from lpvid.plot.style import figure_of, thinned
 from lpvid.report import Notes, Page, PageFigure, PageTable, Paragraph, Section, number, render
@@ -396,3 +398,24 @@ def test_bands_of_drawn_models_that_are_unstable_leave_the_panel_without_a_warni
     values[3] = 0.0
     axes = plot.bode(time + 0.1, [FrozenResponse("model", values, draws.astype(complex))], ["u"], ["N"], "y")
     assert plot.png(figure_of(np.ravel(axes)[0]))
+
+
+def test_a_caveat_stands_in_the_summary_whatever_its_words(found):
+    """By its type: a remark of any words goes up, the same words without the type stay among the remarks."""
+    judged = dataclasses.replace(found.held_out, notes=(Caveat("zwei von drei"), "lies outside the training range"))
+    page = identification_page(found.replace(held_out=judged, notes=(Caveat("eins"), "with --flip force")), [], [],
+                               audit([record(1)]))
+    assert {"Eins.", "Zwei von drei."} <= set(page.caveats)
+    assert not any("--flip" in line or "training range" in line for line in page.caveats)
+    page = validation_page(judged, found.model, [], "m")
+    assert "zwei von drei" in page.caveats and "lies outside the training range" not in page.caveats
+    assert pickle.loads(pickle.dumps(judged.notes))[0].__class__ is Caveat
+
+
+def test_what_qualifies_held_out_figures_is_a_caveat(found):
+    """A range beyond that of training and a turned sign."""
+    other = record(7)
+    wide = other.with_channel("velocity", 50 * other["velocity"])
+    beyond, turned = lpv.validate(found.model, wide).notes, lpv.validate(found.model, other.flip("force")).notes
+    assert any(isinstance(n, Caveat) and "outside the range of the training data" in n for n in beyond)
+    assert any(isinstance(n, Caveat) and "--flip force" in n for n in turned)

@@ -59,7 +59,8 @@ def test_a_stable_estimate_whose_draws_are_mostly_unstable_is_called_uncertain()
 def test_advice_follows_the_structure_that_was_used():
     unstable = PLAIN.replace(a=np.full_like(PLAIN.a, -1.1))
     for structure, advised in (({"kind": "oe"}, False), ({"kind": "arx"}, True),
-                               ({"kind": "arx", "passive": True}, False),
+                               ({"kind": "arx", "passive": True}, False), ({"kind": "quasi-lpv"}, False),
+                               ({"kind": "compliance"}, False), ({"kind": "right-coprime"}, False),
                                ({"kind": "state-space-error", "noise": "innovation"}, True)):
         model = unstable.replace(metadata={"structure": structure})
         assert fits_free_run(model) is not advised

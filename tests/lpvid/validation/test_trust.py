@@ -97,3 +97,17 @@ def test_the_report_of_such_a_fit_is_not_green():
     few = lpv.validate(lpv.identify(linear(400), structure).model, linear(400, 5).slice(40, 50))
     assert few.doubt is not None and verdict_grade(few) != "good"
     assert "cannot be trusted" in verdict(few)
+
+
+def test_a_free_run_no_better_than_the_mean_stands_in_the_first_line():
+    """An intercept has ESR 1: a model of the wrong sign is far beyond, and says so before its figures."""
+    model = lpv.identify(linear(400), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y")).model
+    wrong = lpv.validate(model.replace(b=-model.b), linear(400, 5))
+    assert wrong.overall.free_run.esr > 1
+    assert repr(wrong).startswith("Validation (held-out; free run no better than the mean")
+    assert verdict(wrong).count("better than the mean") == 0 and "explains nothing of the output" in verdict(wrong)
+    fitted = lpv.identify(linear(400), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y"), held_out=linear(400, 5))
+    poor = fitted.replace(training=lpv.validate(model.replace(b=-model.b), linear(400)))
+    assert fitted.doubt is None
+    assert repr(fitted.replace(held_out=wrong)).startswith("Identification (held-out free run no better than the mean")
+    assert repr(poor).startswith("Identification (the model cannot simulate the data that it was fitted to")
