@@ -290,6 +290,32 @@ def road_from_text(text: str) -> RideRoad:
     return _road(table, f"--road {text}", Path())
 
 
+def roads_from_texts(texts: Sequence[str]) -> tuple[RideRoad, ...]:
+    """Roads from texts of `road_from_text`, each of one road or of several with commas between them.
+
+    A comma in the name of an existing file separates nothing.
+
+    Parameters
+    ----------
+    texts : sequence of str
+
+    Returns
+    -------
+    tuple of RideRoad
+
+    Examples
+    --------
+    >>> [road.name for road in roads_from_texts(["iso-c@20,bump@8", "sweep"])]
+    ['ISO C, 20 m/s', 'bump 50 mm x 2 m, 8 m/s', 'sweep 0.5-20 Hz']
+    """
+    parts: list[str] = []
+    for text in texts:
+        file = text.rpartition("@")[0] or text
+        is_file = any(Path(name).is_file() for name in (text, file, file.rpartition("#")[0]))
+        parts += [text] if is_file else [part for name in text.split(",") if (part := name.strip())]
+    return tuple(map(road_from_text, parts))
+
+
 # -- reading -----------------------------------------------------------------------------------------------------------
 def _some(tables: tuple[Mapping[str, Any], ...], key: str) -> tuple[Mapping[str, Any], ...]:
     if not tables:
