@@ -12,6 +12,8 @@ from quartercar.characterisation.settings import CREEP
 
 BINS = 16
 """places along the stroke at which the two directions are compared"""
+SURE = 3.0
+"""standard errors by which a force must lie on the wrong side of zero"""
 INNER = 0.8
 """share of the stroke that is used: at its ends the speed is not that of the test"""
 
@@ -108,6 +110,36 @@ def _cycle(block: Block, cycle) -> tuple[float, ...] | None:
     error = float(rest.std(ddof=2)) / np.sqrt(bins)
     central = np.abs(x) <= max(0.25 * cycle.amplitude, float(np.sort(np.abs(x))[1]))
     return (float(level), float(slope), float(half[central].mean()), error, error / float(x.std()), error)
+
+
+def pulling(found: Sequence[StaticForce]) -> tuple[str, ...]:
+    """Tests whose force pulls in both directions at mid stroke, which no gas does.
+
+    With dampings D_r, D_c ≥ 0 and a gas force G outwards, F_out = D_r − G and F_in = −D_c − G: F_in > 0 needs G < 0,
+    however much the directions differ. Three standard errors of F_in count as its sign.
+
+    Parameters
+    ----------
+    found : sequence of StaticForce
+
+    Returns
+    -------
+    tuple of str
+        One caveat, or none.
+    """
+    def inwards(test: StaticForce) -> float:
+        """F_in [N]."""
+        return -test.gas - test.friction
+
+    own = [s for s in found if inwards(s) > SURE * np.hypot(*np.nan_to_num((s.gas_std, s.friction_std)))]
+    if not own:
+        return ()
+    worst = max(own, key=inwards)
+    others = "" if len(own) == 1 else f" and {len(own) - 1} more test" + ("s" if len(own) > 2 else "")
+    return (f"The force pulls in both directions in '{worst.record}' ({inwards(worst):.3g} N of tension in compression "
+            f"at mid stroke){others}: a gas pushes. Either the load cell has an offset, or displacement and force both "
+            "count compression positive, so that rebound and compression have changed places here: --flip displacement "
+            "--flip force (and velocity).",)
 
 
 def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
