@@ -18,7 +18,7 @@ from quartercar.characterisation.gas import pulling, slowest, static_force
 from quartercar.characterisation.histogram import histograms_of
 from quartercar.characterisation.loops import loop_of
 from quartercar.characterisation.missing import missing_of, unchecked_band
-from quartercar.characterisation.points import DIRECTIONS, peak_point
+from quartercar.characterisation.points import DIRECTIONS, disagreeing, peak_point
 from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.runs import RecordPiece, RecordPieces, runs_of
 from quartercar.characterisation.settings import CharacteriseSettings
@@ -115,7 +115,7 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
     forces = standard_forces(data.runs, steady, settings.speeds, models)
     every = [s for b in steady if (s := static_force(b)) is not None]
     static = tuple(slowest(every))
-    data = replace(data, caveats=(*data.caveats, *pulling(every)))
+    data = replace(data, caveats=(*data.caveats, *pulling(every), *disagreeing(peaks)))
     switching, refused = _switching(data.runs)
     softest_last = sorted((s for s in static if s.creep), key=lambda s: s.friction, reverse=True)
     known = {s.specimen: s.gas for s in softest_last}

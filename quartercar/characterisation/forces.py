@@ -250,6 +250,27 @@ def propose_sine(speed: float) -> str:
     return f"run a sine of ±{1e3 * amplitude:.2g} mm at {_at_least(speed / (2 * np.pi * amplitude)):.2g} Hz"
 
 
+def round_down(value: float) -> float:
+    """To two digits.
+
+    Parameters
+    ----------
+    value : float
+        Above zero.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round_down(0.001009), round_down(0.0254)
+    (0.001, 0.025)
+    """
+    grain = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.floor(value / grain * (1 + 1e-9)) * grain:.2g}")
+
+
 def _at_least(value: float) -> float:
     """Rounded up to two digits, so that a test at the figure that is printed reaches what it is for."""
     grain = 10.0 ** (np.floor(np.log10(value)) - 1)

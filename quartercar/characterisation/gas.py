@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,8 +38,8 @@ class StaticForce:
     position : float
         Mid stroke [m].
     creep : bool
-        Whether the speed is at most 10 mm/s; if not, friction is an upper bound and the gas force holds what the
-        damping of the two directions differs by.
+        Whether the speed is at most 10 mm/s and no slower test has another gas force or friction; if not, friction is
+        an upper bound and the gas force holds what the damping of the two directions differs by.
     """
 
     specimen: str
@@ -143,7 +143,10 @@ def pulling(found: Sequence[StaticForce]) -> tuple[str, ...]:
 
 
 def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
-    """Of each specimen and current: every creep test, or else the slowest test.
+    """Of each specimen and current: every test up to 10 mm/s, or else the slowest test.
+
+    Of those, one that differs from the slowest in gas force or friction by more than three standard errors still holds
+    damping: 10 mm/s is creep for a damper of decimetres per second, not for one of millimetres per second.
 
     Parameters
     ----------
@@ -158,5 +161,13 @@ def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
     for key in dict.fromkeys((f.specimen, f.current) for f in found):
         own = sorted((f for f in found if (f.specimen, f.current) == key), key=lambda f: f.speed)
         creeping = [f for f in own if f.creep]
-        rows += creeping or own[:1]
+        rows += [replace(f, creep=_alike(f, creeping[0])) for f in creeping] or own[:1]
     return rows
+
+
+def _alike(test: StaticForce, slower: StaticForce) -> bool:
+    """Whether a test shows the gas force and the friction of a slower one."""
+    gaps = ((test.gas - slower.gas, test.gas_std, slower.gas_std),
+            (test.friction - slower.friction, test.friction_std, slower.friction_std))
+    rounding = 1e-9 * max(abs(test.gas), abs(test.friction))
+    return all(abs(gap) <= SURE * float(np.hypot(*np.nan_to_num((a, b)))) + rounding for gap, a, b in gaps)

@@ -527,3 +527,32 @@ def test_a_delay_of_an_unknown_channel_or_of_a_stroke_is_refused():
         qc.characterise(wave, CharacteriseSettings(delays={"force": 4.0}))
     with pytest.raises(InputError, match=r"as long as a stroke of 'run' or longer.*--delay force=1.2ms"):
         qc.characterise(wave, CharacteriseSettings(delays={"force": 1.2}))
+
+
+def test_records_of_two_settings_are_not_one_damper():
+    """Two clicker settings at one speed: the forces table took one of them and printed ± 0.3 N."""
+    t = np.arange(0, 6.0, 2e-3)
+    x, v = 0.02 * np.sin(8 * t), 0.16 * np.cos(8 * t)
+    runs = [record(t, x, damping * v, name) for name, damping in (("open", 900.0), ("closed", 1500.0))]
+    found = qc.characterise(runs)
+    (caveat,) = found.data.caveats
+    assert "Tests of one speed disagree" in caveat and "--specimen" in caveat
+    assert not qc.characterise(runs, CharacteriseSettings(specimen="file")).data.caveats
+    assert not qc.characterise([runs[0], replace(runs[0], name="again")]).data.caveats
+    page = render(characterisation_page(found, ()))
+    assert "Hz, open" in page.replace("\u00a0", " ") and "Hz, closed" in page.replace("\u00a0", " ")
+
+
+def test_a_damper_of_millimetres_per_second_creeps_in_its_slowest_test_alone():
+    """Damping of 1e5 N s/m in rebound and 5e4 in compression: at 0.9 mm/s half the difference is 23 N of 30."""
+    records = []
+    for name, period in (("slow", 40.0), ("fast", 0.4)):
+        t = np.arange(0, 5 * period, period / 400)
+        x, v = 6e-5 * np.sin(2 * np.pi * t / period), 12e-5 * np.pi / period * np.cos(2 * np.pi * t / period)
+        force = np.where(v > 0, 1e5, 5e4) * v + 3 * np.tanh(v / 1e-6) - 20
+        records.append(record(t, x, force + np.random.default_rng(0).normal(0, 0.02, t.size), name))
+    found = qc.characterise(records)
+    slow, fast = found.static
+    assert "--speeds 9.4e-06,0.00094, or run sines" in next(m.run for m in found.missing if "forces at" in m.what)
+    assert slow.creep and slow.gas == pytest.approx(20, abs=0.3)
+    assert not fast.creep and abs(fast.gas) < 10
