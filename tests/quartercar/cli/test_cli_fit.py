@@ -254,3 +254,8 @@ def test_published_parameters_on_real_data(shared_data, tmp_path):
     assert row["name"] == "bouc-wen (lord)" and not row["fitted"]
     assert row["training"]["free_run"]["esr"] == pytest.approx(0.055, abs=0.006)
     assert "extrapolates" in row["flags"]  # the driver's command leaves 0 to 2.25 V now and then
+
+
+def test_a_budget_too_small_for_any_model_names_its_mend(files):
+    message = run(files[0], "--models", "wang-kamath", "--budget", 1, code=2).stderr
+    assert "not done within --budget 1 s" in message and "Mend: a larger --budget" in message
