@@ -102,9 +102,7 @@ def _chosen(config: Path | None, car: str | None, damper: Path | None, road: lis
     from lpvid.cli.data import split_names
     from quartercar.rides.config import RideConfig, build_car, given_laws, load_config, measuring, roads_from_texts
 
-    base = None if config is None else load_config(config)
-    if base is not None and (car is not None or damper is not None):
-        raise InputError("--car and --damper belong to a ride without CONFIG", mend="write them into the configuration")
+    base = None if config is None else load_config(config, car, damper)
     base = base or RideConfig(build_car(car or "megane", None if damper is None else str(damper)))
     chosen = base.with_changes(
         roads=None if not road else roads_from_texts(road),

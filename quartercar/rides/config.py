@@ -98,12 +98,16 @@ def ride_template() -> str:
     return TEMPLATE
 
 
-def load_config(path: str | Path) -> RideConfig:
+def load_config(path: str | Path, car: str | None = None, damper: Path | None = None) -> RideConfig:
     """Read a CONFIG file; damper, controller and road files are found beside it.
 
     Parameters
     ----------
     path : str or Path
+    car : str, optional
+        Name of a set in place of what the file states.
+    damper : Path, optional
+        File in place of the one that the file names, found from the working folder.
 
     Returns
     -------
@@ -115,7 +119,24 @@ def load_config(path: str | Path) -> RideConfig:
         A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
     """
     path = Path(path)
-    return within(path.name, lambda: _read_config(read_toml(path), path.parent))
+    given = options_of(car, damper)
+    return within(path.name, lambda: _read_config({**read_toml(path), **given}, path.parent))
+
+
+def options_of(car: str | None, damper: Path | None) -> dict[str, str]:
+    """Options of a command as keys of a CONFIG; the damper's path leads to it from any folder.
+
+    Parameters
+    ----------
+    car : str or None
+    damper : Path or None
+
+    Returns
+    -------
+    dict of str to str
+        Those that are given.
+    """
+    return {k: v for k, v in (("car", car), ("damper", None if damper is None else str(damper.absolute()))) if v}
 
 
 @dataclass(frozen=True)

@@ -350,3 +350,22 @@ def test_a_tyre_of_steel_is_no_matter_of_the_sample_rate(tmp_path):
     (tmp_path / "ride.toml").write_text('[car]\nset = "megane"\ntyre_stiffness = 1e9\n')
     message = run(tmp_path / "ride.toml", code=2).stderr
     assert "check the car's tyre stiffness and unsprung mass" in message and "--sample-rate" not in message
+
+
+def test_options_count_before_the_configuration_as_the_help_says(tmp_path, monkeypatch):
+    """`quartercar design --damper model.json design.toml` of the guide was refused."""
+    from quartercar.design.config import load_design
+
+    for folder in ("configs", "models"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.chdir(tmp_path)
+    lpv.save(Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False), "models/guo.json")
+    Path("configs/ride.toml").write_text('car = "savaresi"\ndamper = "gone.json"\n')
+    found = load_config("configs/ride.toml", "megane", Path("models/guo.json"))
+    assert found.car.parameters.sprung_mass == 315 and found.car.damper.name == "guo"
+    assert load_config("configs/ride.toml", damper=Path("models/guo.json")).car.parameters == SAVARESI
+    found = load_design("configs/ride.toml", "nominal", damper=Path("models/guo.json"))
+    assert found.car.damper.name == "guo" and found.car.parameters == SAVARESI
+    result = run("configs/ride.toml", "--damper", "models/guo.json", "--road", "bump@8", "--controller", "passive",
+                 "--seeds", 1)
+    assert "with damper guo" in result.stdout
