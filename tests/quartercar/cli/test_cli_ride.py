@@ -369,3 +369,8 @@ def test_options_count_before_the_configuration_as_the_help_says(tmp_path, monke
     result = run("configs/ride.toml", "--damper", "models/guo.json", "--road", "bump@8", "--controller", "passive",
                  "--seeds", 1)
     assert "with damper guo" in result.stdout
+
+
+def test_a_configuration_that_is_not_there_is_named_once(tmp_path):
+    message = run(tmp_path / "nowhere.toml", code=2).stderr
+    assert message.startswith("error: cannot read '") and message.count("nowhere.toml") == 1
