@@ -142,7 +142,8 @@ def test_bad_input_ends_with_one_line(name, tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [
-    ("--rebound", "up"), ("--speeds", "fast"), ("--speeds", "0,1"), ("--speeds", "3 kg"), ("--tolerance", "much"), ("--nominal", "x.csv"),
+    ("--rebound", "up"), ("--speeds", "fast"), ("--speeds", "0,1"), ("--speeds", "3 kg"), ("--tolerance", "much"),
+    ("--nominal", "x.csv"),
     ("--tolerance", "5%", "--nominal", "nowhere.csv"), ("--specimen", "("), ("--specimen", "Z+"),
     ("--delay", "force"), ("--delay", "force=3kg")])
 def test_bad_options_end_with_one_line(arguments, tmp_path):
