@@ -14,6 +14,7 @@ from lpvid.errors import InputError
 from lpvid.report import number
 from lpvid.toolkit import Shown, checks, in_forks
 from quartercar.controllers.contract import Controller
+from quartercar.controllers.laws.passive import Passive
 from quartercar.dampers import Identified
 from quartercar.rides.simulation import Ride, RideSettings, drive, side_by_side, without_run
 from quartercar.roads.ride_roads import MeasuredRoad, RideRoad
@@ -450,7 +451,8 @@ def joined(first: RideComparison, second: RideComparison) -> RideComparison:
 
 
 def _notes(car: CarAssembly, rows: Sequence[LawRow]) -> tuple[str, ...]:
-    return (*_bouncing(car), *_unmoved(car), *_extrapolating(rows), *_lifting(rows), *_estimating(rows))
+    return (*_bouncing(car), *_unmoved(car), *_holding(car, rows), *_extrapolating(rows), *_lifting(rows),
+            *_estimating(rows))
 
 
 def _bouncing(car: CarAssembly) -> Iterator[str]:
@@ -459,6 +461,17 @@ def _bouncing(car: CarAssembly) -> Iterator[str]:
     if body >= wheel:
         yield (f"The body bounces at {body:.3g} Hz and the wheel hops at {wheel:.3g} Hz: a body is the slower one in "
                "every car. Check masses and stiffnesses and their units.")
+
+
+def _holding(car: CarAssembly, rows: Sequence[LawRow]) -> Iterator[str]:
+    """At which current the passive car rides: what the laws gain over it depends on that."""
+    damper = car.damper
+    if damper is None or "current" not in damper.reads:
+        return
+    unit = "" if damper.current_unit == "1" else f" {damper.current_unit}"
+    for row in rows:
+        if row.road == rows[0].road and isinstance(row.controller, Passive):
+            yield f"{row.name}: {float(row.rides[0].run['command'][-1]):.4g}{unit} held throughout."
 
 
 def _repeating(car: CarAssembly, roads: Sequence[RideRoad]) -> Iterator[str]:

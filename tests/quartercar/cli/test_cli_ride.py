@@ -374,3 +374,9 @@ def test_options_count_before_the_configuration_as_the_help_says(tmp_path, monke
 def test_a_configuration_that_is_not_there_is_named_once(tmp_path):
     message = run(tmp_path / "nowhere.toml", code=2).stderr
     assert message.startswith("error: cannot read '") and message.count("nowhere.toml") == 1
+
+
+def test_the_current_of_the_passive_car_is_stated(tmp_path):
+    """What laws gain over it depends on it: at 0 A the embedded damper's passive car rides as well as SH-ADD."""
+    (tmp_path / "ride.toml").write_text(QUICK.replace('fixed_current = 0.0', 'fixed_current = "400 mA"'))
+    assert "passive: 0.4 A held throughout." in run(tmp_path / "ride.toml").stdout
