@@ -24,6 +24,8 @@ from lpvid._memory import give_back, of_library
 
 T = TypeVar("T")
 R = TypeVar("R")
+KNOWN = 0.1
+"""part of all costs from which their rate is told: what a process takes to begin, seconds, would be counted tenfold"""
 POLL = 0.2
 """Time between two looks at the clock while work goes on [s]."""
 PARENT_DEATH_SIGNAL = 1
@@ -71,7 +73,8 @@ def in_processes(function: Callable[[T], R], items: Sequence[T], *, workers: int
     costs : sequence of float, optional
         What each item is expected to take, in any unit, for the estimate of the time that is left.
     report_progress : callable
-        Receives how many are done, which are running, and the estimated seconds left (None while nothing is done).
+        Receives how many are done, which are running, and the estimated seconds left (None while hardly anything is
+        done).
 
     Returns
     -------
@@ -159,9 +162,9 @@ def _here(function: Callable[[T], R], items: Sequence[T], costs: list[float],
 
 
 def _left(found: Sequence[Done | None], costs: Sequence[float], running: Sequence[int], workers: int) -> float | None:
-    """Seconds left, at the rate of what is done."""
+    """Seconds left, at the rate of what is done; None while that is too small a part to tell a rate from a start."""
     done = [k for k, d in enumerate(found) if d is not None]
-    if not done:
+    if sum(costs[k] for k in done) < KNOWN * sum(costs) or not done:
         return None
     rate = sum(found[k].seconds for k in done) / max(sum(costs[k] for k in done), 1e-300)  # type: ignore[union-attr]
     ahead = [c for k, c in enumerate(costs) if k >= len(found) or found[k] is None]

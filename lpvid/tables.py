@@ -166,7 +166,8 @@ def within(where: str, read: Callable[[], T]) -> T:
     try:
         return read()
     except InputError as error:
-        what = error.what if error.what.startswith(f"{where} ") else f"{where}: {error.what}"
+        named = error.what.startswith(f"{where} ") or (error.what.startswith("cannot read ") and where in error.what)
+        what = error.what if named else f"{where}: {error.what}"
         raise InputError(what, got=error.got, why=error.why, mend=error.mend) from None
 
 

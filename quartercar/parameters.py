@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 
 from lpvid.errors import InputError
@@ -48,6 +49,16 @@ class CarParameters:
             if value < 0 or (value == 0 and own.name in ("sprung_mass", "unsprung_mass", "tyre_stiffness")):
                 raise InputError(f"{own.name} must be positive", got=value)
             object.__setattr__(self, own.name, value)
+
+    @property
+    def body_bounce(self) -> float:
+        """√(k_s/m_s)/2π [Hz]: the body on its spring, the wheel held."""
+        return math.sqrt(self.spring_stiffness / self.sprung_mass) / (2 * math.pi)
+
+    @property
+    def wheel_hop(self) -> float:
+        """√((k_s + k_t)/m_us)/2π [Hz]: the wheel between its springs, the body held."""
+        return math.sqrt((self.spring_stiffness + self.tyre_stiffness) / self.unsprung_mass) / (2 * math.pi)
 
     def replace(self, **changes: float) -> CarParameters:
         """The same car with some numbers changed.

@@ -350,15 +350,27 @@ class Results:
         Raises
         ------
         InputError
-            A folder that cannot be made, or a file that the system refuses to write.
+            A folder that cannot be made, a file that the system refuses to write, or one that would replace data that
+            were read.
         """
         if self.folder is None:
             return []
+        self._spare_data(self.folder)
         try:
             return self._write(self.folder)
         except OSError as error:
             raise InputError(f"--out {self.folder}: cannot write there", got=error.strerror or str(error),
                              mend="check the folder, its permissions and the space left") from None
+
+    def _spare_data(self, folder: Path) -> None:
+        """Refuse to write over a file that this command read and no command wrote: it may be the only copy."""
+        called = ASKED.get()
+        written = {name for names in _manifest(folder).values() for name in names}
+        read = set() if called is None else {path.resolve() for path in called.files()}
+        for name, _ in self._writers:
+            if name not in written and (folder / name).resolve() in read:
+                raise InputError(f"--out {folder}: its result {name} would replace the file of that name that was read",
+                                 mend="name another folder")
 
     def _write(self, folder: Path) -> list[Path]:
         missing = [p for p in (folder.absolute(), *folder.absolute().parents) if not p.exists()]

@@ -11,14 +11,14 @@ import numpy as np
 from lpvid.errors import InputError
 from quartercar.characterisation import tables, wording
 from quartercar.characterisation.currents import ratios_of, spreads_of
-from quartercar.characterisation.cycles import blocks_of
+from quartercar.characterisation.cycles import Block, blocks_of
 from quartercar.characterisation.drift import drift_of
 from quartercar.characterisation.forces import standard_forces
-from quartercar.characterisation.gas import slowest, static_force
+from quartercar.characterisation.gas import pulling, slowest, static_force
 from quartercar.characterisation.histogram import histograms_of
 from quartercar.characterisation.loops import loop_of
 from quartercar.characterisation.missing import missing_of, unchecked_band
-from quartercar.characterisation.points import DIRECTIONS, peak_point
+from quartercar.characterisation.points import DIRECTIONS, disagreeing, peak_point
 from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.runs import RecordPiece, RecordPieces, runs_of
 from quartercar.characterisation.settings import CharacteriseSettings
@@ -107,12 +107,15 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
     data = runs_of(as_records(records), settings)
     models, notes = _simulated(data, damper)
     blocks = tuple(b for run in data.runs for b in blocks_of(run))
+    _check_delays(settings, blocks)
     with_force = tuple(b for b in blocks if b.run.has_force)
     steady = tuple(b for b in with_force if b.run.current != "varies")
     report_progress("reading forces")
     peaks = tuple(p for b in steady for d in DIRECTIONS if (p := peak_point(b, d)) is not None)
     forces = standard_forces(data.runs, steady, settings.speeds, models)
-    static = tuple(slowest([s for b in steady if (s := static_force(b)) is not None]))
+    every = [s for b in steady if (s := static_force(b)) is not None]
+    static = tuple(slowest(every))
+    data = replace(data, caveats=(*data.caveats, *pulling(every), *disagreeing(peaks)))
     switching, refused = _switching(data.runs)
     softest_last = sorted((s for s in static if s.creep), key=lambda s: s.friction, reverse=True)
     known = {s.specimen: s.gas for s in softest_last}
@@ -124,6 +127,16 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
         "" if damper is None else str(damper.metadata.get("label", damper.name)))
     unchecked = unchecked_band(forces, tolerance) if tolerance and not found.checks else ()
     return replace(found, missing=(*unchecked, *missing_of(found, refused)))
+
+
+def _check_delays(settings: CharacteriseSettings, blocks: Sequence[Block]) -> None:
+    """A sensor that is late by a stroke shows the other direction: no delay of a sensor, but another unit."""
+    shortest = min(blocks, key=lambda b: 1 / b.frequency, default=None)
+    for name, delay in settings.delays.items():
+        if shortest is not None and delay >= 0.5 / shortest.frequency:
+            raise InputError(f"the delay of '{name}' is as long as a stroke of '{shortest.run.name}' or longer",
+                             got=f"{delay:.4g} s, a stroke takes {0.5 / shortest.frequency:.3g} s",
+                             mend=f"state the unit: --delay {name}={delay:.4g}ms")
 
 
 def _switching(runs: Sequence[RecordPiece]) -> tuple[list[SwitchingSteps], tuple[str, ...]]:

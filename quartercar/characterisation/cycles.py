@@ -130,7 +130,7 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
         Empty for random motion.
     """
     x = run.displacement
-    marks = _crossings(x, turning_points(x, _threshold(x)))
+    marks = _crossings(x, turning_points(x, least_stroke(x)))
     found: list[Block] = []
     enough = MOST_OF * (1.0 - SAME_SPEED) * x.size
     for group in _alike(marks):
@@ -166,8 +166,18 @@ def noise_of(x: np.ndarray) -> float:
     return float(np.median(np.abs(np.diff(x, 4)))) / (0.6745 * np.sqrt(70.0))
 
 
-def _threshold(x: np.ndarray) -> float:
-    """Least stroke: a hundredth of the travel, or the noise where it is larger but for a motion that is all noise."""
+def least_stroke(x: np.ndarray) -> float:
+    """Least stroke: a hundredth of the travel, or the noise where it is larger but for a motion that is all noise.
+
+    Parameters
+    ----------
+    x : (n,) array
+
+    Returns
+    -------
+    float
+        In the unit of x.
+    """
     travel = float(np.ptp(x))
     return max(SMALLEST * travel, min(NOISE * noise_of(x), 5.0 * SMALLEST * travel))
 
@@ -265,6 +275,27 @@ def series_of(x: np.ndarray, period: float, cycle: float, order: int) -> tuple[n
     turned[:, 0::2], turned[:, 1::2] = -k * design[:, 3::2], k * design[:, 2::2]
     drift = solution[1] * (design[1, 1] - design[0, 1]) / period if x.size > 1 else 0.0
     return a - 1j * b, design @ solution, turned @ solution[2:] + drift
+
+
+def harmonics_of(x: np.ndarray, period: float, cycle: float, order: int) -> np.ndarray:
+    """Complex amplitudes c_k of x = a_0 + Σ Re c_k e^{ikωt} by least squares over one cycle, without a drift.
+
+    Parameters
+    ----------
+    x : (n,) array
+        From the start of the cycle on.
+    period, cycle : float
+        Of the sampling and of the cycle [s].
+    order : int
+
+    Returns
+    -------
+    (order,) complex array
+        In the unit of x.
+    """
+    design, _ = _design(x.size, period, cycle, order)
+    solution = np.linalg.lstsq(np.delete(design, 1, axis=1), x, rcond=None)[0]
+    return solution[1::2] - 1j * solution[2::2]
 
 
 def _design(n: int, period: float, cycle: float, order: int) -> tuple[np.ndarray, float]:

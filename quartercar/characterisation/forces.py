@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quartercar.characterisation.cycles import Block
-from quartercar.characterisation.local_fit import local_fit
+from quartercar.characterisation.cycles import FEWEST, Block, least_stroke
+from quartercar.characterisation.local_fit import APART, local_fit
 from quartercar.characterisation.points import DIRECTIONS, BranchForce, branch_force, peak_point
 from quartercar.characterisation.runs import RecordPiece
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
+from quartercar.dampers.bench.strokes import turning_points
 
 SLICES = 20
 """Stretches of a random record that count as independent for its standard error: enough for a 16 % error of it."""
@@ -79,9 +80,10 @@ def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds
     """The table of forces.
 
     Each is read from the cycles whose peak speed is the least that reaches the speed (within 5 %), and of those from
-    the block with most cycles: there the force is nearest to a steady one. A triangle serves only at its own speed.
-    Where no cycle reaches it, from random motion. A force whose two branches differ by more than half the difference of
-    the two directions is not given: it is elastic or inertial.
+    the block with most cycles: there the force is nearest to a steady one. Where the speed lies beyond those cycles and
+    the next faster block has it with a third of their standard error, from that block. A triangle serves only at its
+    own speed. Where no cycle reaches it, from random motion of three strokes or more. A force whose two branches differ
+    by more than half the difference of the two directions is not given: it is elastic or inertial.
 
     Parameters
     ----------
@@ -113,11 +115,12 @@ def _force(specimen: str, level: float | None, direction: int, speed: float, own
     reaching = sorted((b for b in own if b.peak >= (1 - SAME_SPEED) * speed),
                       key=lambda b: (round(b.peak / speed / SAME_SPEED), -len(b.cycles)))
     elastic: BranchForce | None = None
+    beyond: StandardForce | None = None
     for block in reaching:
         if block.kind == "triangle":
             row = _from_triangle(block, direction, speed, models)
             if row is not None:
-                return row
+                return _surer(beyond, row)
             continue
         found = branch_force(block, direction, speed)
         back = branch_force(block, -direction, speed)
@@ -128,14 +131,29 @@ def _force(specimen: str, level: float | None, direction: int, speed: float, own
             continue
         simulated = models.get(id(block.run))
         model = None if simulated is None else branch_force(block, direction, speed, simulated)
-        return StandardForce(specimen, level, direction, speed, found.force, found.std, found.hysteresis, found.last,
-                             f"{block.run.name}: {block.label}", block.kind, len(block.settled),
-                             modelled=None if model is None else model.force)
+        row = StandardForce(specimen, level, direction, speed, found.force, found.std, found.hysteresis, found.last,
+                            f"{block.run.name}: {block.label}", block.kind, len(block.settled),
+                            modelled=None if model is None else model.force)
+        if not found.extrapolated:
+            return _surer(beyond, row)
+        beyond = beyond or row
+    if beyond is not None:
+        return beyond
     for run in loose:
         row = _from_random(run, specimen, level, direction, speed, models)
         if row is not None:
             return row
     return StandardForce(specimen, level, direction, speed, why=_why(own, loose, direction, speed, elastic))
+
+
+def _surer(beyond: StandardForce | None, within: StandardForce) -> StandardForce:
+    """The force beyond a slower test's speed, where there is one, unless the faster test has it far more sharply.
+
+    "Far" is what `local_fit` takes a difference for: three standard errors.
+    """
+    if beyond is None or beyond.std is None or within.std is None:
+        return within
+    return within if beyond.std > APART * within.std else beyond
 
 
 def _from_triangle(block: Block, direction: int, speed: float,
@@ -159,12 +177,20 @@ def _from_triangle(block: Block, direction: int, speed: float,
 
 def _from_random(run: RecordPiece, specimen: str, level: float | None, direction: int, speed: float,
                  models: Mapping[int, np.ndarray]) -> StandardForce | None:
-    """Mean force at a speed over all passages through it, with speeds on both sides of it."""
+    """Mean force at a speed over all passages through it, with speeds on both sides of it.
+
+    Samples of one stroke share what spring, gas and temperature add: strokes are what is counted, and twenty or more of
+    them in stretches of the record, neighbours being alike.
+    """
     u = direction * run.velocity - speed
     near = np.abs(u) <= 0.5 * speed
     if (u[near] > 0).sum() < SLICES or (u[near] < 0).sum() < SLICES:
         return None
-    group = (np.arange(u.size) * SLICES) // u.size
+    stroke = _stroke_of(run)
+    passing = _strokes_through(run, direction, speed)
+    if passing < FEWEST:
+        return None
+    group = stroke if passing < SLICES else (np.arange(u.size) * SLICES) // u.size
     found = local_fit(u[near], run.force[near], group[near], 0.5 * speed)
     if found is None or found.outside:
         return None
@@ -175,11 +201,27 @@ def _from_random(run: RecordPiece, specimen: str, level: float | None, direction
                          modelled=None if model is None else model.value)
 
 
+def _stroke_of(run: RecordPiece) -> np.ndarray:
+    """(n,) number of the stroke that every sample belongs to."""
+    turns = turning_points(run.displacement, least_stroke(run.displacement))
+    return np.searchsorted(turns[1:-1], np.arange(run.displacement.size), side="right")
+
+
+def _strokes_through(run: RecordPiece, direction: int, speed: float) -> int:
+    """Strokes in one direction that reach a speed."""
+    return int(np.unique(_stroke_of(run)[direction * run.velocity >= speed]).size)
+
+
 def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, speed: float,
          elastic: BranchForce | None) -> str:
     if elastic is not None:
         return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the "
                 f"force is elastic more than damping: {propose_sine(speed)}")
+    passed = max((_strokes_through(r, direction, speed) for r in loose), default=0)
+    if passed:
+        times = "stroke reaches" if passed == 1 else "strokes reach"
+        return (f"{passed} {times} {speed:g} m/s in a record without periodic motion, too few for a mean and its "
+                f"error: {propose_sine(speed)}")
     peaks = [b.peak for b in own] + [float(np.quantile(np.maximum(direction * r.velocity, 0), 0.999)) for r in loose]
     fastest = max(peaks, default=0.0)
     return f"fastest test reaches {fastest:.3g} m/s: {propose_sine(speed)}"
@@ -200,9 +242,36 @@ def propose_sine(speed: float) -> str:
 
     Examples
     --------
-    >>> propose_sine(0.1)
-    'run a sine of ±20 mm at 0.8 Hz'
+    >>> propose_sine(0.1), propose_sine(1.05)
+    ('run a sine of ±20 mm at 0.8 Hz', 'run a sine of ±50 mm at 3.4 Hz')
     """
     frequency = max(speed / (2 * np.pi * LONGEST_STROKE), min(0.8, speed / (2 * np.pi * 0.005)))
-    amplitude = speed / (2 * np.pi * frequency)
-    return f"run a sine of ±{1e3 * amplitude:.2g} mm at {frequency:.2g} Hz"
+    amplitude = float(f"{speed / (2 * np.pi * frequency):.2g}")
+    return f"run a sine of ±{1e3 * amplitude:.2g} mm at {_at_least(speed / (2 * np.pi * amplitude)):.2g} Hz"
+
+
+def round_down(value: float) -> float:
+    """To two digits.
+
+    Parameters
+    ----------
+    value : float
+        Above zero.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round_down(0.001009), round_down(0.0254)
+    (0.001, 0.025)
+    """
+    grain = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.floor(value / grain * (1 + 1e-9)) * grain:.2g}")
+
+
+def _at_least(value: float) -> float:
+    """Rounded up to two digits, so that a test at the figure that is printed reaches what it is for."""
+    grain = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(np.ceil(value / grain * (1 - 1e-9)) * grain)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from quartercar.characterisation.settings import CREEP
 
 BINS = 16
 """places along the stroke at which the two directions are compared"""
+SURE = 3.0
+"""standard errors by which a force must lie on the wrong side of zero"""
 INNER = 0.8
 """share of the stroke that is used: at its ends the speed is not that of the test"""
 
@@ -36,8 +38,8 @@ class StaticForce:
     position : float
         Mid stroke [m].
     creep : bool
-        Whether the speed is at most 10 mm/s; if not, friction is an upper bound and the gas force holds what the
-        damping of the two directions differs by.
+        Whether the speed is at most 10 mm/s and no slower test has another gas force or friction; if not, friction is
+        an upper bound and the gas force holds what the damping of the two directions differs by.
     """
 
     specimen: str
@@ -110,8 +112,41 @@ def _cycle(block: Block, cycle) -> tuple[float, ...] | None:
     return (float(level), float(slope), float(half[central].mean()), error, error / float(x.std()), error)
 
 
+def pulling(found: Sequence[StaticForce]) -> tuple[str, ...]:
+    """Tests whose force pulls in both directions at mid stroke, which no gas does.
+
+    With dampings D_r, D_c ≥ 0 and a gas force G outwards, F_out = D_r − G and F_in = −D_c − G: F_in > 0 needs G < 0,
+    however much the directions differ. Three standard errors of F_in count as its sign.
+
+    Parameters
+    ----------
+    found : sequence of StaticForce
+
+    Returns
+    -------
+    tuple of str
+        One caveat, or none.
+    """
+    def inwards(test: StaticForce) -> float:
+        """F_in [N]."""
+        return -test.gas - test.friction
+
+    own = [s for s in found if inwards(s) > SURE * np.hypot(*np.nan_to_num((s.gas_std, s.friction_std)))]
+    if not own:
+        return ()
+    worst = max(own, key=inwards)
+    others = "" if len(own) == 1 else f" and {len(own) - 1} more test" + ("s" if len(own) > 2 else "")
+    return (f"The force pulls in both directions in '{worst.record}' ({inwards(worst):.3g} N of tension in compression "
+            f"at mid stroke){others}: a gas pushes. Either the load cell has an offset, or displacement and force both "
+            "count compression positive, so that rebound and compression have changed places here: --flip displacement "
+            "--flip force (and velocity).",)
+
+
 def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
-    """Of each specimen and current: every creep test, or else the slowest test.
+    """Of each specimen and current: every test up to 10 mm/s, or else the slowest test.
+
+    Of those, one that differs from the slowest in gas force or friction by more than three standard errors still holds
+    damping: 10 mm/s is creep for a damper of decimetres per second, not for one of millimetres per second.
 
     Parameters
     ----------
@@ -126,5 +161,13 @@ def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
     for key in dict.fromkeys((f.specimen, f.current) for f in found):
         own = sorted((f for f in found if (f.specimen, f.current) == key), key=lambda f: f.speed)
         creeping = [f for f in own if f.creep]
-        rows += creeping or own[:1]
+        rows += [replace(f, creep=_alike(f, creeping[0])) for f in creeping] or own[:1]
     return rows
+
+
+def _alike(test: StaticForce, slower: StaticForce) -> bool:
+    """Whether a test shows the gas force and the friction of a slower one."""
+    gaps = ((test.gas - slower.gas, test.gas_std, slower.gas_std),
+            (test.friction - slower.friction, test.friction_std, slower.friction_std))
+    rounding = 1e-9 * max(abs(test.gas), abs(test.friction))
+    return all(abs(gap) <= SURE * float(np.hypot(*np.nan_to_num((a, b)))) + rounding for gap, a, b in gaps)

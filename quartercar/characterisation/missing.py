@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quartercar.characterisation.forces import propose_sine
+from quartercar.characterisation.forces import propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def _forces(found: Readings) -> list[Missing]:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
         fastest = max(float(np.quantile(np.abs(r.velocity), 0.999)) for r in found.data.runs)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
-                            f"fastest reaches {fastest:.3g} m/s", f"run sines: {tests}"))
+                            f"fastest reaches {fastest:.3g} m/s", f"{_own_speeds(found)}run sines: {tests}"))
     for speed in found.settings.speeds:
         if speed in never or not short[speed]:
             continue
@@ -94,6 +94,15 @@ def _forces(found: Readings) -> list[Missing]:
         why, _, run = own[0].why.partition(": ")
         rows.append(Missing(f"force at {speed:g} m/s{which}", why, run))
     return rows
+
+
+def _own_speeds(found: Readings) -> str:
+    """Where the records reach no speed of the table, those that they do reach: a device of another size."""
+    peaks = sorted({round_down(b.peak) for b in found.blocks if b.run.has_force})
+    if found.given or not peaks:
+        return ""
+    chosen = dict.fromkeys((peaks[0], peaks[len(peaks) // 2], peaks[-1]))
+    return f"name speeds of these tests, --speeds {','.join(f'{v:g}' for v in chosen)}, or "
 
 
 def _static(found: Readings) -> list[Missing]:

@@ -12,7 +12,7 @@ from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
-from quartercar.characterisation.wording import amps, shortened, verdict
+from quartercar.characterisation.wording import amps, shortened, test_said, verdict
 
 OPEN = 12
 """Rows above which a table of tests is folded."""
@@ -173,7 +173,8 @@ def _ratio(found: Readings) -> list[Item]:
 
 def _peaks(found: Readings) -> list[Item]:
     sign = found.settings.sign
-    rows = tuple((_where(found, p.block.run.specimen, p.block.run.level), _test(p.block.label), DIRECTIONS[p.direction],
+    rows = tuple((_where(found, p.block.run.specimen, p.block.run.level),
+                  _test(test_said(found, p.block.run.name, p.block.label)), DIRECTIONS[p.direction],
                   f"{1e3 * p.speed:.4g}", _said(sign * p.force, p.std), number(p.spread, 2),
                   str(len(p.block.settled))) for p in sorted(found.peaks, key=lambda p: (
                       p.block.run.specimen, -np.inf if p.block.run.level is None else p.block.run.level, p.speed)))
@@ -186,7 +187,8 @@ def _peaks(found: Readings) -> list[Item]:
 def _static(found: Readings) -> list[Item]:
     rows, marks = [], []
     for s in found.static:
-        rows.append((_where(found, s.specimen, s.current), _test(s.test), f"{1e3 * s.speed:.3g}",
+        rows.append((_where(found, s.specimen, s.current), _test(test_said(found, s.record, s.test)),
+                     f"{1e3 * s.speed:.3g}",
                      _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
                      ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
@@ -196,13 +198,15 @@ def _static(found: Readings) -> list[Item]:
         "their difference, which includes the damping at the speed of the test and the yield force of a "
         "magnetorheological fluid.", (2, 3, 4, 5), tuple(marks))]
     if not all(s.creep for s in found.static):
-        items.append(Paragraph("Marked rows are faster than 10 mm/s. Their friction is an upper bound. Their gas force "
+        items.append(Paragraph("Marked rows are faster than 10 mm/s, or still hold damping that a slower test "
+                               "does not. Their friction is an upper bound. Their gas force "
                                "includes half the difference between the damping forces of the two directions."))
     return items
 
 
 def _loops(found: Readings) -> list[Item]:
-    rows = tuple((_where(found, x.specimen, x.current), _test(x.test), _said(x.energy, x.energy_std, 3),
+    rows = tuple((_where(found, x.specimen, x.current), _test(test_said(found, x.record, x.test)),
+                  _said(x.energy, x.energy_std, 3),
                   "–" if x.loss_angle is None else f"{np.degrees(x.loss_angle):.1f}",
                   number(None if x.dynamic_stiffness is None else 1e-3 * x.dynamic_stiffness, 3),
                   number(None if x.elastic_stiffness is None else 1e-3 * x.elastic_stiffness, 3),
@@ -256,7 +260,8 @@ def _switching(found: Readings) -> list[Item]:
 
 
 def _drift(found: Readings) -> list[Item]:
-    rows = tuple((_where(found, d.specimen, d.current), _test(d.test), DIRECTIONS[d.direction], str(d.cycles),
+    rows = tuple((_where(found, d.specimen, d.current), _test(test_said(found, d.record, d.test)),
+                  DIRECTIONS[d.direction], str(d.cycles),
                   number(d.duration, 3), _said(100 * d.change, 100 * d.change_std, 2),
                   "–" if d.coolest is None or d.warmest is None else
                   f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from quartercar.characterisation.cycles import Block, RecordedCycle
-from quartercar.characterisation.local_fit import LEAST, LocalFit, local_fit
+from quartercar.characterisation.local_fit import APART, LEAST, LocalFit, local_fit
 from quartercar.characterisation.settings import CENTRE
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
@@ -100,6 +102,35 @@ def peak_point(block: Block, direction: int, force: np.ndarray | None = None) ->
     spread = float(kept[:, 1].std(ddof=1)) if n > 1 else float("nan")
     return PeakPoint(block, direction, float(kept[:, 0].mean()), float(kept[:, 1].mean()), spread / np.sqrt(n), spread,
                      found[:, 1])
+
+
+def disagreeing(found: Sequence[PeakPoint]) -> tuple[str, ...]:
+    """Tests of one speed, current and direction whose forces differ: other settings, specimens or gas pressures.
+
+    Within 5 % of the speed a force that grows with its square differs by 10 %; more, and more than three standard
+    errors, is another damper.
+
+    Parameters
+    ----------
+    found : sequence of PeakPoint
+
+    Returns
+    -------
+    tuple of str
+        One caveat on the furthest pair, or none.
+    """
+    pairs = [(a, b) for a, b in combinations(found, 2)
+             if (a.block.run.specimen, a.block.run.level, a.direction) == (b.block.run.specimen, b.block.run.level,
+                                                                           b.direction)
+             and abs(a.speed / b.speed - 1) <= SAME_SPEED and a.block.run.name != b.block.run.name
+             and abs(a.force - b.force) > max(2 * SAME_SPEED * max(abs(a.force), abs(b.force)),
+                                              APART * float(np.hypot(*np.nan_to_num((a.std, b.std)))))]
+    if not pairs:
+        return ()
+    a, b = max(pairs, key=lambda pair: abs(pair[0].force - pair[1].force))
+    return (f"Tests of one speed disagree: {a.force:.4g} N in '{a.block.run.name}' and {b.force:.4g} N in "
+            f"'{b.block.run.name}', {DIRECTIONS[a.direction]} at {1e3 * a.speed:.3g} mm/s. Records of several "
+            "settings, gas pressures or specimens: --specimen keeps them apart.",)
 
 
 def _centre(cycle: RecordedCycle, force: np.ndarray, direction: int) -> tuple[float, float] | None:

@@ -141,6 +141,14 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Record
     if not records:
         raise InputError("no records to characterise")
     _need_channels(records)
+    for name, delay in settings.delays.items():
+        short = min((r for r in records if r.has(name)), key=lambda r: float(r.times[-1] - r.times[0]), default=None)
+        if short is not None and delay >= float(short.times[-1] - short.times[0]):
+            raise InputError(f"the delay of '{name}' is longer than the record '{short.name}'", got=f"{delay:.4g} s",
+                             mend=f"state the unit: --delay {name}={delay:.4g}ms")
+        if not any(r.has(name) for r in records):
+            raise InputError(f"no record has the channel '{name}' whose delay is given", got=", ".join(
+                records[0].channels), mend="name a role or a channel: --delay force=1.2ms")
     from lpvid.condition.preparing import losses, with_current
 
     standing, notes = with_current(list(records))

@@ -74,6 +74,27 @@ def speed_said(speed: float) -> str:
     return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
 
 
+def test_said(found: Readings, record: str, label: str) -> str:
+    """A test's label, with its record where another record holds a test of the same label, specimen and current.
+
+    Parameters
+    ----------
+    found : Readings
+    record : str
+        Its name.
+    label : str
+        As `Block.label`.
+
+    Returns
+    -------
+    str
+    """
+    same = [b.run for b in found.blocks if b.label == label]
+    own = {(r.specimen, r.level) for r in same if r.name == record}
+    others = any(r.name != record and (r.specimen, r.level) in own for r in same)
+    return f"{label}, {shortened(record)}" if others else label
+
+
 def _currents_said(data: RecordPieces) -> str:
     """Which currents were held."""
     if not data.levels:

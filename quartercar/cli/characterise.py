@@ -98,9 +98,18 @@ def _bare(text: str) -> bool:
 
 
 def _speed(text: str) -> float:
-    if not _bare(text):
-        raise InputError("--speeds takes numbers in m/s", got=repr(text), mend="e.g. --speeds 0.1,0.3,0.6")
-    return float(text)
+    from lpvid.units import quantity_to_si
+
+    if _bare(text):
+        return float(text)
+    mend = "e.g. --speeds 0.1,0.3,0.6 or '100 mm/s'"
+    try:
+        speed, unit = quantity_to_si(text.strip())
+    except InputError:
+        raise InputError("--speeds takes numbers in m/s, or speeds", got=repr(text), mend=mend) from None
+    if unit != "m/s":
+        raise InputError("--speeds takes numbers in m/s, or speeds", got=repr(text), mend=mend)
+    return speed
 
 
 def _band(tolerance: str | None, nominal: Path | None, kind: type[Tolerance]) -> Tolerance | None:

@@ -10,7 +10,6 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solver_output_suppressed, working
-from lpvid.errors import InputError
 
 if TYPE_CHECKING:
     from quartercar.controllers.designed.lpv_hinf import LpvHinf
@@ -59,11 +58,11 @@ def design(
 
     results = Results(out)
     with working("reading") as report_progress, solver_output_suppressed():
-        given = _table(car, damper, config)
         if config is None:
-            chosen = read_design(given if plant is None else {**given, "plant": plant})
+            given = {k: str(v) for k, v in (("car", car), ("damper", damper), ("plant", plant)) if v is not None}
+            chosen = read_design(given)
         else:
-            chosen = load_design(config, plant)
+            chosen = load_design(config, plant, car, damper)
         law = _tuned(chosen, chosen.tune if tune is None else tune, report_progress)
         report_progress("looking for a controller")
         with followed(report_progress):
@@ -74,15 +73,6 @@ def design(
         raise typer.Exit(INTERRUPTED)
     if not found.synthesis.solved:
         raise typer.Exit(SHORTFALL)
-
-
-def _table(car: str | None, damper: Path | None, config: Path | None) -> dict[str, str]:
-    """What the options give of the car, as a CONFIG would."""
-    given = {k: str(v) for k, v in (("car", car), ("damper", damper)) if v is not None}
-    if given and config is not None:
-        raise InputError("--car and --damper belong to a design without CONFIG", mend="write them into the "
-                         "configuration")
-    return given
 
 
 def _tuned(chosen: DesignConfig, budget: int,

@@ -10,7 +10,6 @@ import typer
 from lpvid.cli import options
 from lpvid.cli.export import Name, Precision, To, deliver
 from lpvid.cli.running import Results, command, solver_output_suppressed, working
-from lpvid.errors import InputError
 
 if TYPE_CHECKING:
     from quartercar.export.loop_steps import LoopLaw
@@ -59,10 +58,7 @@ def _loop(config: Path | None, controller: str, car: str | None, damper: Path | 
     from quartercar.export.loop_steps import LoopLaw
     from quartercar.rides.config import RideConfig, build_car, given_laws, load_config, measuring
 
-    if config is not None and (car is not None or damper is not None):
-        raise InputError("--car and --damper belong to an export without CONFIG", mend="write them into the "
-                         "configuration")
-    base = load_config(config) if config is not None else \
+    base = load_config(config, car, damper) if config is not None else \
         RideConfig(build_car(car or "megane", None if damper is None else str(damper)))
     law = dict(base.controllers).get(controller) if config is not None else None
     law = law or next(iter(given_laws((controller,)).values()))

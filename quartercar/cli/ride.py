@@ -31,7 +31,7 @@ def ride(
                                                 "damper that fit wrote; left out: the embedded one.")] = None,
     road: Annotated[list[str] | None, typer.Option("--road", metavar="ROAD", help="iso-c@20, bump@8, sweep, or a file "
                                                    "with its speed, roads.csv@10 [m/s], where it has several tracks "
-                                                   "roads.csv#TRACK@10; repeat for several.")] = None,
+                                                   "roads.csv#TRACK@10; repeat, or with commas.")] = None,
     controller: Annotated[list[str] | None, typer.Option("--controller", metavar="LAW", help="A law by name or a "
                                                          "controller.json; repeat, or with commas.")] = None,
     measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "
@@ -90,8 +90,9 @@ def _loop(chosen: RideConfig) -> str:
     """Damper, limits of the command with their unit, rate of the loop."""
     car = chosen.car
     damper = "a viscous damper" if car.damper is None else f"damper {car.damper.name}"
+    limits = f"command {_command(car)}" if _follows_command(car) else "which follows no command"
     ahead = "" if chosen.settings.preview is None else f", preview: {chosen.settings.preview}"
-    return f"with {damper}, command {_command(car)}, loop at {1 / chosen.settings.period(car):.6g} Hz{ahead}"
+    return f"with {damper}, {limits}, loop at {1 / chosen.settings.period(car):.6g} Hz{ahead}"
 
 
 def _chosen(config: Path | None, car: str | None, damper: Path | None, road: list[str] | None,
@@ -99,14 +100,12 @@ def _chosen(config: Path | None, car: str | None, damper: Path | None, road: lis
             tune: int | None, preview: str | None) -> RideConfig:
     """The configuration with the options put in."""
     from lpvid.cli.data import split_names
-    from quartercar.rides.config import RideConfig, build_car, given_laws, load_config, measuring, road_from_text
+    from quartercar.rides.config import RideConfig, build_car, given_laws, load_config, measuring, roads_from_texts
 
-    base = None if config is None else load_config(config)
-    if base is not None and (car is not None or damper is not None):
-        raise InputError("--car and --damper belong to a ride without CONFIG", mend="write them into the configuration")
+    base = None if config is None else load_config(config, car, damper)
     base = base or RideConfig(build_car(car or "megane", None if damper is None else str(damper)))
     chosen = base.with_changes(
-        roads=None if not road else tuple(map(road_from_text, road)),
+        roads=None if not road else roads_from_texts(road),
         controllers=None if not controller else given_laws(split_names(controller)),
         settings=None if measurements is None else measuring(measurements),
         seeds=None if seeds is None else tuple(range(base.seeds[0], base.seeds[0] + seeds)), tune=tune)
@@ -176,6 +175,11 @@ def _setting(chosen: RideConfig) -> dict:
             "preview": None if chosen.settings.preview is None else chosen.settings.preview.to_dict()}
 
 
+def _follows_command(car: QuarterCar) -> bool:
+    """Whether the damper's force depends on the command."""
+    return car.damper is not None and "current" in car.damper.reads
+
+
 def _command(car: QuarterCar) -> str:
     """Limits of the coil with their unit."""
     unit = "A" if car.damper is None else car.damper.current_unit
@@ -198,7 +202,7 @@ def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideCo
     car = chosen.car
     facts = [("car", (car.parameters.source or "given").split(",")[0]),
              ("damper", "viscous" if car.damper is None else car.damper.title),
-             ("command", _command(car)),
+             ("command", _command(car) if _follows_command(car) else "none: the force does not depend on it"),
              ("sensors", chosen.settings.chain.sensors.name),
              ("loop", f"{1 / chosen.settings.period(car):.6g} Hz"), ("preview", str(chosen.settings.preview or "none"))]
     results.report(ride_page(found, figures, tuned, facts, bounds))

@@ -18,7 +18,7 @@ from quartercar.dampers.parameter import Parameter
 from quartercar.lpv_models.frozen_damper import FrozenDamper
 from quartercar.lpv_models.weighted import MEASUREMENTS
 from quartercar.parameters import SETS as CARS
-from quartercar.rides.config import build_car
+from quartercar.rides.config import build_car, options_of
 from quartercar.vehicle.nonlinear import QuarterCar
 
 LAWS: Mapping[str, type[LpvHinf] | type[LpvHinfClipped]] = {c.name: c for c in (LpvHinf, LpvHinfClipped)}
@@ -47,8 +47,9 @@ class DesignConfig:
     tune: int = 0
 
 
-def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
-    """Read a CONFIG file; a damper file is found beside it. `plant` counts before what the file states.
+def load_design(path: str | Path, plant: str | None = None, car: str | None = None,
+                damper: Path | None = None) -> DesignConfig:
+    """Read a CONFIG file; a damper file is found beside it. What is given here counts before what the file states.
 
     Parameters
     ----------
@@ -56,6 +57,10 @@ def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
         A TOML file.
     plant : {"identified", "nominal"}, optional
         In place of the file's key of that name.
+    car : str, optional
+        Name of a set.
+    damper : Path, optional
+        File, found from the working folder.
 
     Returns
     -------
@@ -68,7 +73,7 @@ def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
         A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
     """
     path = Path(path)
-    given = {} if plant is None else {"plant": plant}
+    given = options_of(car, damper) | ({} if plant is None else {"plant": plant})
     return within(path.name, lambda: read_design({**read_toml(path), **given}, path.parent))
 
 

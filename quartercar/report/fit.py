@@ -22,6 +22,7 @@ from quartercar.plot.comparing import DRAWN, free_run_of
 
 if TYPE_CHECKING:
     from lpvid.plot.style import Drawn as Drawing
+    from quartercar.dampers.contract import Damper
 
 GRAVE = ("reversed polarity", "the polarity", "no channel 'current'")
 """Beginnings of notes that stand at the head of the page."""
@@ -147,8 +148,7 @@ def _steps(found: Comparison) -> tuple[NextStep, ...]:
     name = found.best.damper.name
     steps = []
     if found.best.fit is not None:
-        steps = [NextStep("Put the best model into a car and compare control laws.",
-                      f"quartercar ride --damper {OUT}/{name}.json --out ride"),
+        steps = [_into_a_car(found.best.damper),
                  NextStep("Ask what it still gets wrong, and which cause explains that.",
                       f"lpvid diagnose DATA --baseline {OUT}/{name}.json --out diagnosis")]
     stepping = next((r.damper.name for r in found.rows if r.fit is not None and has_step(r.damper)), None)
@@ -165,6 +165,17 @@ def _steps(found: Comparison) -> tuple[NextStep, ...]:
             ),
         )
     return tuple(steps)
+
+
+def _into_a_car(damper: Damper) -> NextStep:
+    """A ride, of the laws where the force follows the current; a model of reversed polarity would drive the car."""
+    if damper.polarity < 0:
+        return NextStep("A car takes a force that is positive in tension: fit again with --flip force.")
+    ride = f"quartercar ride --damper {OUT}/{damper.name}.json"
+    if "current" in damper.reads:
+        return NextStep("Put the best model into a car and compare control laws.", f"{ride} --out ride")
+    return NextStep("Put the best model into a car. Its force follows no current: there are no laws to compare.",
+                    f"{ride} --controller passive --out ride")
 
 
 def _facts(found: Comparison) -> tuple[tuple[str, str], ...]:

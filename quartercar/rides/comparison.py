@@ -14,9 +14,10 @@ from lpvid.errors import InputError
 from lpvid.report import number
 from lpvid.toolkit import Shown, checks, in_forks
 from quartercar.controllers.contract import Controller
+from quartercar.controllers.laws.passive import Passive
 from quartercar.dampers import Identified
 from quartercar.rides.simulation import Ride, RideSettings, drive, side_by_side, without_run
-from quartercar.roads.ride_roads import RideRoad
+from quartercar.roads.ride_roads import MeasuredRoad, RideRoad
 from quartercar.vehicle.assembly import CarAssembly
 from quartercar.vehicle.nonlinear import QuarterCar
 
@@ -37,6 +38,8 @@ FIGURES: Mapping[str, tuple[str, Callable[[Ride], float]]] = {
     "returned": ("J", lambda r: r.passivity.returned),
 }
 """Figures of a ride by name: unit, and where they are found."""
+_ROUNDING = 1e-12
+"""relative difference of a figure that is the order of a sum over 1e4 samples and nothing else"""
 AXES = ("comfort", "tyre_load", "stroke")
 """Figures between which a car has to choose; less is better in each."""
 
@@ -286,12 +289,12 @@ class RideComparison(Shown):
         -------
         best : LawRow
         near : tuple of str
-            Names of the laws that cannot be distinguished from it; none for a single seed.
+            Names of the laws that cannot be distinguished from it; for a single seed those whose figure is the same.
         """
         rows = self.on(road)
         best = min(rows, key=lambda r: r.interval(figure).mean)
         gaps = {r.name: r.against(best, figure) for r in rows if r is not best}
-        return best, tuple(n for n, gap in gaps.items() if gap.low is not None and gap.low <= 0)
+        return best, tuple(n for n, gap in gaps.items() if (gap.mean if gap.low is None else gap.low) <= _ROUNDING)
 
     def to_dict(self) -> dict:
         """ride.json.
@@ -413,7 +416,7 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
     rows = [LawRow(name, controllers[name].title, controllers[name], road.name,
                    tuple(found[road.name, n * len(seeds) + k] for k in range(len(seeds))))
             for road in roads for n, name in enumerate(names)]
-    return RideComparison(tuple(rows), tuple(seeds), chosen, _notes(car, rows))
+    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_notes(car, rows), *_repeating(car, roads)))
 
 
 def joined(first: RideComparison, second: RideComparison) -> RideComparison:
@@ -442,19 +445,67 @@ def joined(first: RideComparison, second: RideComparison) -> RideComparison:
     if twice:
         raise InputError("two comparisons hold the same law", got=", ".join(twice), mend="drive it once")
     rows = [row for road in first.roads for row in (*first.on(road), *second.on(road))]
-    return RideComparison(tuple(rows), first.seeds, first.reference, _notes(rows[0].rides[0].run.car, rows))
+    car = rows[0].rides[0].run.car
+    of_roads = tuple(n for n in first.notes if n not in _notes(car, first.rows))
+    return RideComparison(tuple(rows), first.seeds, first.reference, (*_notes(car, rows), *of_roads))
 
 
 def _notes(car: CarAssembly, rows: Sequence[LawRow]) -> tuple[str, ...]:
-    return (*_unmoved(car), *_extrapolating(rows), *_estimating(rows))
+    return (*_bouncing(car), *_unmoved(car), *_holding(car, rows), *_extrapolating(rows), *_lifting(rows),
+            *_estimating(rows))
+
+
+def _bouncing(car: CarAssembly) -> Iterator[str]:
+    """A car whose body is faster than its wheel: masses changed over, or in the wrong unit."""
+    body, wheel = car.parameters.body_bounce, car.parameters.wheel_hop
+    if body >= wheel:
+        yield (f"The body bounces at {body:.3g} Hz and the wheel hops at {wheel:.3g} Hz: a body is the slower one in "
+               "every car. Check masses and stiffnesses and their units.")
+
+
+def _holding(car: CarAssembly, rows: Sequence[LawRow]) -> Iterator[str]:
+    """At which current the passive car rides: what the laws gain over it depends on that."""
+    damper = car.damper
+    if damper is None or "current" not in damper.reads:
+        return
+    unit = "" if damper.current_unit == "1" else f" {damper.current_unit}"
+    for row in rows:
+        if row.road == rows[0].road and isinstance(row.controller, Passive):
+            yield f"{row.name}: {float(row.rides[0].run['command'][-1]):.4g}{unit} held throughout."
+
+
+def _repeating(car: CarAssembly, roads: Sequence[RideRoad]) -> Iterator[str]:
+    """A track that is driven to and fro so often that its length is what the body is excited by.
+
+    It then holds the frequency V/2L and multiples of it, nothing below.
+    """
+    body = car.parameters.body_bounce
+    for road in roads:
+        if isinstance(road, MeasuredRoad) and road.laps > 1:
+            lowest = road.speed / (2 * road.track.length)
+            if lowest > body:
+                yield (f"On {road.name} a track of {road.track.length:.3g} m is driven forwards and backwards in turn: "
+                       f"it excites nothing below {lowest:.3g} Hz, and the body bounces at {body:.3g} Hz. Give a "
+                       "longer track, or a lower speed.")
+
+
+def _lifting(rows: Sequence[LawRow]) -> Iterator[str]:
+    """Where the wheel leaves the road, road by road."""
+    for road in dict.fromkeys(r.road for r in rows):
+        shares = {r.name: r.interval("off_road").mean for r in rows if r.road == road}
+        worst = max(shares, key=lambda n: shares[n])
+        if shares[worst] > 0:
+            yield (f"On {road} the wheel is off the road in {_shares(shares)} % of the samples (most under {worst}).")
 
 
 def _unmoved(car: CarAssembly) -> Iterator[str]:
     """A damper whose characteristic does not read the command: its laws have nothing to act with."""
     damper = car.damper
-    if damper is not None and isinstance(damper, Identified) and "current" not in damper.reads:
+    if damper is not None and "current" not in damper.reads:
+        mend = ("identify it with --schedule current" if isinstance(damper, Identified) else
+                "fit a law that follows the current to records in which it varies")
         yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
-               "identify it with --schedule current.")
+               f"{mend}.")
 
 
 def _estimating(rows: Sequence[LawRow]) -> Iterator[str]:

@@ -98,12 +98,16 @@ def ride_template() -> str:
     return TEMPLATE
 
 
-def load_config(path: str | Path) -> RideConfig:
+def load_config(path: str | Path, car: str | None = None, damper: Path | None = None) -> RideConfig:
     """Read a CONFIG file; damper, controller and road files are found beside it.
 
     Parameters
     ----------
     path : str or Path
+    car : str, optional
+        Name of a set in place of what the file states.
+    damper : Path, optional
+        File in place of the one that the file names, found from the working folder.
 
     Returns
     -------
@@ -115,7 +119,24 @@ def load_config(path: str | Path) -> RideConfig:
         A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
     """
     path = Path(path)
-    return within(path.name, lambda: _read_config(read_toml(path), path.parent))
+    given = options_of(car, damper)
+    return within(path.name, lambda: _read_config({**read_toml(path), **given}, path.parent))
+
+
+def options_of(car: str | None, damper: Path | None) -> dict[str, str]:
+    """Options of a command as keys of a CONFIG; the damper's path leads to it from any folder.
+
+    Parameters
+    ----------
+    car : str or None
+    damper : Path or None
+
+    Returns
+    -------
+    dict of str to str
+        Those that are given.
+    """
+    return {k: v for k, v in (("car", car), ("damper", None if damper is None else str(damper.absolute()))) if v}
 
 
 @dataclass(frozen=True)
@@ -288,6 +309,32 @@ def road_from_text(text: str) -> RideRoad:
         if mark:
             table["track"] = int(track) - 1 if track.isdecimal() else track
     return _road(table, f"--road {text}", Path())
+
+
+def roads_from_texts(texts: Sequence[str]) -> tuple[RideRoad, ...]:
+    """Roads from texts of `road_from_text`, each of one road or of several with commas between them.
+
+    A comma in the name of an existing file separates nothing.
+
+    Parameters
+    ----------
+    texts : sequence of str
+
+    Returns
+    -------
+    tuple of RideRoad
+
+    Examples
+    --------
+    >>> [road.name for road in roads_from_texts(["iso-c@20,bump@8", "sweep"])]
+    ['ISO C, 20 m/s', 'bump 50 mm x 2 m, 8 m/s', 'sweep 0.5-20 Hz']
+    """
+    parts: list[str] = []
+    for text in texts:
+        file = text.rpartition("@")[0] or text
+        is_file = any(Path(name).is_file() for name in (text, file, file.rpartition("#")[0]))
+        parts += [text] if is_file else [part for name in text.split(",") if (part := name.strip())]
+    return tuple(map(road_from_text, parts))
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------

@@ -294,7 +294,8 @@ def tune_all(laws: Mapping[str, Controller], trial: Trial, budget: int = 64,
 
     def stated(done: int, running: list[int], left: float | None) -> None:
         about = "" if left is None else f", about {left:.0f} s left"
-        report_progress(f"tuning {', '.join(names[k] for k in running)} ({done} of {len(names)} done{about})")
+        if running:
+            report_progress(f"tuning {', '.join(names[k] for k in running)} ({done} of {len(names)} done{about})")
 
     ended = in_processes(_tuned, [(laws[n], trial, budget, references) for n in names], workers=workers,
                          report_progress=stated)

@@ -317,11 +317,17 @@ def measured(path: str | Path, track: int | str | None = None) -> Track:
                          "CONFIG")
     if isinstance(track := 0 if track is None else track, int):
         if not 0 <= track < len(heights):
-            raise InputError(f"{path}: no track {track}", got=", ".join(heights))
+            raise InputError(f"{path}: no track number {track + 1}", got=", ".join(heights))
         track = heights[track]
     name = checks.known_name(track, heights, "track")
     for channel in ("distance", name):
-        if record.channel(channel).unit != "m":
-            raise InputError(f"{path}: '{channel}' is not a length", got=record.channel(channel).unit or "no unit")
+        unit, values = record.channel(channel).unit, np.asarray(record[channel])
+        if unit != "m":
+            raise InputError(f"{path}: '{channel}' is not a length", got=unit or "no unit",
+                             mend=f"state its unit in the header: '{channel} [mm]', for instance")
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise InputError(f"{path}: '{channel}' is not finite", got=f"{values[bad[0]]} in sample {bad[0] + 1}, "
+                             f"{bad.size} in all", mend="fill the gap or cut the track there")
     height = np.asarray(record[name])
     return Track(np.asarray(record["distance"]), height - height[0], name)

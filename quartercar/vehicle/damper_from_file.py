@@ -18,6 +18,8 @@ from quartercar.parameters import CarParameters
 
 PROBES = np.array([0.05, 0.1, 0.2, 0.3])
 """speeds at which the sense of a force is evaluated; a law that is active at some of them still has a sense [m/s]"""
+USUAL_RATE = 500.0
+"""to which measurements are decimated [Hz]; half of it is above ten times the wheel hop of a road car, 10 to 20 Hz"""
 
 
 def car_damper(path: str | Path) -> Damper:
@@ -137,12 +139,18 @@ def check_rate(damper: Damper, parameters: CarParameters, label: str) -> None:
     """
     if damper.clock is None:
         return
-    stiffness = parameters.spring_stiffness + parameters.tyre_stiffness
-    hop = math.sqrt(stiffness / parameters.unsprung_mass) / (2 * math.pi)
+    hop = parameters.wheel_hop
     if 0.5 / damper.clock <= hop:
         raise InputError(f"{label}: the damper runs at {1 / damper.clock:.4g} Hz only", why="the loop runs at the "
                          f"damper's rate, and this car's wheel hops at {hop:.3g} Hz",
-                         mend=f"identify again at 500 Hz (--sample-rate 500), at least above {2 * hop:.3g} Hz")
+                         mend=_faster(2 * hop))
+
+
+def _faster(least: float) -> str:
+    """What makes a loop fast enough for a wheel whose hop asks for a rate above `least` [Hz]."""
+    if least >= USUAL_RATE:
+        return "check the car's tyre stiffness and unsprung mass, and their units: no wheel of a car hops so fast"
+    return f"identify again at {USUAL_RATE:g} Hz (--sample-rate {USUAL_RATE:g}), at least above {least:.3g} Hz"
 
 
 def current_limits(damper: Damper, otherwise: float) -> tuple[float, float]:

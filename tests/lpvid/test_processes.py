@@ -17,7 +17,7 @@ from helpers.importable import copied
 from helpers.waiting import gone
 
 from lpvid import Record, _processes
-from lpvid._processes import Beside, Done, in_processes
+from lpvid._processes import Beside, Done, _left, in_processes
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
@@ -122,3 +122,11 @@ def test_an_interruption_keeps_what_is_done_and_is_raised_where_nothing_is(await
         return
     slow, quick = in_processes(time.sleep, [600.0, 0.0], workers=2, report_progress=interrupt)
     assert slow.stopped == "interrupted" and not quick.stopped and quick.error is None
+
+
+def test_time_left_is_told_from_a_part_of_the_work_that_shows_its_rate() -> None:
+    """A cheap first item takes its process seconds to begin: 56,821 s were announced for 20."""
+    costs = [1e-3, 10.0, 10.0]
+    assert _left([Done(0, seconds=5.0), None, None], costs, [1], 2) is None
+    assert _left([Done(0, seconds=5.0), Done(0, seconds=10.0), None], costs, [2], 2) == pytest.approx(15.0, rel=1e-3)
+    assert _left([], [1.0], [0], 1) is None

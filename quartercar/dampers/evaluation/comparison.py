@@ -139,7 +139,8 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     dampers = [*(f.damper for f in fits), *given]
     if not dampers:
         raise InputError("no damper model could be fitted to these data",
-                         got="; ".join(f"{name}: {why}" for name, why in refused) or "no model was named")
+                         got="; ".join(f"{name}: {why}" for name, why in refused) or "no model was named",
+                         mend="a larger --budget" if any("--budget" in why for _, why in refused) else None)
     progress("comparing")
     first = max(d.start for d in dampers)
     rows = _rows(dampers, [*fits, *([None] * len(given))], data, first, settings.workers)
@@ -222,7 +223,8 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
     def stated(done: int, running: list[int], left: float | None) -> None:
         names = ", ".join(suited[order[k]].name for k in running)
         about = "" if left is None else f", about {left:.0f} s left"
-        progress(f"fitting {names} ({done} of {len(suited)} done{about})")
+        if names:
+            progress(f"fitting {names} ({done} of {len(suited)} done{about})")
 
     ended = in_processes(_fitted, jobs, workers=settings.workers, budget=settings.budget,
                          costs=[costs[place] for place in order], report_progress=stated)

@@ -142,7 +142,8 @@ def test_bad_input_ends_with_one_line(name, tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [
-    ("--rebound", "up"), ("--speeds", "fast"), ("--speeds", "0,1"), ("--tolerance", "much"), ("--nominal", "x.csv"),
+    ("--rebound", "up"), ("--speeds", "fast"), ("--speeds", "0,1"), ("--speeds", "3 kg"), ("--tolerance", "much"),
+    ("--nominal", "x.csv"),
     ("--tolerance", "5%", "--nominal", "nowhere.csv"), ("--specimen", "("), ("--specimen", "Z+"),
     ("--delay", "force"), ("--delay", "force=3kg")])
 def test_bad_options_end_with_one_line(arguments, tmp_path):
@@ -233,3 +234,19 @@ def test_a_heated_damper_fades(shared_data):
         peak = np.quantile(side, 0.98, axis=1)
         line = np.polyfit(np.arange(95), peak, 1)
         assert d.change == pytest.approx(line[0] * 94 / peak.mean(), abs=0.02)
+
+
+def test_results_never_replace_the_data_that_were_read(tmp_path):
+    data = csv_of(tmp_path / "forces.csv", motion())
+    before = data.read_bytes()
+    message = run(data, "--out", tmp_path, code=2).stderr
+    assert "forces.csv would replace the file of that name that was read" in message
+    assert data.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["forces.csv"]
+    run(csv_of(tmp_path / "run.csv", motion()), "--tolerance", "10%", "--out", tmp_path / "out")
+    run(tmp_path / "run.csv", "--tolerance", "10%", "--nominal", tmp_path / "out" / "forces.csv", "--out",
+        tmp_path / "out")  # its own earlier table is no data: it may be replaced
+
+
+def test_speeds_may_have_a_unit(tmp_path):
+    shown = run(csv_of(tmp_path / "run.csv", motion()), "--speeds", "100 mm/s,0.15", "--json").stdout
+    assert sorted({f["speed"] for f in json.loads(shown)["forces"]}) == [0.1, 0.15]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -248,3 +249,22 @@ def test_published_parameters_on_real_data(shared_data, tmp_path):
     assert row["name"] == "bouc-wen (lord)" and not row["fitted"]
     assert row["training"]["free_run"]["esr"] == pytest.approx(0.055, abs=0.006)
     assert "extrapolates" in row["flags"]  # the driver's command leaves 0 to 2.25 V now and then
+
+
+def test_a_budget_too_small_for_any_model_names_its_mend(files):
+    message = run(files[0], "--models", "wang-kamath", "--budget", 1, code=2).stderr
+    assert "not done within --budget 1 s" in message and "Mend: a larger --budget" in message
+
+
+@pytest.mark.parametrize(("columns", "sign", "stated", "absent"), [
+    ("displacement [mm],velocity [mm/s],force [kN]", 1.0, "--controller passive --out ride", "compare control laws"),
+    ("displacement [mm],velocity [mm/s],force [kN]", -1.0, "fit again with --flip force", "quartercar ride"),
+    ("displacement [mm],velocity [mm/s],current [mA],force [kN]", 1.0, "compare control laws", "--controller passive"),
+])
+def test_the_next_step_is_one_that_the_model_can_take(columns, sign, stated, absent, tmp_path):
+    """A damper without current has no laws to compare, and one of reversed polarity is refused by `ride`."""
+    factor = (1e3, 1e3, 1e-3) if "current" not in columns else (1e3, 1e3, 1e3, 1e-3)
+    run(measured(tmp_path / "run.csv", sign=sign, header=columns, factor=factor), "--models", "guo", "--out",
+        tmp_path / "out")
+    page = re.sub("<[^>]+>", "", (tmp_path / "out" / "report.html").read_text().partition("<h2>Ranking")[0])
+    assert stated in page and absent not in page

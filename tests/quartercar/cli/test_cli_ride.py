@@ -16,7 +16,7 @@ from quartercar.cli.app import app
 from quartercar.controllers import Controller, Skyhook
 from quartercar.dampers import BoucWen, Guo
 from quartercar.parameters import SAVARESI
-from quartercar.rides.config import RideConfig, build_car, load_config, ride_template, road_from_text
+from quartercar.rides.config import RideConfig, build_car, load_config, ride_template, road_from_text, roads_from_texts
 
 QUICK = """
 seeds = 2
@@ -281,3 +281,94 @@ def test_an_empty_file_is_no_ride_of_defaults(tmp_path):
     assert result.exit_code == 2
     assert "error: ride.toml is empty" in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_several_roads_in_one_word_as_the_help_shows(tmp_path):
+    from quartercar.cli.app import EXAMPLES
+    from quartercar.cli.ride import ride
+
+    lines = [line.split() for _, line in EXAMPLES[ride]]
+    named = [words[k + 1] for words in lines for k, word in enumerate(words) if word == "--road"]
+    assert any("," in text for text in named)
+    assert [r.name for r in roads_from_texts(named[:1])] == ["ISO C, 20 m/s", "bump 50 mm x 2 m, 8 m/s"]
+    (tmp_path / "a,b.csv").write_text("distance [m],height [m]\n0,0\n50,0.01\n100,0\n")
+    assert len(roads_from_texts([f"{tmp_path / 'a,b.csv'}@10"])) == 1
+
+
+def test_a_damper_without_current_rides_alike_and_the_result_states_it(tmp_path):
+    lpv.save(Guo(values={"yield_force": 200.0, "post_yield_damping": 900.0}, hysteresis=False), tmp_path / "guo.json")
+    stated = run("--damper", tmp_path / "guo.json", "--controller", "passive,skyhook", "--road", "bump@8", "--seeds", 1,
+                 "--json").stdout
+    described = json.loads(stated)
+    assert "not distinguishable from skyhook" in described["verdict"]
+    assert any("does not depend on the command" in note and "follows the current" in note
+               for note in described["notes"])
+    text = run("--damper", tmp_path / "guo.json", "--controller", "passive", "--road", "bump@8", "--seeds", 1).stdout
+    assert "follows no command" in text and "2.5 A" not in text
+
+
+def test_a_track_of_centimetres_and_a_body_of_grams_are_remarked(tmp_path):
+    (tmp_path / "short.csv").write_text("distance [m],height [mm]\n0,0\n0.01,1\n0.02,0\n")
+    (tmp_path / "ride.toml").write_text("""
+seeds = 1
+[car]
+set = "megane"
+sprung_mass = "315 g"
+[[roads]]
+kind = "file"
+path = "short.csv"
+speed = 10.0
+laps = 400
+[[controllers]]
+law = "passive"
+""")
+    stated = run(tmp_path / "ride.toml").stdout
+    assert "excites nothing below 250 Hz" in stated and "The body bounces at 48.7 Hz" in stated
+    assert "off the road in" in stated  # the figures of a wheel that flies are those of a car in the air
+
+
+@pytest.mark.parametrize(("rows", "stated"), [
+    ("distance [m],height [m]\n0,0\n1,\n2,0\n", "short.csv: 'height' is not finite"),
+    ("distance [m],height [m]\n0,inf\n1,0\n2,0\n", "'height' is not finite: got inf in sample 1"),
+    ("distance,height [m]\n0,0\n1,0\n2,0\n", "Mend: state its unit in the header: 'distance [mm]'"),
+])
+def test_a_profile_with_holes_or_without_units_is_refused_by_name(rows, stated, tmp_path, recwarn):
+    (tmp_path / "short.csv").write_text(rows)
+    assert stated in run("--road", f"{tmp_path / 'short.csv'}@10", code=2).stderr
+    assert not recwarn.list
+
+
+def test_a_tyre_of_steel_is_no_matter_of_the_sample_rate(tmp_path):
+    (tmp_path / "ride.toml").write_text('[car]\nset = "megane"\ntyre_stiffness = 1e9\n')
+    message = run(tmp_path / "ride.toml", code=2).stderr
+    assert "check the car's tyre stiffness and unsprung mass" in message and "--sample-rate" not in message
+
+
+def test_options_count_before_the_configuration_as_the_help_says(tmp_path, monkeypatch):
+    """`quartercar design --damper model.json design.toml` of the guide was refused."""
+    from quartercar.design.config import load_design
+
+    for folder in ("configs", "models"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.chdir(tmp_path)
+    lpv.save(Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False), "models/guo.json")
+    Path("configs/ride.toml").write_text('car = "savaresi"\ndamper = "gone.json"\n')
+    found = load_config("configs/ride.toml", "megane", Path("models/guo.json"))
+    assert found.car.parameters.sprung_mass == 315 and found.car.damper.name == "guo"
+    assert load_config("configs/ride.toml", damper=Path("models/guo.json")).car.parameters == SAVARESI
+    found = load_design("configs/ride.toml", "nominal", damper=Path("models/guo.json"))
+    assert found.car.damper.name == "guo" and found.car.parameters == SAVARESI
+    result = run("configs/ride.toml", "--damper", "models/guo.json", "--road", "bump@8", "--controller", "passive",
+                 "--seeds", 1)
+    assert "with damper guo" in result.stdout
+
+
+def test_a_configuration_that_is_not_there_is_named_once(tmp_path):
+    message = run(tmp_path / "nowhere.toml", code=2).stderr
+    assert message.startswith("error: cannot read '") and message.count("nowhere.toml") == 1
+
+
+def test_the_current_of_the_passive_car_is_stated(tmp_path):
+    """What laws gain over it depends on it: at 0 A the embedded damper's passive car rides as well as SH-ADD."""
+    (tmp_path / "ride.toml").write_text(QUICK.replace('fixed_current = 0.0', 'fixed_current = "400 mA"'))
+    assert "passive: 0.4 A held throughout." in run(tmp_path / "ride.toml").stdout
