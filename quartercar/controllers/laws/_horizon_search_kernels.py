@@ -20,8 +20,8 @@ SAME = 1e-6
 
 
 @njit(error_model="numpy", fastmath=True)
-def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag, shape, weights, end, limits, start,
-            work, outs, bars, space):
+def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits,
+            start, work, outs, bars, space):
     """Lower the cost of (N,) commands in place by accelerated projected gradient; the cost reached.
 
     Nesterov (1983) with restart where the cost rises (O'Donoghue, Candes 2015, Found. Comput. Math. 15, 715-732), in
@@ -33,10 +33,10 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
         trial[k] = before[k] = best[k] = min(max(command[k], limits[0]), limits[1])
     least, momentum, beta = math.inf, 1.0, 0.0
     for _ in range(rounds):
-        cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, limits, start, work,
-                       outs)
+        cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits, start,
+                       work, outs)
         if cost <= least:
-            back(car, table, grid, sizes, shape, weights, end, work, outs, bars, slope, scale)
+            back(car, table, grid, sizes, shape, weights, end, unknown, work, outs, bars, slope, scale)
             mean = 0.0
             for k in range(n):
                 mean += scale[k]
@@ -68,8 +68,10 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
 
 @njit(error_model="numpy", fastmath=True)
 def improve_all(commands, costs, levels, lengths, rounds, step, car, table, grid, sizes, lag, shape, weights, ends,
-                limits, motion, forces, inputs, filtered, currents):
-    """`improve` for every car, in place; levels (cars, N + 1), weights (cars, 4), ends (cars, 4 + nf, 4 + nf)."""
+                unknown, limits, motion, forces, inputs, filtered, currents):
+    """`improve` for every car, in place; levels (cars, N + 1), weights (cars, 4), ends (cars, 4 + nf, 4 + nf),
+    unknown (cars, N, G).
+    """
     n, nf = commands.shape[1], filtered.shape[1]
     hist = max(max(sizes[0], sizes[1]) - 1, 0)
     work = np.empty(table.shape[1] + 4 + nf)
@@ -80,7 +82,7 @@ def improve_all(commands, costs, levels, lengths, rounds, step, car, table, grid
     for c in range(commands.shape[0]):
         start = motion[c], forces[c], inputs[c], filtered[c], currents[c]
         costs[c] = improve(commands[c], levels[c], lengths[c:c + 1], rounds, step, car, table, grid, sizes, lag, shape,
-                           weights[c], ends[c], limits, start, work, outs, bars, space)
+                           weights[c], ends[c], unknown[c], limits, start, work, outs, bars, space)
 
 
 @njit(error_model="numpy")
