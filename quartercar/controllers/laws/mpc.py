@@ -29,9 +29,10 @@ class Predictive(Controller):
 
     The prediction (`quartercar.controllers.laws.horizon`) is the nonlinear car with the damper as identified: its
     memory, its limits of current, the lag of coil and damper. What of the road is known ahead (`road_ahead`) is in it,
-    and the road stays level after that: the most likely course of a road of white velocity. The sequence of the sample
-    before, moved on, is where a fixed number of iterations starts (Diehl, Bock, Schlöder 2005, SIAM J. Control Optim.
-    43, 1714-1736).
+    and the road stays level after that: the expected course of a road of white velocity. What the state and the road
+    may deviate by from there, and the damping that this meets, is in the cost (`horizon_uncertainty`). The sequence of
+    the sample before, moved on, is where a fixed number of iterations starts (Diehl, Bock, Schlöder 2005, SIAM J.
+    Control Optim. 43, 1714-1736).
 
     Attributes
     ----------
