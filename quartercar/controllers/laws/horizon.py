@@ -19,7 +19,7 @@ prediction is that of `adjoint.AdjointCar`, the gradient exact (discrete adjoint
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -152,7 +152,7 @@ class Horizon:
         table, sizes, own = _coefficient_table(damper, currents, rest)
         lag = np.array([[_left(sample_time, c.fall_time), _left(sample_time, c.rise_time)] for c in (coil, own)])
         low = damper.static_force(np.array([-SPEED, SPEED]), coil.lowest)
-        dampings = np.column_stack([linearised(lambda v, i=i: damper.static_force(v, i)) for i in currents.tolist()])
+        dampings = np.column_stack([linearised(partial(damper.static_force, current=i)) for i in currents.tolist()])
         return cls(sample_time, samples, car, table, np.array([currents[0], currents[1] - currents[0]]), sizes, lag,
                    comfort_filter(sample_time), np.array([coil.lowest, coil.highest]), rest, parameters,
                    float(low[1] - low[0]) / (2 * SPEED), dampings)

@@ -37,9 +37,11 @@ class Predictive(Controller):
     Attributes
     ----------
     horizon : float
-        [s].
+        [s]; longer where more of the road is known ahead, all of which it then covers.
     rounds : int
         Iterations per sample.
+    given_weight : float
+        ρ_e, of the energy that an identified model gives [(m/s²)²/W].
 
     Examples
     --------
@@ -53,7 +55,7 @@ class Predictive(Controller):
                             "quartercar.controllers.laws.horizon"
 
     horizon: float = 0.15
-    rounds: int = 4
+    rounds: int = 3
     given_weight: float = 1.0
     parameters: ClassVar[tuple[Parameter, ...]] = TYRE, STROKE
     reads: ClassVar[tuple[str, ...]] = (
@@ -72,6 +74,7 @@ class Predictive(Controller):
         if samples < FEWEST:
             raise InputError("the horizon of mpc is too short", got=f"{self.horizon:g} s, {samples} samples",
                              mend=f"at least {FEWEST * setting.sample_time:.3g} s")
+        samples = max(samples, setting.preview)
         coil = Coil(setting.coil.rise_time, setting.coil.fall_time, *setting.currents)
         model = Horizon.of(setting.parameters, setting.damper, coil, setting.sample_time, samples)
         weights = CostWeights(values["tyre_weight"], values["stroke_weight"], np.full(setting.cars, self.given_weight))

@@ -205,8 +205,6 @@ def test_the_road_beyond_the_preview_is_what_spreads():
     road[:20] = 0.0
     found = model.uncertain(rows, Uncertainty(np.zeros((4, 4)), road))[0]
     assert np.all(found[:21] == 0) and np.all(np.diff(found[21:, 0]) > 0)
-    late = model.uncertain(rows, Uncertainty(np.zeros((4, 4)), np.full(N, level)))[0, -1]
-    assert late[-1] > 1.5 * late.min()  # a stiff damper passes the road on to the body
 
 
 def test_a_knee_is_linearised_over_the_deviation():
