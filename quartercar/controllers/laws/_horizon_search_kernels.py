@@ -25,16 +25,27 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
     """Lower the cost of (N,) commands in place by accelerated projected gradient; the cost reached.
 
     Nesterov (1983) with restart where the cost rises (O'Donoghue, Candes 2015, Found. Comput. Math. 15, 715-732), in
-    the scale of the force that each command moves; length: (1,) step length, kept from call to call.
+    the scale of the force that each command moves; length: (1,) step length, kept from call to call. The start is the
+    command given or the lowest one throughout, whichever costs less: a damper that is stiff enough to stand still has
+    no gradient towards a soft one, and what begins there would stay.
     """
     n = command.size
     trial, before, best, slope, scale, kept, sized = space
     for k in range(n):
         trial[k] = before[k] = best[k] = min(max(command[k], limits[0]), limits[1])
+    for k in range(n):
+        slope[k] = limits[0]
+    passive = predict(slope, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits, start,
+                      work, outs)
     least, momentum, beta = math.inf, 1.0, 0.0
-    for _ in range(rounds):
+    for r in range(rounds):
         cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits, start,
                        work, outs)
+        if r == 0 and passive < cost:
+            for k in range(n):
+                trial[k] = before[k] = limits[0]
+            cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits,
+                           start, work, outs)
         if cost <= least:
             back(car, table, grid, sizes, shape, weights, end, unknown, work, outs, bars, slope, scale)
             mean = 0.0

@@ -31,8 +31,8 @@ class Predictive(Controller):
     memory, its limits of current, the lag of coil and damper. What of the road is known ahead (`road_ahead`) is in it,
     and the road stays level after that: the expected course of a road of white velocity. What the state and the road
     may deviate by from there, and the damping that this meets, is in the cost (`horizon_uncertainty`). The sequence of
-    the sample before, moved on, is where a fixed number of iterations starts (Diehl, Bock, Schlöder 2005, SIAM J.
-    Control Optim. 43, 1714-1736).
+    the sample before, moved on, or the lowest current throughout where that costs less, is where a fixed number of
+    iterations starts (Diehl, Bock, Schlöder 2005, SIAM J. Control Optim. 43, 1714-1736).
 
     Attributes
     ----------

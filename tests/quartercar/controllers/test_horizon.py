@@ -255,6 +255,14 @@ def test_more_iterations_are_never_worse_and_few_are_nearly_enough(rng):
     assert np.abs(gradient[inside]).max(initial=0.0) < 0.05 * np.abs(found.gradient(np.zeros(N))[0]).max()
 
 
+def test_a_stiff_start_is_left_for_the_lowest_current(rng):
+    """A damper at its highest current hardly moves: from such a plan a ride on a bump went on for two seconds."""
+    found = Prediction(horizon(), uneven(rng, 2e-4))
+    passive, stiff = found.cost(np.zeros(N)), np.full(N, 2.5)
+    assert found.cost(stiff) > 1.5 * passive
+    assert found.best(1, stiff)[1] <= passive * (1 + 1e-9)
+
+
 def test_the_filter_is_that_of_comfort_between_its_band_limits():
     f = np.geomspace(1.0, 30.0, 40)
     m, z = comfort_filter(1 / RATE), np.exp(2j * np.pi * f / RATE)
