@@ -155,7 +155,7 @@ def examined(plant: lpv.GeneralizedPlant, design: lpv.OutputFeedback, limit: flo
         return found.verdict
     problem, formula, own = min(kept, key=lambda k: k[2].gamma_verified or np.inf)
     worst = {"condition": 0.0, "coupled": 0.0, "inverted": 0.0, "descriptor": 0.0}
-    gains = dict.fromkeys(("inverted", "descriptor", "digits"), 0.0)
+    gains: dict[str, float] = dict.fromkeys(("inverted", "descriptor", "digits"), 0.0)
     for k in range(len(problem.points)):
         at, three = forms(formula, problem.points, k)
         poles = np.abs(np.concatenate([np.linalg.eigvals(three["digits"][1]), np.linalg.eigvals(at.A)]))
