@@ -69,6 +69,10 @@ class Setting:
         Coming samples whose road is known or estimated.
     road_error : float
         Share of the spectrum of the road's velocity that this leaves, 1 without preview.
+    road_level : float
+        Two-sided spectrum of the velocity of the road that the loop is made for [m²/s].
+    estimate_error : (4, 4) array
+        Covariance of what the observer leaves of z_d, ż_s, z_t, ż_us; zero where all is measured.
     """
 
     sample_time: float
@@ -79,6 +83,8 @@ class Setting:
     coil: Coil = field(default_factory=Coil)
     preview: int = 0
     road_error: float = 1.0
+    road_level: float = 0.0
+    estimate_error: np.ndarray = field(default_factory=lambda: np.zeros((4, 4)))
 
 
 class Law(ABC):

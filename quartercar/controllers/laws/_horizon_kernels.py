@@ -106,7 +106,8 @@ def filtered_on(shape, xw, k, a):
 
 
 @njit(error_model="numpy", fastmath=True)
-def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights, end, limits, start, work, outs):
+def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits, start, work,
+            outs):
     """Cost of (N,) commands, and what `back` needs of the course.
 
     Parameters
@@ -133,6 +134,8 @@ def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights,
         Of weighted acceleration², tyre force², deflection², and of the power that the damper gives where F v < 0.
     end : (4 + nf, 4 + nf) array
         Cost of what the horizon leaves: z_d, ż_s, z_t, ż_us and the filter's states.
+    unknown : (N, G) array
+        Further cost by the sample and the lagged current after it, between currents as coefficients are.
     limits : (2,) array
         Of the command.
     start : tuple of arrays
@@ -153,6 +156,7 @@ def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights,
     for k in range(n):
         q = lagged(min(max(command[k], limits[0]), limits[1]), k, lag, felt, rates)
         cell = read_table(table, grid, q, c)
+        cost += unknown[k, cell] + ((q - grid[0]) / grid[1] - cell) * (unknown[k, cell + 1] - unknown[k, cell])
         h, level, rate = hist + k, levels[k], (levels[k + 1] - levels[k]) / step
         f = past[h, 0]
         for m in range(4):
@@ -246,7 +250,7 @@ def state_back(car, xb):
 
 
 @njit(error_model="numpy", fastmath=True)
-def back(car, table, grid, sizes, shape, weights, end, work, outs, bars, gradient, scale):
+def back(car, table, grid, sizes, shape, weights, end, unknown, work, outs, bars, gradient, scale):
     """(N,) gradient by its commands of the cost last predicted, and Σ_j (∂i_j/∂u_k)(∂F_j/∂i_j)², the scale of a step.
 
     Discrete adjoint of `predict`; it uses up the filter's states.
@@ -284,7 +288,7 @@ def back(car, table, grid, sizes, shape, weights, end, work, outs, bars, gradien
         xb[0], xb[1], xb[2], xb[3] = xb[0] + zt, xb[1] + vt, xb[2] - zt, xb[3] - vt
         by_q, bent_q = current_slope(c, d, past, h, na, nb, slopes[k, 3])
         memory_back(c, pb, h, na, nb, one)
-        qb += one * by_q + pb[h + 1, 3] * bent_q
+        qb += one * by_q + pb[h + 1, 3] * bent_q + (unknown[k, cell + 1] - unknown[k, cell]) / grid[1]
         q2 += by_q * by_q
         pb[h, 0] += state_back(car, xb)
         left, left2 = rates[k, 0], rates[k, 1]

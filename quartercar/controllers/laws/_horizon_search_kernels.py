@@ -20,23 +20,34 @@ SAME = 1e-6
 
 
 @njit(error_model="numpy", fastmath=True)
-def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag, shape, weights, end, limits, start,
-            work, outs, bars, space):
+def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits,
+            start, work, outs, bars, space):
     """Lower the cost of (N,) commands in place by accelerated projected gradient; the cost reached.
 
     Nesterov (1983) with restart where the cost rises (O'Donoghue, Candes 2015, Found. Comput. Math. 15, 715-732), in
-    the scale of the force that each command moves; length: (1,) step length, kept from call to call.
+    the scale of the force that each command moves; length: (1,) step length, kept from call to call. The start is the
+    command given or the lowest one throughout, whichever costs less: a damper that is stiff enough to stand still has
+    no gradient towards a soft one, and what begins there would stay.
     """
     n = command.size
     trial, before, best, slope, scale, kept, sized = space
     for k in range(n):
         trial[k] = before[k] = best[k] = min(max(command[k], limits[0]), limits[1])
+    for k in range(n):
+        slope[k] = limits[0]
+    passive = predict(slope, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits, start,
+                      work, outs)
     least, momentum, beta = math.inf, 1.0, 0.0
-    for _ in range(rounds):
-        cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, limits, start, work,
-                       outs)
+    for r in range(rounds):
+        cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits, start,
+                       work, outs)
+        if r == 0 and passive < cost:
+            for k in range(n):
+                trial[k] = before[k] = limits[0]
+            cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, unknown, limits,
+                           start, work, outs)
         if cost <= least:
-            back(car, table, grid, sizes, shape, weights, end, work, outs, bars, slope, scale)
+            back(car, table, grid, sizes, shape, weights, end, unknown, work, outs, bars, slope, scale)
             mean = 0.0
             for k in range(n):
                 mean += scale[k]
@@ -68,8 +79,10 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
 
 @njit(error_model="numpy", fastmath=True)
 def improve_all(commands, costs, levels, lengths, rounds, step, car, table, grid, sizes, lag, shape, weights, ends,
-                limits, motion, forces, inputs, filtered, currents):
-    """`improve` for every car, in place; levels (cars, N + 1), weights (cars, 4), ends (cars, 4 + nf, 4 + nf)."""
+                unknown, limits, motion, forces, inputs, filtered, currents):
+    """`improve` for every car, in place; levels (cars, N + 1), weights (cars, 4), ends (cars, 4 + nf, 4 + nf),
+    unknown (cars, N, G).
+    """
     n, nf = commands.shape[1], filtered.shape[1]
     hist = max(max(sizes[0], sizes[1]) - 1, 0)
     work = np.empty(table.shape[1] + 4 + nf)
@@ -80,7 +93,7 @@ def improve_all(commands, costs, levels, lengths, rounds, step, car, table, grid
     for c in range(commands.shape[0]):
         start = motion[c], forces[c], inputs[c], filtered[c], currents[c]
         costs[c] = improve(commands[c], levels[c], lengths[c:c + 1], rounds, step, car, table, grid, sizes, lag, shape,
-                           weights[c], ends[c], limits, start, work, outs, bars, space)
+                           weights[c], ends[c], unknown[c], limits, start, work, outs, bars, space)
 
 
 @njit(error_model="numpy")

@@ -3,12 +3,14 @@
 ::
 
     minimise over lowest ≤ u(0 … N−1) ≤ highest
-        Σ_{k=1}^{N} [ a_w(k)² + ρ_t (F_t(k)/m_s)² + ρ_z (k_s z_d(k)/m_s)² + ρ_e (−F v_d)_+ ] + e(N)ᵀ P e(N)
+        Σ_{k=1}^{N} [ a_w(k)² + ρ_t (F_t(k)/m_s)² + ρ_z (k_s z_d(k)/m_s)² + ρ_e (−F v_d)_+ + E(k−1, i(k)) ]
+        + e(N)ᵀ P e(N)
     with    coil and damper's lag: i⁺ = u + (i − u) e^{−T/τ}, τ by rising or falling
             damper: F(k) = law(z, v, i) + past forces and inputs, as identified
             car:    exact between samples for a force that is linear there (`IntegratorStages.ramp`), the road known
             a_w:    body acceleration behind W_k without its band limits
-            e, P:   what is left after the horizon, the damper then a dashpot: the sum of all later terms
+            E:      of what is not known of state and road (`quartercar.controllers.laws.horizon_uncertainty`)
+    e, P:   what is left after the horizon, the damper then a dashpot: the sum of all later terms
 
 ρ_e charges the energy that an identified model gives where no damper would. Without bump stops and lift-off. The
 prediction is that of `adjoint.AdjointCar`, the gradient exact (discrete adjoint).
@@ -17,11 +19,19 @@ prediction is that of `adjoint.AdjointCar`, the gradient exact (discrete adjoint
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from lpvid.errors import InputError
+from quartercar.controllers.laws.horizon_uncertainty import (
+    Uncertainty,
+    dashpot,
+    deviations,
+    expected_cost,
+    linearised,
+    sum_of_powers,
+)
 from quartercar.criteria import comfort_transition
 from quartercar.criteria.figures import F3
 from quartercar.dampers.contract import Damper
@@ -75,6 +85,8 @@ class Horizon:
     parameters : CarParameters
     damping : float
         Of the dashpot after the horizon [N·s/m].
+    dampings : (S, G) array
+        By `horizon_uncertainty.DEVIATIONS` of the deflection's velocity and the current of the table [N·s/m].
     """
 
     sample_time: float
@@ -89,6 +101,7 @@ class Horizon:
     rest: float
     parameters: CarParameters
     damping: float
+    dampings: np.ndarray
 
     @classmethod
     def of(cls, parameters: CarParameters, damper: Damper | None, coil: Coil, sample_time: float,
@@ -139,9 +152,10 @@ class Horizon:
         table, sizes, own = _coefficient_table(damper, currents, rest)
         lag = np.array([[_left(sample_time, c.fall_time), _left(sample_time, c.rise_time)] for c in (coil, own)])
         low = damper.static_force(np.array([-SPEED, SPEED]), coil.lowest)
+        dampings = np.column_stack([linearised(partial(damper.static_force, current=i)) for i in currents.tolist()])
         return cls(sample_time, samples, car, table, np.array([currents[0], currents[1] - currents[0]]), sizes, lag,
                    comfort_filter(sample_time), np.array([coil.lowest, coil.highest]), rest, parameters,
-                   float(low[1] - low[0]) / (2 * SPEED))
+                   float(low[1] - low[0]) / (2 * SPEED), dampings)
 
     def weights(self, given: CostWeights) -> tuple[np.ndarray, np.ndarray]:
         """(cars, 4) weights of `_horizon_kernels.predict`, (cars, 4 + nf, 4 + nf) cost of what the horizon leaves.
@@ -166,20 +180,30 @@ class Horizon:
 
     def _left_over(self, weights: np.ndarray) -> np.ndarray:
         """P = Σ over all later samples of the cost of the car with the dashpot on a road that stays level."""
-        from scipy.linalg import expm
+        step, out = self._dashpot(self.damping)
+        return sum_of_powers(step, out.T @ (weights[:, None] * out))
 
-        p, nf = self.parameters, len(self.shape) - 1
-        part = LinearPart(p.sprung_mass, p.unsprung_mass, 0.0, p.spring_stiffness, self.damping, p.tyre_stiffness,
-                          p.tyre_damping)
-        to = np.array([[1.0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # on a level of zero
-        a = to @ expm(part.matrices()[0] * self.sample_time) @ np.linalg.inv(to)
-        k, c, m = p.spring_stiffness, self.damping, p.sprung_mass
-        rows = np.array([[-k / m, -c / m, 0, c / m], [0, 0, p.tyre_stiffness, p.tyre_damping], [1.0, 0, 0, 0]]) @ a
-        step, out = np.zeros((4 + nf, 4 + nf)), np.zeros((3, 4 + nf))
-        step[:4, :4], step[4:, 4:], step[4:, :4] = a, self.shape[:nf, :nf], np.outer(self.shape[:nf, nf], rows[0])
-        out[0, :4], out[0, 4:] = self.shape[nf, nf] * rows[0], self.shape[nf, :nf]
-        out[1:, :4] = rows[1:]
-        return _sum_of_powers(step, out.T @ (weights[:, None] * out))
+    def uncertain(self, weights: tuple[np.ndarray, np.ndarray], unknown: Uncertainty) -> np.ndarray:
+        """(cars, N, G) what is expected beside the cost of the expected motion, by sample and current of the table.
+
+        Parameters
+        ----------
+        weights : ((cars, 4), (cars, n, n) arrays)
+            As `weights` gives them.
+        unknown : Uncertainty
+            N samples of road.
+
+        Returns
+        -------
+        (cars, N, G) array
+            In the unit of the cost.
+        """
+        spread, damping = deviations(unknown, self.dampings, self._dashpot, self.sample_time)
+        return np.array([expected_cost(self._dashpot, damping, row[:3], end, spread)
+                         for row, end in zip(*weights, strict=True)])
+
+    def _dashpot(self, damping: float) -> tuple[np.ndarray, np.ndarray]:
+        return dashpot(self.parameters, damping, self.sample_time, self.shape)
 
     @property
     def history(self) -> tuple[int, int]:
@@ -245,14 +269,6 @@ def comfort_filter(sample_time: float) -> np.ndarray:
     scaled = [p * unit ** np.arange(p.size - 1, -1, -1) for p in (top, bottom)]
     a, b, c, d = tf2ss(*bilinear(*scaled, fs=1 / (sample_time * unit)))
     return np.block([[a, b], [c, d]])
-
-
-def _sum_of_powers(step: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Σ_{k≥0} (Aᵀ)ᵏ Q Aᵏ by doubling (Smith 1968, SIAM J. Appl. Math. 16, 198-201); 2⁴⁰ terms."""
-    total, power = cost, step
-    for _ in range(40):
-        total, power = total + power.T @ total @ power, power @ power
-    return 0.5 * (total + total.T)
 
 
 def _left(time: float, tau: float) -> float:

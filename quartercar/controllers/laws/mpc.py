@@ -11,6 +11,7 @@ from lpvid.errors import InputError
 from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
 from quartercar.controllers.laws.horizon import CostWeights, Horizon
+from quartercar.controllers.laws.horizon_uncertainty import Uncertainty
 from quartercar.dampers.parameter import Parameter
 from quartercar.vehicle.nonlinear import Coil
 
@@ -28,16 +29,19 @@ class Predictive(Controller):
 
     The prediction (`quartercar.controllers.laws.horizon`) is the nonlinear car with the damper as identified: its
     memory, its limits of current, the lag of coil and damper. What of the road is known ahead (`road_ahead`) is in it,
-    and the road stays level after that: the most likely course of a road of white velocity. The sequence of the sample
-    before, moved on, is where a fixed number of iterations starts (Diehl, Bock, Schlöder 2005, SIAM J. Control Optim.
-    43, 1714-1736).
+    and the road stays level after that: the expected course of a road of white velocity. What the state and the road
+    may deviate by from there, and the damping that this meets, is in the cost (`horizon_uncertainty`). The sequence of
+    the sample before, moved on, or the lowest current throughout where that costs less, is where a fixed number of
+    iterations starts (Diehl, Bock, Schlöder 2005, SIAM J. Control Optim. 43, 1714-1736).
 
     Attributes
     ----------
     horizon : float
-        [s].
+        [s]; longer where more of the road is known ahead, all of which it then covers.
     rounds : int
         Iterations per sample.
+    given_weight : float
+        ρ_e, of the energy that an identified model gives [(m/s²)²/W].
 
     Examples
     --------
@@ -51,7 +55,7 @@ class Predictive(Controller):
                             "quartercar.controllers.laws.horizon"
 
     horizon: float = 0.15
-    rounds: int = 4
+    rounds: int = 3
     given_weight: float = 1.0
     parameters: ClassVar[tuple[Parameter, ...]] = TYRE, STROKE
     reads: ClassVar[tuple[str, ...]] = (
@@ -70,10 +74,19 @@ class Predictive(Controller):
         if samples < FEWEST:
             raise InputError("the horizon of mpc is too short", got=f"{self.horizon:g} s, {samples} samples",
                              mend=f"at least {FEWEST * setting.sample_time:.3g} s")
+        samples = max(samples, setting.preview)
         coil = Coil(setting.coil.rise_time, setting.coil.fall_time, *setting.currents)
         model = Horizon.of(setting.parameters, setting.damper, coil, setting.sample_time, samples)
         weights = CostWeights(values["tyre_weight"], values["stroke_weight"], np.full(setting.cars, self.given_weight))
-        return PredictiveLaw(model, model.weights(weights), self.rounds)
+        rows = model.weights(weights)
+        return PredictiveLaw(model, rows, model.uncertain(rows, _unknown(setting, samples)), self.rounds)
+
+
+def _unknown(setting: Setting, samples: int) -> Uncertainty:
+    """What the observer leaves, and the road: beyond the preview all of it, before that what its estimate leaves."""
+    road = np.full(samples, setting.road_level)
+    road[:setting.preview] *= setting.road_error
+    return Uncertainty(setting.estimate_error, road)
 
 
 class PredictiveLaw(Law):
@@ -84,6 +97,8 @@ class PredictiveLaw(Law):
     model : Horizon
     weights : ((cars, 4), (cars, n, n) arrays)
         As `Horizon.weights` gives them.
+    unknown : (cars, N, G) array
+        As `Horizon.uncertain` gives it.
     rounds : int
 
     Attributes
@@ -94,8 +109,9 @@ class PredictiveLaw(Law):
         Of that plan.
     """
 
-    def __init__(self, model: Horizon, weights: tuple[np.ndarray, np.ndarray], rounds: int) -> None:
-        self._model, self._rounds = model, rounds
+    def __init__(self, model: Horizon, weights: tuple[np.ndarray, np.ndarray], unknown: np.ndarray, rounds: int
+                 ) -> None:
+        self._model, self._rounds, self._unknown = model, rounds, unknown
         self._weights, self._ends = weights
         cars, n = len(self._weights), model.samples
         forces, inputs = model.history
@@ -119,8 +135,8 @@ class PredictiveLaw(Law):
         self._levels[:, known + 1:] = self._levels[:, known:known + 1]
         self.plan[:, :-1] = self.plan[:, 1:]
         improve_all(self.plan, self.cost, self._levels, self._lengths, self._rounds, m.sample_time, m.car, m.table,
-                    m.grid, m.sizes, m.lag, m.shape, self._weights, self._ends, m.limits, motion, self._forces,
-                    self._inputs, self._filtered, self._currents)
+                    m.grid, m.sizes, m.lag, m.shape, self._weights, self._ends, self._unknown, m.limits, motion,
+                    self._forces, self._inputs, self._filtered, self._currents)
         return self.plan[:, 0].copy()
 
     def _note(self, seen: Signals) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -75,7 +75,9 @@ class ControllerChain:
                                  "provide", got=", ".join(n for n in SIGNALS if n in described and n not in ALWAYS),
                                  mend="the measurement set 'stroke-body-wheel' or 'ideal'")
         self._inverse = Inverse(setting, coil, settings.inverse)
-        self._law = start_together(controllers, setting)
+        error = np.zeros((4, 4)) if self._observer is None else self._observer.covariance[:4, :4]
+        self._law = start_together(controllers, replace(setting, road_level=settings.observer.road_level,
+                                                        estimate_error=error))
         self._by_force = controllers[0].demands == "force"
         zero = np.zeros(setting.cars)
         self._asked, self._had, self._before = zero, zero, zero

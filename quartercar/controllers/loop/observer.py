@@ -44,6 +44,11 @@ class ObserverSettings:
             checks.positive(getattr(self, name), f"{name} of an observer")
         iso_roughness(self.road_class)
 
+    @property
+    def road_level(self) -> float:
+        """Two-sided spectrum of the road's velocity [m²/s], half of the one-sided 4π² n_0² G_d(n_0) V."""
+        return 2 * np.pi**2 * iso_roughness(self.road_class).coefficient * self.speed
+
 
 class KalmanObserver:
     """A Kalman filter in steady state, for many cars.
@@ -206,7 +211,7 @@ class ObservedCar:
         a, force, intensity = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
         a[:4, :4], a[:4, 4], a[4, 4] = car.A, car.B[:, 1], -rate
         force[:4] = car.B[:, 1]
-        road = 2 * np.pi**2 * iso_roughness(design.road_class).coefficient * design.speed  # two-sided: half of 4π²…
+        road = design.road_level
         into = np.zeros(n)
         into[:4] = car.B[:, 0]
         intensity += road * np.outer(into, into)

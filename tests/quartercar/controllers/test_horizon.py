@@ -19,6 +19,7 @@ from quartercar import dampers
 from quartercar.controllers.laws._horizon_kernels import back, predict
 from quartercar.controllers.laws._horizon_search_kernels import improve_all, note_all
 from quartercar.controllers.laws.horizon import CostWeights, Horizon, comfort_filter
+from quartercar.controllers.laws.horizon_uncertainty import DEVIATIONS, Uncertainty, linearised
 from quartercar.criteria import comfort_transition, comfort_weighting
 from quartercar.parameters import MEGANE
 from quartercar.rides.default_damper import identified_damper
@@ -56,17 +57,18 @@ class Prediction:
         self.start = (np.zeros(4), np.full(forces, model.settled_force(low)), np.zeros((inputs, 3)), np.zeros(nf),
                       np.full(2, low))
         self.model, self.road, self.rows, self.ends = model, road, rows[0], ends[0]
+        self.unknown = np.zeros((n, len(model.table)))
 
     def cost(self, command: np.ndarray) -> float:
         m = self.model
         return predict(command, self.road, m.sample_time, m.car, m.table, m.grid, m.sizes, m.lag, m.shape, self.rows,
-                       self.ends, m.limits, self.start, self.work, self.outs)
+                       self.ends, self.unknown, m.limits, self.start, self.work, self.outs)
 
     def gradient(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         m, out, scale = self.model, np.empty(command.size), np.empty(command.size)
         self.cost(command)
-        back(m.car, m.table, m.grid, m.sizes, m.shape, self.rows, self.ends, self.work, self.outs, self.bars, out,
-             scale)
+        back(m.car, m.table, m.grid, m.sizes, m.shape, self.rows, self.ends, self.unknown, self.work, self.outs,
+             self.bars, out, scale)
         return out, scale
 
     def best(self, rounds: int, first: np.ndarray | None = None) -> tuple[np.ndarray, float]:
@@ -74,8 +76,8 @@ class Prediction:
         plan = (np.full(m.samples, low) if first is None else first.copy())[None]
         cost = np.zeros(1)
         improve_all(plan, cost, self.road[None], np.array([1e6]), rounds, m.sample_time, m.car, m.table, m.grid,
-                    m.sizes, m.lag, m.shape, self.rows[None], self.ends[None], m.limits,
-                    *(a[None].copy() for a in self.start))
+                    m.sizes, m.lag, m.shape, self.rows[None], self.ends[None],
+                    self.unknown[None], m.limits, *(a[None].copy() for a in self.start))
         return plan[0], float(cost[0])
 
 
@@ -110,6 +112,7 @@ def test_the_prediction_of_a_law_without_memory_is_the_ride_to_the_order_of_the_
 def test_the_gradient_is_that_of_the_cost(name: str, rng):
     model, road = horizon(name), uneven(rng, 3e-4)
     found, command = Prediction(model, road), rng.uniform(0.1, 0.9, N) * horizon(name).limits[1]
+    found.unknown = 0.02 * np.cumsum(rng.normal(0, 1, found.unknown.shape), axis=1)
     gradient, scale = found.gradient(command)
     size = np.abs(gradient).max()
     for k in (0, 1, 7, 30, N - 1):
@@ -160,6 +163,56 @@ def least_squares(model: Horizon, road: np.ndarray, tyre: float, stroke: float, 
     return matrix, -still
 
 
+def viscous() -> Horizon:
+    """A dashpot of 1000 N·s/m without current and 400 more per ampere, whatever the velocity."""
+    model = proportional()
+    return replace(model, damping=1000.0, dampings=np.tile(1000.0 + 400.0 * np.linspace(0, 2.5, 65), (25, 1)))
+
+
+def tail_cost(start: np.ndarray, first: float, given: CostWeights, tail: int = 6000) -> float:
+    """Cost of a car from a deviation on, level road, one sample of a dashpot and then 1000 N·s/m; `lfilter` for W_k."""
+    ms, mu, k, kt = (getattr(MEGANE, n) for n in ("sprung_mass", "unsprung_mass", "spring_stiffness", "tyre_stiffness"))
+    rows, x = [], np.array([start[0] + start[2], start[1], start[2], start[3]])  # z_s, ż_s, z_us, ż_us
+    for j in range(tail):
+        c = first if j == 0 else 1000.0
+        if j < 2:
+            force = np.array([k, c, -k, -c])
+            step = expm(np.array([[0, 1, 0, 0], -force / ms, [0, 0, 0, 1], force / mu - [0, 0, kt / mu, 0]]) / RATE)
+        x = step @ x
+        rows.append([-(k * (x[0] - x[2]) + c * (x[1] - x[3])) / ms, kt * x[2], x[0] - x[2]])
+    acceleration, load, deflection = np.array(rows).T
+    heavy = lfilter(*bilinear(*comfort_transition(), fs=RATE), acceleration)
+    return float(heavy @ heavy + given.tyre[0] * (load @ load) / ms**2 + given.stroke[0] * (deflection @ deflection)
+                 * (k / ms) ** 2)
+
+
+@pytest.mark.seconds
+def test_what_is_not_known_costs_what_its_deviations_cost():
+    """E(0, i) is the mean over the error of the estimates, here by the columns of a root of its covariance."""
+    model, given = viscous(), weights(given=0.0)
+    root = np.diag([1e-3, 0.02, 5e-4, 0.05]) @ np.array([[1, 0, 0, 0], [0.3, 1, 0, 0], [0, 0.5, 1, 0], [0.2, 0, 0, 1]])
+    found = model.uncertain(model.weights(given), Uncertainty(root @ root.T, np.zeros(N)))[0, 0]
+    for place in (0, 20, 64):
+        wanted = sum(tail_cost(column, 1000.0 + 400.0 * 2.5 * place / 64, given) for column in root.T)
+        assert found[place] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_the_road_beyond_the_preview_is_what_spreads():
+    """From exact states on nothing deviates within the preview; then the deviation grows to that of a long ride."""
+    model, level = horizon(), 2e-4
+    rows = model.weights(weights())
+    road = np.full(N, level)
+    road[:20] = 0.0
+    found = model.uncertain(rows, Uncertainty(np.zeros((4, 4)), road))[0]
+    assert np.all(found[:21] == 0) and np.all(np.diff(found[21:, 0]) > 0)
+
+
+def test_a_knee_is_linearised_over_the_deviation():
+    """100 N of yield with 900 N·s/m: 900 + 100 √(2/π)/σ."""
+    found = linearised(lambda v: 900.0 * v + 100.0 * np.tanh(v / 1e-4))
+    np.testing.assert_allclose(found, 900.0 + 100.0 * np.sqrt(2 / np.pi) / DEVIATIONS, rtol=0.03)
+
+
 @pytest.mark.slow
 def test_the_quadratic_program_of_a_frozen_case_is_solved(rng):
     """Against bounded least squares on an independent simulation, the terminal cost as its tail in full."""
@@ -200,6 +253,14 @@ def test_more_iterations_are_never_worse_and_few_are_nearly_enough(rng):
     inside = (plan > 1e-3) & (plan < 2.5 - 1e-3)
     assert cost < costs[0] and np.all(gradient[plan <= 1e-9] > -1e-2 * np.abs(gradient).max())
     assert np.abs(gradient[inside]).max(initial=0.0) < 0.05 * np.abs(found.gradient(np.zeros(N))[0]).max()
+
+
+def test_a_stiff_start_is_left_for_the_lowest_current(rng):
+    """A damper at its highest current hardly moves: from such a plan a ride on a bump went on for two seconds."""
+    found = Prediction(horizon(), uneven(rng, 2e-4))
+    passive, stiff = found.cost(np.zeros(N)), np.full(N, 2.5)
+    assert found.cost(stiff) > 1.5 * passive
+    assert found.best(1, stiff)[1] <= passive * (1 + 1e-9)
 
 
 def test_the_filter_is_that_of_comfort_between_its_band_limits():
