@@ -184,7 +184,7 @@ def test_measured_profile(tmp_path: Path):
     np.testing.assert_allclose(there_and_back[[0, 3, 6, 9, 12]], [0, 3e-3, 6e-3, 3e-3, 0], atol=1e-15)
     with pytest.raises(InputError, match="no track"):
         roads.measured(path, "middle")
-    with pytest.raises(InputError, match="no track 2"):
+    with pytest.raises(InputError, match="no track number 3"):
         roads.measured(path, 2)
 
 
