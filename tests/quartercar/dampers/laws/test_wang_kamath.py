@@ -136,9 +136,9 @@ def test_recovered_from_its_own_simulation() -> None:
         "linear_flow_0": 0.03, "linear_flow_1": 0.01, "cubic_flow_0": 0.02, "cubic_flow_1": 0.01,
         "quintic_flow_0": 0.08, "quintic_flow_1": 0.02})
     given = drive(2.0, current=1.2)
-    channels = {"velocity": given.velocity, "current": given.current, "force": truth.response(given, truth.vector)}
-    units = {"velocity": "m/s", "current": "A", "force": "N"}
-    record = lpv.Record(channels, sample_time=given.sample_time, units=units)
+    motion = lpv.Record({"velocity": given.velocity, "current": given.current}, sample_time=given.sample_time,
+                        units={"velocity": "m/s", "current": "A"})
+    record = motion.with_channel("force", truth.simulate(motion).output[:, 0], "N")
     found = fit(WangKamath(degree=1, current_scale=2.0), [record], settings=FitSettings(starts=4, polished=1))
     assert found.damper.vector == pytest.approx(truth.vector, rel=1e-4)
 
