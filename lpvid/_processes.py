@@ -25,7 +25,7 @@ from lpvid._memory import give_back, of_library
 T = TypeVar("T")
 R = TypeVar("R")
 KNOWN = 0.1
-"""part of all costs from which their rate is told: what a process takes to begin, seconds, would be counted tenfold"""
+"""part of all costs from which their rate is estimated: the seconds in which a process begins would count tenfold"""
 POLL = 0.2
 """Time between two looks at the clock while work goes on [s]."""
 PARENT_DEATH_SIGNAL = 1

@@ -285,7 +285,7 @@ def distinct(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
     """
     out: list[np.ndarray] = []
     for v in vectors:
-        if not any(np.all(np.abs(v - o) <= SAME_POINT * np.maximum(np.abs(v), np.abs(o)) ) for o in out):
+        if not any(np.all(np.abs(v - o) <= SAME_POINT * np.maximum(np.abs(v), np.abs(o))) for o in out):
             out.append(v)
     return out
 
