@@ -200,7 +200,7 @@ class SetSearch(VisitedSets):
         other one. None where the new set stays hopelessly behind, to first order: the others and the size of the
         change following. Lags do not act in proportion: all of them are refitted. Where a number of the law has gone to
         its bound, an effect does the work of that part, a friction that of the yield force: then the law begins from
-        where it stands alone too.
+        where it stands alone too, and is followed to its end unless it stays hopelessly behind.
         """
         composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
         place = w.fit.composition.places[w.effects.index(gone)]
@@ -214,12 +214,17 @@ class SetSearch(VisitedSets):
             change = plain - error
             followed = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
             left.append(float(error @ error - followed))
-        behind = 0.5 * self.kept * self.problem.n_samples * np.log(max(min(left), 1e-300) / w.fit.cost)
-        first = [begun[k] for k in np.argsort(left)[:RACED]]
-        found = [self.settled(composition, first, w.fit, (come,), RACED)] if lag or behind < HOPELESS else []
+
+        def behind(cost: float) -> float:
+            return 0.5 * self.kept * self.problem.n_samples * float(np.log(max(cost, 1e-300) / w.fit.cost))
+
+        near = [begun[k] for k in np.argsort(left)[:RACED]]
+        found = [self.settled(composition, near, w.fit, (come,), RACED)] if lag or behind(min(left)) < HOPELESS else []
         own, root = slice(composition.own), self.root.fit
         if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
             anew = [np.concatenate([root.vector[own], v[composition.own:]]) for v in begun]
-            nearest = min(anew, key=lambda v: self.left(composition, v))
-            found.append(refit(self.problem, composition, nearest, iterations=2 * ITERATIONS))
+            first = self.settled(composition, [min(anew, key=lambda v: self.left(composition, v))], None)
+            if behind(first.cost) < HOPELESS:
+                first = refit(self.problem, composition, first.vector, iterations=2 * ITERATIONS)
+            found.append(first)
         return self.weighed(min(found, key=lambda f: f.cost)) if found else None
