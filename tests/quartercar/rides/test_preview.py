@@ -201,15 +201,21 @@ def test_speed_only_says_how_many_terms_there_are():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mpc", "preview-lqr"])
 def test_a_front_axle_is_worth_its_sensors(name: str):
-    """With what the front axle estimates both figures fall, and not much less than with the profile itself."""
-    car, road, law = build_car(), IsoRoad("C", 20.0, 3.0), laws.law_class(name)()
-    found = {}
-    for text in ("none", "wheelbase=2.7", "wheelbase=2.7,front=known"):
-        rides = drive(car, road, [law, law], [0, 1], RideSettings(preview=preview_from_text(text)))
-        found[text] = np.mean([[r.figures.comfort, r.figures.tyre_load] for r in rides], axis=0)
-    without, estimated, known = found.values()
-    assert np.all(estimated < (1 - 0.02) * without)
-    assert np.all(np.abs(estimated / known - 1) < 0.03)
+    """With what the front axle estimates both figures fall by over 2 %, and hardly less than with the profile itself.
+
+    The same road and noise is ridden with and without. Of 3 s the change of one seed spreads by 1.1 to 1.7 % (two
+    seeds of `preview-lqr` gave 1.9 %, ten of 20 s 2.2 %, so two cannot decide on 2 %); of 40 seeds the mean is known
+    to 0.17 to 0.27 %, and the bound holds at two standard errors of it.
+    """
+    car, road, law, seeds = build_car(), IsoRoad("C", 20.0, 3.0), laws.law_class(name)(), range(40)
+    without, estimated, known = (
+        np.array([[r.figures.comfort, r.figures.tyre_load]
+                  for r in drive(car, road, [law] * len(seeds), seeds, RideSettings(preview=preview_from_text(text)))])
+        for text in ("none", "wheelbase=2.7", "wheelbase=2.7,front=known"))
+    change = estimated / without - 1
+    error = change.std(axis=0, ddof=1) / np.sqrt(len(seeds))
+    assert np.all(change.mean(axis=0) + 2 * error < -0.02)
+    assert np.all(np.abs(estimated.mean(axis=0) / known.mean(axis=0) - 1) < 0.01)
 
 
 def test_mpc_needs_limits_a_damper_and_a_horizon():
