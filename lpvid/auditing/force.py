@@ -16,7 +16,11 @@ BLOCKS = 20
 
 
 def dissipation(view: View) -> tuple[float, float, float] | None:
-    """(correlation of force and velocity, mean (F − F̄)(v − v̄) [W], its distance from zero in standard errors).
+    """(correlation of force and velocity, mean (F − F̄)(v − v̄) [W], how far from zero that is in standard errors).
+
+    The error comes from the means of `BLOCKS` blocks. In a record whose tests become faster and faster, these have the
+    sign of one another and differ by orders of magnitude, so that their scatter is no error of the sign: the distance
+    is at least that of a normal deviate as improbable as the blocks' signs and ranks (Wilcoxon 1945).
 
     From the first to the last reversal of the motion, where a spring holds about the same energy; None where the motion
     turns less than twice: within less than a cycle, energy that is stored looks like energy that is taken or given.
@@ -44,7 +48,18 @@ def dissipation(view: View) -> tuple[float, float, float] | None:
     mean = float(product.mean())
     blocks = np.array([b.mean() for b in np.array_split(product, BLOCKS)])
     error = float(blocks.std(ddof=1) / np.sqrt(blocks.size))
-    return mean / float(force.std() * velocity.std()), mean, abs(mean) / max(error, 1e-12 * abs(mean), 1e-300)
+    likeness = mean / float(force.std() * velocity.std())
+    return likeness, mean, max(abs(mean) / max(error, 1e-12 * abs(mean), 1e-300), _by_ranks(blocks, mean))
+
+
+def _by_ranks(blocks: np.ndarray, mean: float) -> float:
+    """Normal deviate of the signed-rank test that the blocks lie symmetrically about zero; 0 against their mean's sign.
+    """
+    from scipy.stats import norm, wilcoxon
+
+    if not np.sign(mean) * np.median(blocks) > 0:
+        return 0.0
+    return float(norm.isf(0.5 * float(wilcoxon(blocks[blocks != 0], method="exact").pvalue)))
 
 
 def polarity(view: View) -> Iterator[Finding]:

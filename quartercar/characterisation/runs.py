@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from lpvid.auditing.values import plateau
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
@@ -79,6 +81,21 @@ class RecordPiece:
     def force(self) -> np.ndarray:
         """(n,) [N], positive in tension, whatever the sense of the measurement."""
         return self.polarity * self.record["force"]
+
+    @cached_property
+    def cut_off(self) -> np.ndarray:
+        """(n,) bool: within a sample of a force, as measured, that rests on an end of its range."""
+        if not self.raw.has("force"):
+            return np.zeros(self.displacement.size, dtype=bool)
+        measured = self.raw["force"]
+        resting = np.zeros(measured.size, dtype=bool)
+        for sign in (1.0, -1.0):
+            if found := plateau(sign * measured):
+                resting |= sign * measured >= found[1]
+        first = np.searchsorted(self.raw.times, self.record.times - self.period)
+        last = np.searchsorted(self.raw.times, self.record.times + self.period, side="right")
+        before = np.concatenate([[0], np.cumsum(resting)])
+        return before[last] > before[first]
 
     @property
     def temperature(self) -> np.ndarray | None:
@@ -302,6 +319,11 @@ def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
     elif sense == 0:
         stated.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
                     "taken as positive in tension.")
+    if cut := [(float(r.cut_off.mean()), r.name) for r in runs if r.cut_off.any()]:
+        share, name = max(cut)
+        stated.append(f"The force of {len(cut)} record{'s' if len(cut) > 1 else ''} rests on an end of its range (up to "
+                      f"{100 * share:.2g} % of the time, '{name}'): forces there are not given, loops, energies and "
+                      "peak-velocity points hold them cut off. Widen the range of the load cell.")
     longest = max(((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated), default=(0.0, ""))
     if longest[0] > LONGEST:
         stated.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "
