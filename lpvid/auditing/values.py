@@ -173,6 +173,8 @@ def clipped(view: View) -> Iterator[Finding]:
 def plateau(x: np.ndarray) -> tuple[int, float] | None:
     """(samples on the maximum, maximum) if the signal is cut off there.
 
+    A signal that rests on values between its ends too is one of steps, not cut off.
+
     Parameters
     ----------
     x : (n,) array
@@ -198,6 +200,9 @@ def plateau(x: np.ndarray) -> tuple[int, float] | None:
         return None
     runs = [b - a for a, b in true_runs(on_top)]
     below = x[~on_top]
+    between = below[below > float(x.min()) + 1e-9 * span]
+    if between.size < 2 or not np.median(np.abs(np.diff(between))) > 1e-9 * span:
+        return None
     step = top - float(below.max())  # one level of a quantised signal
     near = int(np.sum(below >= top - max(1.05 * step, 1e-3 * span)))
     flat = max(runs) >= 3 and sum(r >= 3 for r in runs) >= (1 if max(runs) >= 5 else 2)

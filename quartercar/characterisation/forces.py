@@ -231,8 +231,8 @@ def _strokes_through(run: RecordPiece, direction: int, speed: float) -> int:
 def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, speed: float,
          elastic: BranchForce | None, cut: str) -> str:
     if cut:
-        return (f"the force rests on an end of its range there ({cut.replace(': ', ', ')}): widen the range of the load "
-                "cell and run that test again")
+        return (f"the force rests on an end of its range there ({cut.replace(': ', ', ')}): widen the range of the "
+                "load cell and run that test again")
     if elastic is not None:
         return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the "
                 f"force is elastic more than damping: {propose_sine(speed)}")

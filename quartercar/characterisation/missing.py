@@ -86,8 +86,8 @@ def _forces(found: Readings) -> list[Missing]:
                and all(f.why.startswith(BETWEEN) for f in short[v])]
     if between:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in between)
-        rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in between)} m/s", "the triangles have one speed each, "
-                            "and none of these", f"run sines: {tests}"))
+        rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in between)} m/s", "the triangles have one speed "
+                            "each, and none of these", f"run sines: {tests}"))
     for speed in found.settings.speeds:
         if speed in (*never, *between) or not short[speed]:
             continue

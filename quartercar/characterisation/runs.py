@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
 from quartercar.characterisation.settings import CharacteriseSettings
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 from quartercar.dampers.drive import UNITS
 from quartercar.dampers.facts import DISTINCT
 from quartercar.dampers.polarity import common_polarity
@@ -84,18 +85,21 @@ class RecordPiece:
 
     @cached_property
     def cut_off(self) -> np.ndarray:
-        """(n,) bool: within a sample of a force, as measured, that rests on an end of its range."""
+        """(n,) bool: at a force, as measured, that rests on an end of its range; within a sample where resampled."""
         if not self.raw.has("force"):
             return np.zeros(self.displacement.size, dtype=bool)
         measured = self.raw["force"]
         resting = np.zeros(measured.size, dtype=bool)
         for sign in (1.0, -1.0):
             if found := plateau(sign * measured):
-                resting |= sign * measured >= found[1]
-        first = np.searchsorted(self.raw.times, self.record.times - self.period)
-        last = np.searchsorted(self.raw.times, self.record.times + self.period, side="right")
+                resting |= sign * measured >= found[1] - 1e-9 * float(np.ptp(measured))
+        reach = self.period * (0.5 if measured.size == self.displacement.size else 1.0)
+        first = np.searchsorted(self.raw.times, self.record.times - reach)
+        last = np.searchsorted(self.raw.times, self.record.times + reach, side="right")
         before = np.concatenate([[0], np.cumsum(resting)])
-        return before[last] > before[first]
+        found = before[last] > before[first]
+        low, high = np.quantile(np.abs(self.velocity[found]), (0.1, 0.9)) if found.any() else (0.0, 0.0)
+        return found & bool(high - low > SAME_SPEED * high)  # a force without noise rests where the speed does
 
     @property
     def temperature(self) -> np.ndarray | None:
@@ -321,7 +325,8 @@ def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
                     "taken as positive in tension.")
     if cut := [(float(r.cut_off.mean()), r.name) for r in runs if r.cut_off.any()]:
         share, name = max(cut)
-        stated.append(f"The force of {len(cut)} record{'s' if len(cut) > 1 else ''} rests on an end of its range (up to "
+        records = f"{len(cut)} record" + ("s" if len(cut) > 1 else "")
+        stated.append(f"The force of {records} rests on an end of its range (up to "
                       f"{100 * share:.2g} % of the time, '{name}'): forces there are not given, loops, energies and "
                       "peak-velocity points hold them cut off. Widen the range of the load cell.")
     longest = max(((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated), default=(0.0, ""))
