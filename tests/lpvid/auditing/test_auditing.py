@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfilt
 
-from lpvid.auditing import Audit, audit
+from lpvid.auditing import Audit, audit, record_remarks
 from lpvid.auditing.coherence import input_coherence
 from lpvid.auditing.spectrum import follows
 from lpvid.auditing.view import view
@@ -687,3 +687,9 @@ def test_what_a_sweep_leaves_at_rest_of_an_elastic_damper_is_no_drift_of_the_loa
     assert {f.severity for f in found.of("force-drift")} == {severity}
     if severity == "note":
         assert "elastic damper" in found.of("force-offset")[0].evidence
+
+
+def test_a_fit_is_told_of_a_force_that_was_cut_off():
+    cut = change(clean(), "force", lambda f: np.clip(f, -600.0, 600.0))
+    assert not record_remarks([clean()])
+    assert any("rest on the top value 600 N" in r for r in record_remarks([cut]))

@@ -620,3 +620,23 @@ def test_a_force_at_the_end_of_its_range_is_not_given(periodic):
     assert any(m.what == "force at 0.26 m/s" and "end of its range" in m.why for m in found.missing)
     whole = qc.characterise(record, CharacteriseSettings(speeds=(0.26,)))
     assert len(whole.given) == 2 and not whole.data.caveats
+
+
+def test_forces_of_a_strut_are_written_out():
+    record = moved([0.04 * np.sin(np.arange(0, 30, 0.01))], 100.0, lambda v: 20e3 * np.tanh(v / 1e-3) - 3e3)
+    found = qc.characterise(record, CharacteriseSettings(speeds=(0.04,)))
+    assert "rebound 17000 ±" in str(found) and "compression -23000 ±" in str(found) and "e+04" not in str(found)
+    assert "e+04" not in render(found.page())
+
+
+def test_tests_of_one_speed_and_two_frequencies_are_not_called_two_dampers_only():
+    """A mass of 12 kg beside a damper: at 0.2 m/s and 2 or 30 Hz the force differs."""
+    rate, parts = 2000.0, []
+    for f in (2.0, 30.0):
+        t = np.arange(0, 20 / f, 1 / rate)
+        x = 0.2 / (2 * np.pi * f) * np.sin(2 * np.pi * f * t)
+        force = (1500.0 if f < 10 else 900.0) * np.gradient(x, t)
+        parts.append(lpv.Record({"displacement": x, "force": force}, 1 / rate, name=f"at{f:g}",
+                                units={"displacement": "m", "force": "N"}))
+    (caveat,) = qc.characterise(parts).data.caveats
+    assert "2 and 30 Hz" in caveat and "elastic or inertial" in caveat
