@@ -202,8 +202,8 @@ def _static_line(found: Readings, test: StaticForce) -> str:
         return (f"{whose}{at} (creep): gas {newtons(test.gas)} ± {newtons(test.gas_std, 2)} N, {rate}, "
                 f"friction {newtons(test.friction)} N")
     mean = -found.settings.sign * test.gas
-    return (f"{whose}{at}, no creep: mean of both directions {newtons(mean, sign='+')} N (the gas, which pushes outwards, "
-            f"and half the difference of their damping), {rate}, friction at most {newtons(test.friction)} N")
+    return (f"{whose}{at}, no creep: mean of both directions {newtons(mean, sign='+')} N (the gas, which pushes "
+            f"outwards, and half the difference of their damping), {rate}, friction at most {newtons(test.friction)} N")
 
 
 def summary(found: Readings) -> str:
