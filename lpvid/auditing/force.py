@@ -59,7 +59,7 @@ def _by_ranks(blocks: np.ndarray, mean: float) -> float:
 
     if not np.sign(mean) * np.median(blocks) > 0:
         return 0.0
-    return float(norm.isf(0.5 * float(wilcoxon(blocks[blocks != 0], method="exact").pvalue)))
+    return float(norm.isf(0.5 * float(np.asarray(wilcoxon(blocks[blocks != 0], method="exact"))[1])))
 
 
 def polarity(view: View) -> Iterator[Finding]:
