@@ -157,10 +157,10 @@ def test_a_plan_for_a_device_without_a_current_has_none() -> None:
     """A dashpot: what its records leave open is asked of no current, and those who need one are counted apart."""
     rng = np.random.default_rng(0)
     t = np.arange(0, 12, 1 / 200)
-    v = sum(0.1 * np.sin(2 * np.pi * f * t + p) for f, p in zip(
-        rng.uniform(0.5, 5, 8), rng.uniform(0, 6.28, 8), strict=True))
-    record = lpv.Record({"displacement": np.cumsum(v) / 200, "velocity": v, "force": 800 * v + rng.normal(size=t.size)},
-                        1 / 200, units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    f, phase = rng.uniform(0.5, 5, (8, 1)), rng.uniform(0, 6.28, (8, 1))
+    v = np.sum(0.1 * np.sin(2 * np.pi * f * t + phase), axis=0)
+    channels = {"displacement": np.cumsum(v) / 200, "velocity": v, "force": 800 * v + rng.normal(size=t.size)}
+    record = lpv.Record(channels, 1 / 200, units={"displacement": "m", "velocity": "m/s", "force": "N"})
     found = lpv.diagnose([record], "linear", some("coil-lag", "remanence", "gas-preload", "quantisation"))
     assert {c.name for c in found.cannot_tell if c.unmeasured == "current"} == {"coil-lag", "remanence"}
     assert "2 need a channel that was not measured: current" in str(found)
