@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -57,8 +57,8 @@ class RecordedCycle:
     period: float
     amplitude: float
     centre: float
-    displacement: np.ndarray
-    velocity: np.ndarray
+    displacement: np.ndarray = field(repr=False)
+    velocity: np.ndarray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +78,9 @@ class Block:
     kind: str
     cycles: tuple[RecordedCycle, ...]
     distortion: float
+
+    def __repr__(self) -> str:
+        return f"Block('{self.run.name}': {self.label}, {len(self.cycles)} cycles)"
 
     @property
     def frequency(self) -> float:
