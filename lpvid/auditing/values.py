@@ -189,7 +189,7 @@ def plateau(x: np.ndarray) -> tuple[int, float] | None:
     --------
     >>> x = np.sin(0.01 * np.arange(2000))
     >>> plateau(np.minimum(x, 0.9))
-    (576, 0.9)
+    (274, 0.9)
     >>> plateau(x) is None
     True
     """
