@@ -144,13 +144,29 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         return tuple(signals) if len(signals) == 1 else (_whole(signals, round(LEAD / period)),)
     parts: list[tuple[Signals, int, int]] = []
     spans, begun = [], 0
-    for s in signals:
-        count = max(min(round(wanted * s.n_samples / total), s.n_samples // size), 1)
+    for s, count in zip(signals, _counts([s.n_samples for s in signals], size, wanted), strict=True):
         firsts = _liveliest(s, count, size) if s.n_samples > size else [0]
         parts += [(s, a, min(a + size, s.n_samples)) for a in firsts]
         spans += [((begun + a) / total, (begun + min(a + size, s.n_samples)) / total) for a in firsts]
         begun += s.n_samples
     return (_cut_together(parts, spans, round(LEAD / period)),)
+
+
+def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
+    """Stretches of each record: their share of `wanted` to the nearest, one at least, and `FEWEST` in all.
+
+    Four stretches among three equal records are one each to the nearest: the longest record without another one gets
+    the fourth.
+
+    Examples
+    --------
+    >>> _counts([16000, 16000, 16000], 2500, 4), _counts([30000, 8000], 2500, 4)
+    ([2, 1, 1], [3, 1])
+    """
+    counts = [max(min(round(wanted * n / sum(samples)), n // size), 1) for n in samples]
+    while sum(counts) < FEWEST and (room := [k for k, n in enumerate(samples) if (counts[k] + 1) * size <= n]):
+        counts[max(room, key=lambda k: samples[k] / counts[k])] += 1
+    return counts
 
 
 def _whole(signals: Sequence[Signals], lead: int) -> Signals:
