@@ -394,7 +394,7 @@ def descend(problem: LeastSquaresProblem[T, L], start: Any, stop: StopRule, damp
 
 # -- linear least squares within bounds --------------------------------------------------------------------------------
 def bounded_least_squares(columns: np.ndarray, target: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Minimise ‖target − columns·a‖ with lower ≤ a ≤ upper, by QR and then active sets where bounds bite.
+    """Minimise ‖target − columns·a‖ with lower ≤ a ≤ upper, by QR and then active sets where bounds are active.
 
     Parameters
     ----------

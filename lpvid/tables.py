@@ -1,4 +1,4 @@
-"""Tables of TOML files: fields of dataclasses that know unit and meaning, strict values, and the JSON schema."""
+"""Tables of TOML files: fields of dataclasses with unit and meaning, strict values, and the JSON schema."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
     tuple of str
     """
     known = metadata.get("training", {}).get("ranges", {})
-    said = []
+    caveats = []
     for name in names:
         columns = [r[name] for r in records if r.has(name)]
         if name not in known or not columns:
@@ -117,10 +117,10 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
         share = float(np.mean((values < low) | (values > high)))
         if share > 0:
             unit = next(r.unit(name) for r in records if r.has(name))
-            said.append(Caveat(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
+            caveats.append(Caveat(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
                         f"{values.min():.4g} to {values.max():.4g} {unit}".rstrip()
                         + f", training {low:.4g} to {high:.4g}"))
-    return tuple(said)
+    return tuple(caveats)
 
 
 def unstated_units(records: Sequence[Record], names: Sequence[str]) -> tuple[str, ...]:
@@ -181,7 +181,7 @@ def unit_doubt(records: Sequence[Record], metadata: Mapping, names: Sequence[str
     -------
     tuple of str
     """
-    known, said = metadata.get("training", {}).get("ranges", {}), []
+    known, remarks = metadata.get("training", {}).get("ranges", {}), []
     for name in names:
         columns = [r[name] for r in records if r.has(name) and _unstated(r, name)]
         if name not in known or not columns:
@@ -191,9 +191,9 @@ def unit_doubt(records: Sequence[Record], metadata: Mapping, names: Sequence[str
         decades = np.log10(largest / usual) if largest > 0 and usual > 0 else 0.0
         if 2.5 < abs(decades) < 3.5:
             share, example = ("1000 times", "mm for m") if decades > 0 else ("1/1000 of", "kN for N")
-            said.append(f"'{name}' states no unit and reaches {largest:.4g}, about {share} the {usual:.4g} of the "
+            remarks.append(f"'{name}' states no unit and reaches {largest:.4g}, about {share} the {usual:.4g} of the "
                         f"training data: is it in another unit than SI, such as {example}?")
-    return tuple(said)
+    return tuple(remarks)
 
 
 def _unstated(record: Record, name: str) -> bool:

@@ -116,7 +116,7 @@ class ReportedIdentification:
                     "all_data": None if again.training is None else again.training.to_dict()}}
 
     def __str__(self) -> str:
-        grave = [f for f in self.audit.findings if f.severity != "note"]
+        severe = [f for f in self.audit.findings if f.severity != "note"]
         lines = [] if self.choice is None else [str(self.choice)]
         lines.append(repr(self.found))
         if self.refitted is not None and self.refitted.training is not None:
@@ -129,9 +129,9 @@ class ReportedIdentification:
             lines += [f"  {line}" for line in repr(self.beside).splitlines()]
         lines += [f"  {line}" for line in passivity_lines(self.refitted or self.found)]
         lines.append(f"  audit: {self.audit.verdict}")
-        lines += [f"    {f}" for f in grave[:3]]
-        if len(grave) > 3:
-            lines.append(f"    and {len(grave) - 3} more: see lpvid inspect")
+        lines += [f"    {f}" for f in severe[:3]]
+        if len(severe) > 3:
+            lines.append(f"    and {len(severe) - 3} more: see lpvid inspect")
         return "\n".join(lines)
 
     def deliver(self, results: Results, report_progress: Callable[[str], None]) -> None:

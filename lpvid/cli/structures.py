@@ -48,7 +48,7 @@ LAGS = 4
 
 @dataclass(frozen=True)
 class Request:
-    """The command line's wish for a model.
+    """The model that the command line asks for.
 
     Parameters
     ----------

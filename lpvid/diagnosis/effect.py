@@ -321,7 +321,7 @@ class Effect(ABC):
         ----------
         values : (k,) array
         signals : sequence of Signals
-            The data, which say what is fast, slow or beyond their rate.
+            The data: they define what is fast, slow or beyond their rate.
 
         Returns
         -------
@@ -339,7 +339,7 @@ class Effect(ABC):
         ----------
         values : (k,) array
         signals : sequence of Signals
-            The data, which say what is fast, slow or beyond their rate.
+            The data: they define what is fast, slow or beyond their rate.
 
         Returns
         -------

@@ -129,7 +129,7 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
 
 
 def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:
-    """Let the model know its training data again: their first samples, ranges, roles, region of scheduling space."""
+    """Restore what the model states of its training data: first samples, ranges, roles, region of scheduling space."""
     model = found.model
     names = list(model.box.names)
     read = list(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *names)))

@@ -143,7 +143,7 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
 
 
 def _remembered(found: Identification, facts: Facts) -> Identification:
-    """Let the model know its training data again: first samples, ranges, roles."""
+    """Restore what the model states of its training data: first samples, ranges, roles."""
     model, first = found.model, facts.named_heads()[0]
     training = {**model.metadata.get("training", {}), "heads": facts.heads, "ranges": facts.ranges,
                 "usual": facts.usual}

@@ -235,7 +235,7 @@ def legend_outside(figure: Figure, axes: Axes, foreign: bool, columns: int, side
     if foreign:
         axes.legend(handles, names, **more)
     else:
-        where: Any = f"outside {side} center"  # matplotlib's types know no "outside"
+        where: Any = f"outside {side} center"  # matplotlib's types lack "outside"
         figure.legend(handles, names, loc=where, ncols=min(len(names), columns), **more)
 
 

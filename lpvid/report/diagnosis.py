@@ -24,8 +24,9 @@ TINY = float(np.finfo(float).tiny)
 """p-values below underflow."""
 _MARKS: dict[str, Mark] = {"explained": "good", "nothing-to-explain": "good", "partly-explained": "warn",
                            "cannot-tell": "warn", "unexplained": "bad"}
-_SAYS = {"explained": "Explained", "nothing-to-explain": "Nothing to explain", "partly-explained": "Partly explained",
-         "cannot-tell": "These data cannot tell", "unexplained": "Unexplained"}
+_HEADINGS = {"explained": "Explained", "nothing-to-explain": "Nothing to explain",
+             "partly-explained": "Partly explained", "cannot-tell": "Cannot be decided from these data",
+             "unexplained": "Unexplained"}
 _ADVICE = {
     "explained": "Use the extended model in place of the baseline, or mend the cause and measure again.",
     "nothing-to-explain": "The baseline is as good as these data can show. A better one needs other data.",
@@ -70,9 +71,9 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     if found.weights is not None:
         sections.append(Section("Sets of causes", tuple(_sets(found.weights))))
     sections.append(Section("Suspects", tuple(_suspects(found))))
-    sections.append(Section("What these data cannot tell", tuple(_cannot_tell(found))))
+    sections.append(Section("What cannot be decided from these data", tuple(_cannot_tell(found))))
     sections.append(Section("The data", tuple(_data(found))))
-    verdict = f"{_SAYS[found.verdict]}: {found.reason}."
+    verdict = f"{_HEADINGS[found.verdict]}: {found.reason}."
     name = str(found.baseline.get("name", "a baseline"))
     return Page(f"Diagnosis of {name}", verdict, mark, _facts(found, extended), _caveats(found),
                 tuple(sections))

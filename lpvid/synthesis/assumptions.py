@@ -113,7 +113,7 @@ def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, 
                 (p.A.T, p.C2.T, "undetectable", f"no measurement ({sensors}) shows", "a sensor that sees")):
             pole = _out_of_reach(a, b, discrete)
             if pole is not None:
-                return Fault(verdict, f"{where}{text} the mode with pole {_say(pole)}, which does not decay",
+                return Fault(verdict, f"{where}{text} the mode with pole {_pole_text(pole)}, which does not decay",
                              f"add {remedy} it; if it belongs to a weight, make the weight stable (a slow pole in "
                              "place of an integrator)")
     return None
@@ -176,7 +176,7 @@ def slow_mode_out_of_reach(plant: GeneralizedPlant, points: np.ndarray, decay: f
     if not found:
         return ""
     _, text, pole = min(found, key=lambda f: f[0])
-    return f"{text} the mode with pole {_say(pole)}, which decays slowly and makes up the gain there"
+    return f"{text} the mode with pole {_pole_text(pole)}, which decays slowly and makes up the gain there"
 
 
 def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool, decay: float = 0.0) -> complex | None:
@@ -233,5 +233,5 @@ def _where(box: Scheduling, point: np.ndarray) -> str:
     return f"at {text}, " if text else ""
 
 
-def _say(pole: complex) -> str:
+def _pole_text(pole: complex) -> str:
     return f"{pole.real:.4g}" + (f"{pole.imag:+.4g}j" if abs(pole.imag) > 1e-9 * abs(pole) else "")

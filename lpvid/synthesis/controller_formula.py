@@ -59,7 +59,7 @@ class Variations:
 
     @property
     def rated(self) -> bool:
-        """X and Y both move, so that the controller needs to know how fast."""
+        """X and Y both move, so that the controller needs the rate of the scheduling."""
         return self.varying == "both" and bool(self.moving)
 
     def at(self, points: np.ndarray, time: float) -> tuple[Variation, Variation]:

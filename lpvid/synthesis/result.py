@@ -29,7 +29,7 @@ _CERTIFICATES = {
     "lpvid/robust-certificate/1": ("lpvid.analysis.robust_certificate", "RobustCertificate"),
     "lpvid/stability-certificate/1": ("lpvid.analysis.stability_certificate", "StabilityCertificate"),
 }
-"""Where a stored certificate's class lives, by its schema."""
+"""Module and class of a stored certificate, by its schema."""
 
 
 @dataclass(frozen=True, eq=False)

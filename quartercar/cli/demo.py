@@ -29,7 +29,8 @@ def demo(out: options.Out = DEMO_FOLDER,
 
     results = Results(out)
     with working("starting") as report_progress:
-        found = run_demo(seed, report_progress, (lambda stage, result: None) if json else _Teller(report_progress).tell)
+        report_stage = (lambda stage, result: None) if json else _StagePrinter(report_progress).show
+        found = run_demo(seed, report_progress, report_stage)
         report_progress("drawing")
         _deliver(results, found)
     conclude(results, found.to_dict(), _closing(found, out), json)
@@ -70,7 +71,7 @@ def _closing(found: Demo, out: Path | None) -> str:
             f"Look at {where}report.html; try: lpvid validate {where}model.json {where}{sample}.csv")
 
 
-class _Teller:
+class _StagePrinter:
     """Prints each stage as it is ready, with the time since the last one."""
 
     def __init__(self, report_progress: Callable[[str], None]) -> None:
@@ -82,7 +83,7 @@ class _Teller:
         self.clock = time.perf_counter
         self.since = self.clock()
 
-    def tell(self, stage: str, result: object) -> None:
+    def show(self, stage: str, result: object) -> None:
         """Print one stage in about ten lines."""
         from rich.rule import Rule
         from rich.text import Text

@@ -26,7 +26,7 @@ class Prepared:
     polarity : {1, −1}
         −1 where the force is measured against the velocity, in all records.
     notes : tuple of str
-        What was derived, resampled, left out; the gravest first.
+        What was derived, resampled, left out; the most severe first.
     """
 
     training: tuple[Record, ...]

@@ -84,7 +84,7 @@ class Interval(Encoded):
         from scipy.stats import t
 
         if np.ptp(values) <= values.size * np.finfo(float).eps * np.abs(values).max():
-            return cls(mean, None, None)  # the seeds change nothing but the rounding: there is no spread to speak of
+            return cls(mean, None, None)  # the seeds change nothing but the rounding: there is no spread
         half = float(t.ppf(0.5 + share / 2, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size))
         return cls(mean, mean - half, mean + half)
 

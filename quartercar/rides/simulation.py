@@ -43,9 +43,9 @@ class RideSettings:
     sample_time : float or None
         Of the loop [s]; None for the damper's own, or 2 ms.
     model : Damper or None
-        The damper as the inverse and the observer know it; None for the car's own.
+        The damper in the inverse and the observer; None for the car's own.
     parameters : CarParameters or None
-        The car as laws and observer know it; None for its own.
+        The car in laws and observer; None for its own.
     preview : Preview or None
         What the car has of the road ahead: it is then a rear axle behind a front one.
     """

@@ -100,7 +100,7 @@ class StructureSearch:
         plain = [s for s in candidates if isinstance(s, ARX) and not s.ridge]
         self.direct = [s for s in candidates if not (isinstance(s, ARX) and not s.ridge)]
         if plain:
-            for done, found in enumerate(screen(self.records, plain, lambda text: self._tell(0, text)), start=1):
+            for done, found in enumerate(screen(self.records, plain, lambda text: self._report(0, text)), start=1):
                 if isinstance(found, Refused):
                     self.refused.append(CandidateRow(found.asked, reason=found.reason))
                 else:
@@ -142,7 +142,7 @@ class StructureSearch:
 
     def _tried(self, structure: Structure) -> Trial:
         """Cross-validation against the best so far, and whether the structure could be taken."""
-        self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {structure.summary}")
+        self._report(len(self.trials) + len(self.others), f"cross-validating in free run {structure.summary}")
         best, begin = self.best, self.begin_of(structure)
         trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late, begin)
         return trial if trial.failure else self._admitted(structure, trial, begin)
@@ -280,7 +280,7 @@ class StructureSearch:
         return replace(trial, failure=failure, outside=share, measured=self._measured(model, trial))
 
     def _measured(self, model: Model, trial: Trial) -> float:
-        """ESR from measured samples of what would lead the race, else 0."""
+        """ESR from measured samples of a structure that would be the best so far, else 0."""
         best = self.best
         if best is not None and trial.mean >= best[1].counted:
             return 0.0
@@ -313,7 +313,7 @@ class StructureSearch:
         if self.late():
             self.unreached.add(index)
         else:
-            self._tell(len(self.trials), f"cross-validating in free run {self.screened[index].asked.summary}")
+            self._report(len(self.trials), f"cross-validating in free run {self.screened[index].asked.summary}")
             trial = cross_validate(self.screened[index].structure, self.parts, self.records)
             if not trial.failure:
                 trial = replace(trial, measured=self._measured(self._of_screened(index), trial))
@@ -329,9 +329,9 @@ class StructureSearch:
         line : bool
             Whether a round ends here.
         """
-        self._tell(len(self.trials) + len(self.others), (ROUND_DONE if line else "") + text)
+        self._report(len(self.trials) + len(self.others), (ROUND_DONE if line else "") + text)
 
-    def _tell(self, done: int, text: str) -> None:
+    def _report(self, done: int, text: str) -> None:
         if self.progress is not None:
             best = self.best
             so_far = "" if best is None else f"; best so far {best[0].summary}, {fit_percent(best[1]):.1f} %"

@@ -41,7 +41,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
     the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. Of those within
     one standard error, the ones whose frozen poles lie outside in the smallest part of the range remain; of these the
-    simplest wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
+    simplest wins, unless AIC on all training data is against it (`choosing`). One that runs worse
     there than the mean of the output is taken only if all do. Other structures go to cross-validation directly. Stages
     requested by name are fitted once for every basis and held while orders are compared; the choice is refitted with
     them.
@@ -130,7 +130,7 @@ Refits = dict[Structure, tuple[Identification, str]]
 
 
 def _settled(search: StructureSearch, pieces: Sequence[Record]) -> Refits:
-    """Refits on all data of those that led the race, down to the first that can be taken.
+    """Refits on all data of those that were ever the best, down to the first that can be taken.
 
     One that cannot has ended the trials of others before their last fold, which continue then.
     """
@@ -181,7 +181,7 @@ def _concluded(
         for i in [i for i in tested if not table[i].diverges] or tested:
             own, first_of_all = table[i].fit_percent, table[tested[0]].fit_percent
             assert own is not None and first_of_all is not None
-            expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been judged there
+            expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been counted there
             if expected < highest + NEAR:
                 break
             found, fault = refits.get(ranked[i][0]) or _refit(search, in_full(ranked[i][0]), pieces)

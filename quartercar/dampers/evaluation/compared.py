@@ -26,7 +26,7 @@ FLAGS: Mapping[str, str] = {
     "extrapolates": "held-out currents lie outside those of the fit",
 }
 """What each flag means."""
-SAID = "reversed-polarity"
+HEADED = "reversed-polarity"
 """Flag that stands above the table, not in each of its rows."""
 
 
@@ -194,8 +194,8 @@ class Comparison(Shown):
 
     def __str__(self) -> str:
         total, count = self.best.held_out.total.n_samples, len(self.data.held_out)
-        grave = [n for n in self.notes if n.startswith("reversed polarity")]
-        lines = [*(n[0].upper() + n[1:] + "." for n in grave), self.verdict, "",
+        severe = [n for n in self.notes if n.startswith("reversed polarity")]
+        lines = [*(n[0].upper() + n[1:] + "." for n in severe), self.verdict, "",
                  f"  {'free run, held-out':<28}{'ESR':>9}{'fit %':>7}{'√SSE N':>11}{'rmse N':>9}{'energy':>9}"
                  f"{'training':>10}{'par.':>5}{'ms/s':>8}  flags"]
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
@@ -203,7 +203,7 @@ class Comparison(Shown):
                      "'training' is the ESR on training data, ms/s the time to simulate a second")
         lines += [f"  {line}" for row in self.rows for line in (*energy_lines(row.damper), *_costs(row))]
         lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
-        lines += [f"  note: {n}" for n in self.notes if n not in grave]
+        lines += [f"  note: {n}" for n in self.notes if n not in severe]
         return "\n".join(lines)
 
     def _refusals(self) -> dict[str, list[str]]:
@@ -255,4 +255,4 @@ def _row(row: Compared) -> str:
     return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
             f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>9}"
             f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
-            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != SAID)}".rstrip())
+            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != HEADED)}".rstrip())
