@@ -32,8 +32,8 @@ def diagnose(
                                                        "measured; without them alternating blocks of DATA.")] = None,
     catalogue: Annotated[list[str] | None, typer.Option("--catalogue", metavar="NAME", help="Catalogue of causes, e.g. "
                          "quartercar; repeat for several (all that are installed).")] = None,
-    plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: what to "
-                               "measure to settle what these data leave open.")] = False,
+    plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: the "
+                               "measurement that decides between the causes that these data leave open.")] = False,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -44,7 +44,7 @@ def diagnose(
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
-    """Find what a simulation gets wrong, name the cause or why none, extend the model, measure the gain.
+    """Find what a simulation gets wrong, name its cause or the reason for none, extend the model, measure the gain.
 
     Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model), with a cause named
     extended_lpv.json (the same cause in an LPV model), and report.html.

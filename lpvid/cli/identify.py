@@ -51,10 +51,10 @@ def identify(
     on: Annotated[On | None, typer.Option("--on", help="quasi: what the coefficients depend on (trial).")] = None,
     trial: Annotated[int | None, typer.Option("--trial", min=1, help="quasi: input lags in the trial force (1).")] =
         None,
-    odd: Annotated[float | None, typer.Option("--odd", min=0.0, metavar="N", help="quasi: how many samples a departure "
-                                              "from the symmetry y(−u) = −y(u) must be worth (0).")] = None,
-    states: Annotated[int | None, typer.Option("--states", min=1, max=2, help="compliance: springs in parallel "
-                                               "(1).")] = None,
+    odd: Annotated[float | None, typer.Option("--odd", min=0.0, metavar="N", help="quasi: weight of the symmetry "
+                                              "y(−u) = −y(u), as a number of samples (0).")] = None,
+    states: Annotated[int | None, typer.Option("--states", min=1, max=2, help="compliance: parallel branches, each "
+                                               "with a spring in series (1).")] = None,
     side: Annotated[list[str] | None, typer.Option("--side", metavar="NAME", help="compliance: channels that act in "
                                                    "parallel, e.g. displacement.")] = None,
     forgetting: Annotated[float | None, typer.Option("--forgetting", help="recursive: forgetting factor (0.995).")] =
@@ -70,19 +70,20 @@ def identify(
                                                     "and the coefficients, fitted to the data.")] = "none",
     schedule_lag: Annotated[bool, typer.Option("--schedule-lag", help="The same as --schedule-filter "
                                                "rise-fall.")] = False,
-    no_constant: Annotated[bool, typer.Option("--no-constant", help="No constant c_0(p) in the model; left out, it "
-                                              "takes the mean error away.")] = False,
-    affine: Annotated[bool, typer.Option("--affine", help="More terms that depend on the scheduling alone than that "
-                                         "constant.")] = False,
-    affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="How many of them, "
+    no_constant: Annotated[bool, typer.Option("--no-constant", help="No constant term c_0(p) in the model. Without "
+                                              "this option there is one, which removes the mean error.")] = False,
+    affine: Annotated[bool, typer.Option("--affine", help="Further terms, beside that constant, that depend on the "
+                                         "scheduling only.")] = False,
+    affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="Number of them, "
                                                      "lags 0 … N−1; with --affine alone na + 1, or 1 where no record's "
                                                      "scheduling moves.")] = None,
-    lagged: Annotated[bool, typer.Option("--lagged", help="Coefficients of lag i at p(k−i): exact and causal in "
-                                         "observer form.")] = False,
+    lagged: Annotated[bool, typer.Option("--lagged", help="Evaluate the coefficients of lag i at p(k−i): the "
+                                         "observer form is then exact and causal.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="arx, oe: the best model that never gives energy (velocity "
                                           "in, force out), certified; nk is 0.")] = False,
-    balanced: Annotated[bool, typer.Option("--balanced", help="With --passive: weigh each record by its own variance, "
-                                           "so that low currents count as high ones.")] = False,
+    balanced: Annotated[bool, typer.Option("--balanced", help="With --passive: divide each record's squared "
+                                           "error by its variance, so that records of small and of large force "
+                                           "weigh alike.")] = False,
     ridge: Annotated[float | None, typer.Option("--ridge", min=0.0, help="Penalty on the parameters (0).")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
                                                  "record out of the fit: 1/3, 0.25, last-third.")] = None,
@@ -91,8 +92,8 @@ def identify(
     refit: Annotated[bool, typer.Option("--refit", help="Report the held-out figures, then fit the same structure to "
                                         "all data: model.json is that fit.")] = False,
     form: Annotated[Form | None, typer.Option("--form", help="Also write state_space.json in this form.")] = None,
-    refit_form: Annotated[bool, typer.Option("--refit-form", help="Re-estimate that form in its own entries, by "
-                                             "simulation error: controllable, observable.")] = False,
+    refit_form: Annotated[bool, typer.Option("--refit-form", help="Re-estimate the entries of that form by "
+                                             "simulation error (controllable or observable).")] = False,
     beside: options.Beside = None,
     role: options.Role = None,
     flip: options.Flip = None,
@@ -108,11 +109,11 @@ def identify(
 ) -> None:
     """Fit an LPV model; writes model.json, identification.json and report.html, with --auto selection.json too.
 
-    --form adds state_space.json, --refit-form puts the form re-estimated there, and its figures into form.json.
+    --form adds state_space.json, --refit-form writes the re-estimated form there, and its figures to form.json.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
-    read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
+    read in parts (arx, recursive); an interrupted run continues after its last part where --out names the same folder.
     Exits with 3 where the free run of the model diverges on its training data (with --fleet along one of the files), or
     with --passive where there is no certificate; the files are written all the same.
     """

@@ -1,4 +1,4 @@
-"""`quartercar demo`: the whole road on embedded data."""
+"""`quartercar demo`: the whole chain on embedded data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DEMO_FOLDER = Path("quartercar-demo")
 def demo(out: options.Out = DEMO_FOLDER,
          seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the virtual rig.")] = 0,
          json: options.Json = False) -> None:
-    """The whole road on embedded data: rig, identification, stability, diagnosis, a controller and its ride, report."""
+    """The whole chain on embedded data: rig, identification, stability, diagnosis, controller, ride and report."""
     from quartercar.demo.run import run_demo
 
     results = Results(out)

@@ -36,9 +36,9 @@ def fit(
                                            "long it takes.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="Fit lpv-arx so that it never gives energy, certified; the "
                                           "other models' passivity is checked as ever.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Leave out the fits that "
-                                                 "are not done by then; cheap models come first.")] = None,
-    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes that fit (one a core).")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time after which fits "
+                                                 "not yet done are left out; cheap models come first.")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes that fit (one per core).")] = None,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,

@@ -1,4 +1,4 @@
-"""The whole road on the virtual rig's data: one model is identified as a passive one, certified, put into the quarter
+"""The whole chain on the virtual rig's data: one model is identified as a passive one, certified, put into the quarter
 car, designed for and ridden; beside it a cause is hidden and found."""
 
 from __future__ import annotations
