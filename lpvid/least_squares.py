@@ -45,7 +45,7 @@ L = TypeVar("L", bound=_Linearised)
 
 
 class LeastSquaresProblem(Protocol[T, L]):
-    """What a search minimises; how residuals and sensitivities are held is the problem's own affair."""
+    """What a search minimises; how residuals and sensitivities are held is left to the problem."""
 
     def evaluate(self, point: Any) -> T | None:
         """The trial at a point.

@@ -132,7 +132,7 @@ def _line(members: Sequence[Finding]) -> str:
 
 
 def ordered(findings: Sequence[Finding], names: Sequence[str]) -> tuple[Finding, ...]:
-    """Gravest first, then by name, record as given, channel.
+    """Most severe first, then by name, record as given, channel.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ MANIFEST = ".results.json"
 
 
 def new_app() -> typer.Typer:
-    """A Typer application with this house's settings.
+    """A Typer application with the settings common to both programs.
 
     Returns
     -------
@@ -194,7 +194,7 @@ class StageLines:
 
 @contextmanager
 def solver_output_suppressed() -> Iterator[None]:
-    """What compiled solvers print goes nowhere: their words are no result, and --json prints that alone.
+    """The output of compiled solvers is dropped: it is no result, and --json prints the result alone.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""What an interrupted diagnosis holds: the baseline, where it is wrong, how far the search had come."""
+"""What an interrupted diagnosis holds: the baseline, where it is wrong, the state of the search."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
 
 def exported(model: Any, folder: str | os.PathLike, form: str, name: str, clamp: bool | None,
              sample_time: float | None, at: Mapping[str, float] | None, precision: str = "double") -> Export:
-    """Write a model in one of `FORMS`: what `export_c` and its kin do.
+    """Write a model in one of `FORMS`: what `export_c` and the others do.
 
     Parameters
     ----------

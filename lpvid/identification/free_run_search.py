@@ -192,7 +192,7 @@ class FreeRunProblem(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Rows W and values t of equations W x = t in the output's unit, each as sure as one sample.
+    """Rows W and values t of equations W x = t in the output's unit, each weighted as one sample.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ COVARIANCE_LIMIT = 200
 
 @dataclass(frozen=True, eq=False)
 class Identification(Shown):
-    """An identified model, how sure its parameters are, and how well it does.
+    """An identified model, the uncertainty of its parameters, and its errors.
 
     Attributes
     ----------

@@ -290,7 +290,7 @@ class StateSpaceSearchEnd:
 
 @dataclass(frozen=True, eq=False)
 class LocalProblem:
-    """The linearised problem in coordinates that the data see: unit columns, gauge directions projected out.
+    """The linearised problem in coordinates that the data determine: unit columns, gauge directions projected out.
 
     Attributes
     ----------
@@ -398,7 +398,7 @@ def _complement(directions: np.ndarray) -> np.ndarray:
 
 def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, iterations: int = 60,
            free_coordinates: bool = True, stable: bool = False) -> StateSpaceSearchEnd:
-    """Levenberg-Marquardt with every trial judged by its own run; a trial that diverges is a step too long.
+    """Levenberg-Marquardt with every trial evaluated by its own run; a trial that diverges is a step too long.
 
     Parameters
     ----------

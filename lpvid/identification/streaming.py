@@ -153,7 +153,7 @@ def _remembered(found: Identification, facts: Facts) -> Identification:
 
 @dataclass(frozen=True, eq=False)
 class StreamFactor:
-    """What a least squares problem keeps of a stream: R of [X Y] and a few facts; adds up by QR.
+    """What a least squares problem keeps of a stream: R of [X Y] and a few facts; several are combined by QR.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ SETTINGS: Mapping[str, Any] = {
 
 @contextmanager
 def look() -> Iterator[None]:
-    """The house style inside the block.
+    """The common style of all figures inside the block.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Report of `lpvid fleet`: who differs, by which cause, how strongly; links to the reports of each file."""
+"""Report of `lpvid fleet`: which files differ, by which cause, how strongly; links to the reports of each file."""
 
 from __future__ import annotations
 

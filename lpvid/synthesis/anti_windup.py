@@ -26,7 +26,7 @@ LARGEST = 1e3
 
 @dataclass(frozen=True, eq=False)
 class AntiWindup:
-    """An anti-windup gain and what the limited loop was shown to do.
+    """An anti-windup gain and the verified figures of the limited loop.
 
     Parameters
     ----------

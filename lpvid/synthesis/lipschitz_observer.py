@@ -30,7 +30,7 @@ STRICT = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class LipschitzEstimate:
-    """An observer with what its error was shown to do for every nonlinearity of the class.
+    """An observer with a verified bound of its error for every nonlinearity of the class.
 
     Parameters
     ----------

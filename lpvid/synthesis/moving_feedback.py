@@ -61,7 +61,7 @@ two variables, less for one. With the back-off it stays within the tenth that `O
 def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...], *, turned: bool = False,
                     strictly_proper: bool = False, bound: float | None = None, back_off: float = 0.01,
                     criteria: Sequence[Criterion] = ()) -> Synthesis:
-    """The controller of inequality (1) for a discrete plant, with what its closed loop was shown to do.
+    """The controller of inequality (1) for a discrete plant, with the verified figures of its closed loop.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _CERTIFICATES = {
 
 @dataclass(frozen=True, eq=False)
 class Synthesis(Coded, Shown):
-    """A controller with what its closed loop was shown to do, or why there is none.
+    """A controller with the verified figures of its closed loop, or why there is none.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ STRICT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class RobustDesign:
-    """A controller with what its loop was shown to do for every uncertainty of the given kinds.
+    """A controller with the verified figures of its loop for every uncertainty of the given kinds.
 
     Parameters
     ----------

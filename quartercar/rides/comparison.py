@@ -1,4 +1,4 @@
-"""compare_rides: control laws on the same roads with the same seeds, their figures with intervals, who leads."""
+"""compare_rides: control laws on the same roads with the same seeds, their figures with intervals, the best ones."""
 
 from __future__ import annotations
 

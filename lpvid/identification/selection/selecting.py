@@ -240,10 +240,11 @@ def _fault(search: StructureSearch, found: Identification, pieces: Sequence[Reco
 
 
 def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -> Identification:
-    from lpvid.identification.separation import spoken_for
+    from lpvid.identification.separation import independence_remarked
     from lpvid.validation import validate
 
-    return spoken_for(found.replace(held_out=validate(found.model, held_out, label="held-out")), held_out)
+    checked = found.replace(held_out=validate(found.model, held_out, label="held-out"))
+    return independence_remarked(checked, held_out)
 
 
 def _driving(structures: Sequence[Structure]) -> tuple[str, ...]:
