@@ -79,7 +79,7 @@ def diagnose(
         lpv = _lpv_extension(found, question)
         described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
     if not found.complete:
-        typer.echo("interrupted: no cause was judged; the result only states where the baseline is wrong", err=True)
+        typer.echo("interrupted: no cause was assessed; the result only states where the baseline is wrong", err=True)
     conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)

@@ -130,7 +130,7 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
 
 
 def independence_remarked(found: Identification, held_out: Record | Sequence[Record] | None) -> Identification:
-    """The estimate, with a remark where held-out inputs are as coherent as those of the fit, so that their figures test the sum alone.
+    """The estimate, with a remark where held-out inputs are as coherent as those of the fit: figures test the sum only.
 
     Parameters
     ----------

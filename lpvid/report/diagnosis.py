@@ -128,13 +128,13 @@ def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
 def _caveats(found: Diagnosis) -> tuple[str, ...]:
     stated = [f"Held out: {found.held_out}."]
     if not found.complete:
-        stated.insert(0, "The diagnosis was interrupted: no cause was judged.")
+        stated.insert(0, "The diagnosis was interrupted: no cause was assessed.")
     if found.noise_floor is None and found.causes:
         stated.append("Nothing in these data repeats, so that the noise level is not known and the share explained is "
                     "a bound.")
     if found.rivals:
         stated.append("The extended model contains one of several rivals that do equally well here: it simulates these "
-                    "conditions, and does not show which rival is at work.")
+                    "conditions, but does not show which rival is the cause.")
     if found.stand_ins:
         stated.append(f"The extended model also contains {', '.join(found.stand_ins)}. The error on data that the fit "
                       "has not seen is lower with it; as a cause it is too uncertain to be named.")
@@ -307,8 +307,8 @@ def _suspects(found: Diagnosis) -> list[Item]:
     items: list[Item] = [
         PageFigure.of(
             drawn,
-            "Every candidate by itself. Not needed: it follows the error as well, but "
-            "nothing is left for it once the named causes are in.",
+            "Every candidate by itself. Not needed: alone it explains a part of the error, "
+            "but none beyond the named causes.",
         ),
         PageTable(
             ("candidate", "likelihood ratio", "p", "smallest detectable strength", "what became of it"),

@@ -504,8 +504,8 @@ def _unmoved(car: CarAssembly) -> Iterator[str]:
     if damper is not None and "current" not in damper.reads:
         mend = ("identify it with --schedule current" if isinstance(damper, Identified) else
                 "fit a law that follows the current to records in which it varies")
-        yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
-               f"{mend}.")
+        yield ("The damper's force does not depend on the command, so that every law gives the ride of the passive "
+               f"car: {mend}.")
 
 
 def _estimating(rows: Sequence[LawRow]) -> Iterator[str]:
