@@ -236,7 +236,7 @@ class Effect(ABC):
         return self.points(signals)
 
     def refit_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """Where a refit may begin when the effect replaces one of its kin.
+        """Where a refit may begin when the effect replaces another of its family.
 
         At `spread_points`, and at further shapes, too many to be looked at always.
 

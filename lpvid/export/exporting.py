@@ -1,4 +1,4 @@
-"""Exports of models, dampers and controllers: the functions behind ``lpv.export_c`` and its kin."""
+"""Exports of models, dampers and controllers: the functions behind ``lpv.export_c`` and the others."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
         sections.append(Section("Before and after", tuple(_gain(found, shown, lpv))))
     if found.weights is not None:
         sections.append(Section("Sets of causes", tuple(_sets(found.weights))))
-    sections.append(Section("Suspects", tuple(_suspects(found))))
+    sections.append(Section("Candidates", tuple(_candidates(found))))
     sections.append(Section("What cannot be decided from these data", tuple(_cannot_tell(found))))
     sections.append(Section("The data", tuple(_data(found))))
     verdict = f"{_HEADINGS[found.verdict]}: {found.reason}."
@@ -289,7 +289,7 @@ def _lpv_table(lpv: LpvExtension) -> PageTable:
                  + ". Free run on records or last thirds that its fit has not seen.", (1, 2, 3, 4, 5))
 
 
-def _suspects(found: Diagnosis) -> list[Item]:
+def _candidates(found: Diagnosis) -> list[Item]:
     named, rivals = {n for c in found.causes for n in (c.name, c.form)}, {n for r in found.rivals for n in r.names}
     refused = {r.name for r in found.rejected}
 

@@ -68,7 +68,7 @@ def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
                              mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
     for j, name in enumerate(plant.measurements):
         if not seen[:, :, j].any():
-            raise InputError(f"the measurement '{name}' sees no state and no disturbance",
+            raise InputError(f"the measurement '{name}' depends on no state and no disturbance",
                              mend=f"remove '{name}' from the measurements, or connect it")
         if _turns_over(seen[:, :, j]):
             raise InputError(f"the measurement '{name}' changes its sign within the scheduling box",
@@ -110,7 +110,7 @@ def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, 
         controls, sensors = ", ".join(plant.controls), ", ".join(plant.measurements)
         for a, b, verdict, text, remedy in (
                 (p.A, p.B2, "unstabilisable", f"no control ({controls}) reaches", "an actuator that moves"),
-                (p.A.T, p.C2.T, "undetectable", f"no measurement ({sensors}) shows", "a sensor that sees")):
+                (p.A.T, p.C2.T, "undetectable", f"no measurement ({sensors}) shows", "a sensor for")):
             pole = _out_of_reach(a, b, discrete)
             if pole is not None:
                 return Fault(verdict, f"{where}{text} the mode with pole {_pole_text(pole)}, which does not decay",

@@ -21,7 +21,7 @@ from lpvid.synthesis.reconstruction import (
     controller_at,
     dual,
     feedthrough,
-    gentlest,
+    with_largest_noise,
 )
 from lpvid.synthesis.scaling import Matrices
 
@@ -213,8 +213,8 @@ class ControllerFormula:
             at = closed_through(at, feedthrough(at, gamma))
         except np.linalg.LinAlgError:
             return None
-        noise = gentlest(at, v.y, v.y_slope, gamma)
-        effort = gentlest(dual(at), v.x, -v.x_slope, gamma)
+        noise = with_largest_noise(at, v.y, v.y_slope, gamma)
+        effort = with_largest_noise(dual(at), v.x, -v.x_slope, gamma)
         if noise is None or effort is None:
             return None
         return cls(plant, variations, pair, inner, gamma, (effort[1], noise[1]),

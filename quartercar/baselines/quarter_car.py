@@ -43,7 +43,7 @@ class QuarterCarBaseline(Coded, Baseline):
     """A quarter car simulated from the measured road and actuator force.
 
     Motions are the same for a car whose masses, stiffnesses and dampings are all twice as large; only an actuator's
-    force, which is a suspect itself, sets the scale. The sprung mass is therefore held unless it is requested, the
+    force, which may be wrong itself, sets the scale. The sprung mass is therefore held unless it is requested, the
     others stay within physical reach of the given car, and a fit holds what the records do not determine.
 
     Attributes

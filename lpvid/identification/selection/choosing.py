@@ -87,7 +87,7 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     competes and throws no other out.
 
     Five folds see a difference only from about their standard error on, and each fits to four fifths of the data. What
-    they leave open is asked of all training data::
+    they leave open is decided on all training data::
 
         N ln(E_simple / E_least) <= 2 (k_least − k_simple),        N = n / Σ_j ρ_j²
 

@@ -9,7 +9,7 @@ is unknown, its mean is the cost of the expected motion and that of δ. The firs
     E(k, i) = tr[(C(c)ᵀ W C(c) + A(c)ᵀ P A(c)) D(k)]    c the dashpot of current i, P what follows then
 
 E(k, i) is exact for a change of the current at one sample, and added over the samples to first order. Without it the
-sequence trusts a course of the deflection's velocity that the next samples of the road refute.
+sequence relies on a course of the deflection's velocity that the next samples do not confirm.
 """
 
 from __future__ import annotations
