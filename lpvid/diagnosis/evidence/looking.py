@@ -25,7 +25,7 @@ OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
 LOOKED, POINTS = 14, 4
 """effects beside a set that are simulated anew, those first that promise most by what they changed beside the
-baseline alone, and points at which each is looked at"""
+baseline alone, and points over which each is looked at, besides that which promises most"""
 HOPELESS = 20.0
 """log-evidence by which a set may stay behind the best one, to first order, and is refitted all the same: a refit may
 find more than first order does"""
@@ -115,6 +115,9 @@ def look(sets: VisitedSets, first: FirstLook, beside: Sequence[Weighed]) -> list
 def promising(sets: VisitedSets, first: FirstLook, w: Weighed, found: Sequence[Direction]) -> dict[Effect, float]:
     """Effects to refit beside a set: the best by what they would take away, and the best with and without memory.
 
+    Those by the points that are spread over the range of every effect, and those by all points besides: a sharp one
+    puts no other aside.
+
     Parameters
     ----------
     sets : VisitedSets
@@ -131,10 +134,19 @@ def promising(sets: VisitedSets, first: FirstLook, w: Weighed, found: Sequence[D
     """
     left = {e: lags[0][0] / w.fit.cost for e in sets.candidates if (lags := first.following.get(e.name))
             and not w.members}
+    spread = dict(left)
     for d in found:
         if d.visible:
-            gain = max(d.gain, d.at_face_value, 0.0)
-            left[d.effect] = min(left.get(d.effect, 1.0), 1 - gain / w.fit.cost)
+            leaves = min(1.0, 1 - max(d.gain, d.at_face_value, 0.0) / w.fit.cost)
+            left[d.effect] = min(left.get(d.effect, 1.0), leaves)
+            if not w.members or any(np.array_equal(d.values, v) for v in evenly(sets.data.looked_at[d.effect.name],
+                                                                                POINTS)):
+                spread[d.effect] = min(spread.get(d.effect, 1.0), leaves)
+    return {e: left[e] * w.fit.cost for e in dict.fromkeys([*_chosen(sets, w, spread), *_chosen(sets, w, left)])}
+
+
+def _chosen(sets: VisitedSets, w: Weighed, left: Mapping[Effect, float]) -> list[Effect]:
+    """The best `CHILDREN` effects by the share of the error that each leaves, and `OF_EACH` with and without memory."""
     count = 0.5 * sets.kept * sets.problem.n_samples
     lost = {e: count * np.log(max(left[e], 1e-12)) - inclusion(e) for e in left}
     enough = sets.score(w) - sets.score(sets.best) + HOPELESS
@@ -144,7 +156,7 @@ def promising(sets: VisitedSets, first: FirstLook, w: Weighed, found: Sequence[D
         have = sum(e.memoryless is memoryless for e in chosen)
         more = [e for e in ranked[CHILDREN:] if e.memoryless is memoryless]
         chosen = [*chosen, *more[: max(OF_EACH - have, 0)]]
-    return {e: left[e] * w.fit.cost for e in chosen}
+    return chosen
 
 
 def evenly(points: np.ndarray, count: int) -> np.ndarray:
@@ -169,24 +181,44 @@ def _view(sets: VisitedSets, first: FirstLook, w: Weighed) -> _SetView:
     outside = [e for e in sets.candidates if e.name not in w.members and sets.allowed((*w.effects, e))]
     points, basis = sets.data.looked_at, projector(w.fit.yielding)
     if w.members and first.moved:
-        outside = _foremost(sets, first, w, outside, basis)
-        points = {e.name: evenly(points[e.name], POINTS) for e in outside}
+        promised = _promised(sets, first, w, outside, basis)
+        outside = _foremost(first, w, outside, promised)
+        points = {e.name: _few(points[e.name], promised.get(e.name)) for e in outside}
     errors = sets.problem.errors(w.fit.composition, w.fit.vector)
     now = [s.output - e for s, e in zip(sets.problem.signals, errors, strict=True)]
     return _SetView(w, outside, points, now, basis)
 
 
-def _foremost(sets: VisitedSets, first: FirstLook, w: Weighed, outside: Sequence[Effect], basis: np.ndarray
+def _promised(sets: VisitedSets, first: FirstLook, w: Weighed, outside: Sequence[Effect], basis: np.ndarray
+              ) -> dict[str, Direction]:
+    """Per effect the point that promises most beside a set, if it acts there as it did beside the baseline alone."""
+    names = {e.name for e in outside}
+    best: dict[str, Direction] = {}
+    for d in directions(sets.problem, w.fit, [m for m in first.moved if m.effect.name in names], basis):
+        if d.visible and (d.effect.name not in best or d.gain > best[d.effect.name].gain):
+            best[d.effect.name] = d
+    return best
+
+
+def _foremost(first: FirstLook, w: Weighed, outside: Sequence[Effect], promised: Mapping[str, Direction]
               ) -> list[Effect]:
     """Effects worth a look beside a set: the partners of its members, then those that promise most."""
-    promised = {e.name: 0.0 for e in outside}
-    for d in directions(sets.problem, w.fit, [m for m in first.moved if m.effect.name in promised], basis):
-        if d.visible:
-            promised[d.effect.name] = max(promised[d.effect.name], d.gain)
     linked = {p for e in w.effects for p in e.partners}
     unseen = {e.name for e in outside} - {m.effect.name for m in first.moved}
-    ranked = sorted(outside, key=lambda e: (e.name not in linked | unseen, -promised[e.name]))
-    return ranked[: LOOKED + len((linked | unseen) & promised.keys())]
+    ranked = sorted(outside, key=lambda e: (e.name not in linked | unseen,
+                                            -promised[e.name].gain if e.name in promised else 0.0))
+    return ranked[: LOOKED + len((linked | unseen) & {e.name for e in outside})]
+
+
+def _few(points: np.ndarray, promised: Direction | None) -> np.ndarray:
+    """`POINTS` of the points of an effect, evenly among them, and the one that promises most if it is not one of these.
+
+    The period of a resonance is sharp: four of fourteen points may all miss it.
+    """
+    few = evenly(points, POINTS)
+    if promised is None or any(np.array_equal(promised.values, v) for v in few):
+        return few
+    return np.vstack([few, promised.values])
 
 
 def _moves(view: _SetView, e: Effect) -> list[Move]:

@@ -211,7 +211,8 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effec
 
     Of what a set holds in its absence, and the best set does not, that which contains it does its work, else that which
     changes the output most; and only where it or one of them is there with `NAMED` do they answer for it together.
-    Where they do not, those of its family do if the family is there with `NAMED`.
+    Where they do not, those of its family do if the family is there with `NAMED`: of these that hold `LISTED` of the
+    weight that the sets without it have.
     """
     kind = best.kinds[best.effects.index(effect)]
     lone: dict[str, float] = {}
@@ -228,7 +229,8 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effec
                 form.setdefault(k, name)
                 if any(e.name == name and e.family == effect.family for e in w.effects):
                     kin[k] = None
-    for among in ([k for k, p in lone.items() if p > LISTED], list(kin)):
+    without = sum(lone.values())
+    for among in ([k for k, p in lone.items() if p > LISTED], [k for k in kin if lone[k] > LISTED * without]):
         either = Support.of(sets, _any_of(finding, *map(_holds, among)), structured)
         if either.probability >= NAMED:
             return tuple((form[k], Support.of(sets, _holds(k), structured).probability)

@@ -38,10 +38,13 @@ class SetSearch(VisitedSets):
         What the effects changed beside the baseline alone.
     enlarged : set of frozenset of str
         Visited sets whose children are known.
+    apart : set of frozenset of str
+        Visited sets whose neighbours are known.
     """
 
     seen: FirstLook = field(default_factory=FirstLook)
     enlarged: set[frozenset[str]] = field(default_factory=set)
+    apart: set[frozenset[str]] = field(default_factory=set)
 
     def run(self, root: Refit) -> None:
         """Visit sets from the baseline alone on.
@@ -63,19 +66,19 @@ class SetSearch(VisitedSets):
             self.reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
+            if self.best is not before:
+                self._neighbours(self.best)
+                self.reweigh()
         self.worth = WORTH
         self.reweigh()
-        apart = set()
         for _ in range(ROUNDS):
             before = self.best
-            apart.add(before.members)
             self._pull_apart(before)
             self.reweigh()
             if self.best is before:
                 break
         self.shares = tuple(share_of(self.structured, self.problem.n_samples, w) for w in WORTHS)
-        if (likeliest := posterior(self)[0][0]).members not in apart:  # over all α it may be another set
-            self._pull_apart(likeliest)
+        self._pull_apart(posterior(self)[0][0])  # over all α it may be another set
 
     # -- larger sets -------------------------------------------------------------------------------------------------
     def _open(self, w: Weighed) -> bool:
@@ -155,27 +158,38 @@ class SetSearch(VisitedSets):
 
     # -- neighbours of the best set ----------------------------------------------------------------------------------
     def _pull_apart(self, w: Weighed) -> None:
-        """Visit the set without each of its members, and with another in its place."""
+        """Visit the neighbours of a set, and what enlarges it and the sets without one of its members."""
+        self._neighbours(w)
+        without = (w.members - {e.name} for e in w.effects)
+        self.enlarge([*(self.visited[m] for m in without if m in self.visited), w])
+
+    def _neighbours(self, w: Weighed) -> None:
+        """Visit the set without each of its members, and with the next of kin in its place.
+
+        A set that was visited is visited again where less error is in sight from here.
+        """
+        if w.members in self.apart:
+            return
+        self.apart.add(w.members)
         rests = [rest for e in w.effects if self.allowed(rest := tuple(x for x in w.effects if x is not e))]
         own = {x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)}
         root = self.root.fit
+        _ = w.fit.jacobian  # found once, for all forks
 
-        def without_one(rest: tuple[Effect, ...]) -> Weighed:
+        def without_one(rest: tuple[Effect, ...]) -> Weighed | None:
             composition = Composition(w.fit.composition.baseline, rest)
             begun = [placed(composition, w.fit, {}), placed(composition, root, {x.name: own[x.name] for x in rest})]
+            known = self.visited.get(composition.members)
+            if known is not None and not any(self.left(composition, v) < known.fit.cost for v in begun):
+                return None
             for x in rest:  # else a set may leave more than a smaller one does, of which it holds all members
                 if (less := self.visited.get(frozenset(y.name for y in rest if y is not x))) and less.members:
                     begun.append(placed(composition, less.fit, {x.name: own[x.name]}))
             return self.weighed(self.settled(composition, begun, w.fit))
 
-        members = [frozenset(x.name for x in rest) for rest in rests]
-        _ = w.fit.jacobian  # found once, for all forks
-        for one in self.each(without_one, [r for r, m in zip(rests, members, strict=True) if m not in self.visited]):
-            self.add(one)
-        self.enlarge([*(self.visited[m] for m in members if m in self.visited), w])
         swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
                  and self.allowed([*(x for x in w.effects if x is not e), y])]
-        for found in self.each(lambda pair: self._swapped(w, *pair), swaps):
+        for found in [*self.each(without_one, rests), *self.each(lambda pair: self._swapped(w, *pair), swaps)]:
             if found is not None:
                 self.add(found)
 
@@ -186,7 +200,7 @@ class SetSearch(VisitedSets):
         other one. None where the new set stays hopelessly behind, to first order: the others and the size of the
         change following. Lags do not act in proportion: all of them are refitted. Where a number of the law has gone to
         its bound, an effect does the work of that part, a friction that of the yield force: then the law begins from
-        where it stands alone too.
+        where it stands alone too, and is followed to its end unless it stays hopelessly behind.
         """
         composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
         place = w.fit.composition.places[w.effects.index(gone)]
@@ -200,12 +214,17 @@ class SetSearch(VisitedSets):
             change = plain - error
             followed = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
             left.append(float(error @ error - followed))
-        behind = 0.5 * self.kept * self.problem.n_samples * np.log(max(min(left), 1e-300) / w.fit.cost)
-        first = [begun[k] for k in np.argsort(left)[:RACED]]
-        found = [self.settled(composition, first, w.fit, (come,), RACED)] if lag or behind < HOPELESS else []
+
+        def behind(cost: float) -> float:
+            return 0.5 * self.kept * self.problem.n_samples * float(np.log(max(cost, 1e-300) / w.fit.cost))
+
+        near = [begun[k] for k in np.argsort(left)[:RACED]]
+        found = [self.settled(composition, near, w.fit, (come,), RACED)] if lag or behind(min(left)) < HOPELESS else []
         own, root = slice(composition.own), self.root.fit
         if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
             anew = [np.concatenate([root.vector[own], v[composition.own:]]) for v in begun]
-            nearest = min(anew, key=lambda v: self.left(composition, v))
-            found.append(refit(self.problem, composition, nearest, iterations=2 * ITERATIONS))
+            first = self.settled(composition, [min(anew, key=lambda v: self.left(composition, v))], None)
+            if behind(first.cost) < HOPELESS:
+                first = refit(self.problem, composition, first.vector, iterations=2 * ITERATIONS)
+            found.append(first)
         return self.weighed(min(found, key=lambda f: f.cost)) if found else None

@@ -18,7 +18,7 @@ from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.evidence import engine, judging, rivals
+from lpvid.diagnosis.evidence import engine, judging, looking, rivals
 from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component, components
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
@@ -287,6 +287,50 @@ def test_a_set_with_one_effect_more_leaves_no_more_than_without_and_is_refitted_
     assert found.members == {"dry", "cubic"} and found.fit.cost <= dry.fit.cost
     monkeypatch.setattr(search, "settled", lambda *a, **k: pytest.fail("refitted again"))
     assert search.with_one_more(dry, cubic, np.array([0.01])) is found
+
+
+def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larger_one():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.1 * u**3)
+    search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
+    search.run(root_of(search.problem, Bent()))
+    right, both = search.visited[frozenset({"dry"})], search.visited[frozenset({"dry", "cubic"})]
+    elsewhere = right.fit.vector.copy()
+    elsewhere[-1] = -3.0
+    stuck = refit(search.problem, right.fit.composition, elsewhere, iterations=0)
+    assert stuck.cost > 2 * right.fit.cost
+    search.visited[frozenset({"dry"})] = Weighed(search.data, stuck)
+    search.apart.clear()
+    search._neighbours(both)
+    assert search.visited[frozenset({"dry"})].fit.cost < 1.001 * right.fit.cost
+    kept = search.visited[frozenset({"dry"})]
+    search.apart.clear()
+    search._neighbours(both)  # nothing less is in sight now
+    assert search.visited[frozenset({"dry"})] is kept
+
+
+class Ringing(Added):
+    """Waves of the input, of one number out of many: only the point next to it shows."""
+
+    name, title = "ringing", "sine of a multiple of the input"
+    parameters = (EffectParameter("size", "V", "a", 0.0, (-10.0, 10.0), (-10.0, 10.0), (0.5,)),
+                  EffectParameter("waves", "", "b", 1.0, (0.0, 60.0), (0.0, 60.0), tuple(np.arange(5.0, 61.0, 5.0))))
+
+    def compose(self, core, values, baseline):
+        return lambda s: core(s) + values[0] * np.sin(values[1] * s["u"])
+
+
+def test_beside_a_set_the_point_that_promised_most_is_looked_at_too():
+    """Oracle: of 12 points 1, 5, 8 and 12 are evenly among them; the third has the number of waves that are there."""
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.3 * np.sin(15 * u))
+    search, _ = prepared([run], Bent(), (Dry(), Ringing()), lambda text: None)
+    search.visited[frozenset()] = Weighed(search.data, root_of(search.problem, Bent()))
+    search.seen = first = looking.first_look(search)
+    dry = next(e for e in search.candidates if e.name == "dry")
+    beside = search.with_one_more(search.root, dry, np.array([0.5]))
+    found = looking.look(search, first, [beside])[0]
+    assert {d.values[1] for d in found} == {5.0, 15.0, 25.0, 40.0, 60.0}
+    assert max(found, key=lambda d: d.gain).values[1] == 15.0
+    assert [e.name for e in looking.promising(search, first, beside, found)] == ["ringing"]
 
 
 def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
@@ -599,6 +643,7 @@ def test_what_comes_in_the_place_of_a_member_does_its_work(other, of_spring, of_
 
 @pytest.mark.parametrize(("weights", "wanted"), [
     ((0.65, 0.04, 0.04, 0.27), ["late-lag", "slow-lag"]),  # none of them is worth a line by itself
+    ((0.69, 0.04, 0.001, 0.269), ["late-lag"]),  # one has next to nothing of what is left
     ((0.55, 0.04, 0.04, 0.37), []),  # nor is the family sure
 ])
 def test_a_family_that_is_sure_is_listed_by_its_members(weights, wanted):
