@@ -116,6 +116,18 @@ def test_units_of_later_files_count_in_parts_too(folder):
     assert "not held-out: run begins with samples that the model was fitted to" in again
 
 
+def test_data_in_parts_get_the_remarks_of_whole_ones(folder, tmp_path):
+    """On ranges and units: the same lines, whatever the parts."""
+    large = write(tmp_path / "large.csv", 5, size=1000.0, units=("velocity", "force [N]"))
+    for file, words in ((folder / "wide.csv", ("lies outside the range of the training data",)),
+                        (large, ("lies outside the range", "about 1000 times the"))):
+        whole = run("validate", folder / "plain/model.json", file).output
+        parts = run("validate", folder / "plain/model.json", file, "--chunk", 300).output
+        for word in words:
+            lines = [[line for line in shown.splitlines() if word in line] for shown in (whole, parts)]
+            assert lines[0] and lines[0] == lines[1]
+
+
 @pytest.mark.parametrize(("size", "doubted"), [(1000.0, True), (10.0, False)])
 def test_a_channel_without_unit_that_is_a_thousand_times_as_large_is_doubted(folder, tmp_path, size, doubted):
     other = write(tmp_path / "mm.csv", 5, size=size, units=("velocity", "force [N]"))
