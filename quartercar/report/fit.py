@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.caveat import Caveat
 from lpvid.export.exportable import has_step
 from lpvid.plot import passivity
 from lpvid.report.courses import OTHERS, channel_panels
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from lpvid.plot.style import Drawn as Drawing
     from quartercar.dampers.contract import Damper
 
-GRAVE = ("reversed polarity", "the polarity", "no channel 'current'")
-"""Beginnings of notes that stand at the head of the page."""
 FANS = 3
 """Models whose law is drawn by current, the best ones."""
 
@@ -187,7 +186,7 @@ def _facts(found: Comparison) -> tuple[tuple[str, str], ...]:
 
 
 def _caveats(found: Comparison) -> tuple[str, ...]:
-    lines = [n[0].upper() + n[1:] + "." for n in found.notes if n.startswith(GRAVE)]
+    lines = [n[0].upper() + n[1:] + "." for n in found.notes if isinstance(n, Caveat)]
     lines += [] if found.complete else ["Interrupted: not all models were fitted."]
     lines += [f"{found.best.name}: {FLAGS[flag]}." for flag in found.best.flags if flag != "reversed-polarity"]
     return tuple(lines)
@@ -274,7 +273,7 @@ def _remarks(found: Comparison) -> list[Item]:
         head = "sample" if found.first == 1 else f"{found.first} samples"
         stated += (f" No figure includes the first {head} of a record, from which the model with the longest past "
                    "starts.")
-    lines = [n for n in found.notes if not n.startswith(GRAVE)]
+    lines = [n for n in found.notes if not isinstance(n, Caveat)]
     for row in found.rows:
         if row.fit is not None:
             lines += [f"{row.name}: {text}" for text in (*row.fit.undetermined[:2], *row.fit.estimate.notes[:2])]

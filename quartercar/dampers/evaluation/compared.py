@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+from lpvid.caveat import Caveat
 from lpvid.codec import encode
 from lpvid.errors import InputError
 from lpvid.toolkit import Shown
@@ -194,8 +195,8 @@ class Comparison(Shown):
 
     def __str__(self) -> str:
         total, count = self.best.held_out.total.n_samples, len(self.data.held_out)
-        grave = [n for n in self.notes if n.startswith("reversed polarity")]
-        lines = [*(n[0].upper() + n[1:] + "." for n in grave), self.verdict, "",
+        caveats = [n for n in self.notes if isinstance(n, Caveat)]
+        lines = [*(n[0].upper() + n[1:] + "." for n in caveats), self.verdict, "",
                  f"  {'free run, held-out':<28}{'ESR':>9}{'fit %':>7}{'√SSE N':>11}{'rmse N':>9}{'energy':>9}"
                  f"{'training':>10}{'par.':>5}{'ms/s':>8}  flags"]
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
@@ -203,7 +204,7 @@ class Comparison(Shown):
                      "'training' is the ESR on training data, ms/s the time to simulate a second")
         lines += [f"  {line}" for row in self.rows for line in (*energy_lines(row.damper), *_costs(row))]
         lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
-        lines += [f"  note: {n}" for n in self.notes if n not in grave]
+        lines += [f"  note: {n}" for n in self.notes if n not in caveats]
         return "\n".join(lines)
 
     def _refusals(self) -> dict[str, list[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lpvid import save
+from lpvid.caveat import Caveat
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import in_processes
@@ -17,6 +18,7 @@ from quartercar.dampers.evaluation import comparison as module
 from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.polarity import polarity_of
+from quartercar.report.fit import comparison_figures, comparison_page
 
 RATE = 500.0
 UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "force": "N", "voltage": "V"}
@@ -121,6 +123,17 @@ def test_it_prints_as_a_table(found):
     assert text.splitlines()[0] == found.verdict and "Guo" in found.verdict
     assert [line.split()[1] for line in text.splitlines() if line[:3].strip().isdigit()] == [r.name for r in found.rows]
     assert "N = 4,794 samples in 3 records" in text
+
+
+def test_remarks_that_qualify_every_figure_stand_first_whatever_their_words(found):
+    """A note is a caveat by its type, given where it arises, and not by its words."""
+    noted = found.with_notes((Caveat("zwei von drei"), "reversed polarity is a word in this one"))
+    page = comparison_page(noted, comparison_figures(found))
+    assert "Zwei von drei." in page.caveats and not any("polarity" in c for c in page.caveats)
+    assert str(noted).startswith("Zwei von drei.\n") and "  note: reversed polarity is" in str(noted)
+    turned = prepare([guo_record(sign=-1.0)]).notes[0]
+    silent = prepare([guo_record().slice(0, 60)]).notes[0]
+    assert all(isinstance(n, Caveat) for n in (turned, silent))
 
 
 def test_models_that_do_not_suit_say_why():
