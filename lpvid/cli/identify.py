@@ -30,9 +30,9 @@ def identify(
                                            "installed package gives.")] = "arx",
     auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
                                        "training data.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time for "
-                                                 "the search of --auto (300); the fit of its choice comes on "
-                                                 "top.")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time of "
+                                                 "--auto (300) up to the model: reading, audit, search and the fit of "
+                                                 "its choice. The report comes on top.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
                                            "(4).")] = None,
@@ -116,6 +116,7 @@ def identify(
     Exits with 3 where the free run of the model diverges on its training data (with --fleet along one of the files), or
     with --passive where there is no certificate; the files are written all the same.
     """
+    from lpvid._forks import processor_time
     from lpvid.cli.beside import compared, load_beside
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, with_cause, working_rate
     from lpvid.cli.data import hold_out as part
@@ -138,7 +139,7 @@ def identify(
                "balanced": balanced or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      form, refit, refit_form, budget)
+                      form, refit, refit_form, budget, processor_time())
     with working("reading") as report_progress:
         request.check()
         name, others = load_beside(beside, f"{out or 'this'}/model.json")
