@@ -125,7 +125,7 @@ def identify(
     from lpvid.cli.structures import Request
     from lpvid.training_fingerprint import unstated_units
 
-    results = Results(out)
+    results = Results(out, "model.json", "identification.json", "report.html")
     rate, raw = asked_rate(sample_rate)
     written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
                "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,

@@ -62,7 +62,7 @@ def fit(
     from lpvid.condition.preparing import common_rate
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
-    results = Results(out)
+    results = Results(out, "comparison.json", "report.html")
     with working("reading") as report_progress:
         asked, raw = asked_rate(sample_rate)
         training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
