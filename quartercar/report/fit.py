@@ -234,18 +234,23 @@ def _parameter_table(row: Compared, caption: str, folded: str) -> PageTable:
     rows = tuple((description[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
                   _with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))
                  for p in row.parameters)
-    marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held else "plain" for p in row.parameters)
+    marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held or p["value"] is None else "plain"
+                                    for p in row.parameters)
     return PageTable(("what it is", "name", "value ± std. error", "unit", "± %"), rows, caption, (2, 4), marks, folded)
 
 
-def _with_error(value: float, std: float | None) -> str:
+def _with_error(value: float | None, std: float | None) -> str:
     """A value with as many digits as its standard error allows, that with two; powers of ten in common.
+
+    None is a value of which the data say nothing.
 
     Examples
     --------
     >>> _with_error(1234.567, 12.3), _with_error(0.000123456, 0.0000021), _with_error(5.0, None), _with_error(2e6, 3e4)
     ('1235 ± 12', '(1.235 ± 0.021)·10⁻⁴', '5', '(2.000 ± 0.030)·10⁶')
     """
+    if value is None:
+        return "not identifiable"
     if not np.isfinite(value):
         return "–"
     power = int(np.floor(np.log10(abs(value)))) if value else 0
@@ -262,7 +267,7 @@ def _raised(power: int) -> str:
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def _share(value: float, std: float | None) -> str:
+def _share(value: float | None, std: float | None) -> str:
     return "–" if std is None or not value or not np.isfinite(std) else number(100 * std / abs(value), 2)
 
 

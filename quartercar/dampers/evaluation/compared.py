@@ -75,10 +75,10 @@ class Compared:
 
     @property
     def parameters(self) -> list[dict[str, Any]]:
-        """Name, value, standard error and unit of each."""
-        spread = {} if self.fit is None else self.fit.std
-        return [{"name": p.name, "value": self.damper.values[p.name], "std": spread.get(p.name), "unit": p.unit}
-                for p in self.damper.parameters]
+        """Name, value, standard error and unit of each; no value where the data say nothing of it."""
+        spread, lost = ({}, ()) if self.fit is None else (self.fit.std, self.fit.unidentified)
+        return [{"name": p.name, "value": None if p.name in lost else self.damper.values[p.name],
+                 "std": spread.get(p.name), "unit": p.unit} for p in self.damper.parameters]
 
     def to_dict(self, rank: int) -> dict:
         """Plain data for JSON.
@@ -102,6 +102,7 @@ class Compared:
                 "settings": encode(self.damper.settings), "flags": list(self.flags),
                 "passivity": self.passivity.to_dict(), "at_bounds": [] if found is None else list(found.at_bounds),
                 "undetermined": [] if found is None else list(found.undetermined),
+                "unidentified": [] if found is None else list(found.unidentified),
                 "notes": [] if found is None else list(found.notes),
                 "fit_seconds": None if found is None else found.seconds,
                 "fit_samples": None if found is None else found.n_samples}

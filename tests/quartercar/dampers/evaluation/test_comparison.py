@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -134,6 +135,23 @@ def test_remarks_that_qualify_every_figure_stand_first_whatever_their_words(foun
     turned = prepare([guo_record(sign=-1.0)]).notes[0]
     silent = prepare([guo_record().slice(0, 60)]).notes[0]
     assert all(isinstance(n, Caveat) for n in (turned, silent))
+
+
+def test_a_parameter_of_which_the_data_say_nothing_has_no_number_wherever_it_stands(found):
+    """In the table, in JSON and in text it is not identifiable, with its unit; the others are as they were."""
+    fitted = found["guo"].fit
+    row = replace(found["guo"], fit=replace(fitted, estimate=replace(fitted.estimate, unidentified=("sharpness",))))
+    assert row.fit.std["sharpness"] is None
+    described = {p["name"]: p for p in row.to_dict(1)["parameters"]}
+    unit = described["sharpness"]["unit"]
+    assert described["sharpness"] == {"name": "sharpness", "value": None, "std": None, "unit": unit}
+    assert all(p["value"] is not None for n, p in described.items() if n != "sharpness")
+    assert f"sharpness [{unit}] not identifiable" in repr(row.fit)
+    shown = replace(found, rows=(row,))
+    page = comparison_page(shown, comparison_figures(shown))
+    tables = [i for s in page.sections if s.title == "Parameters" for i in s.items]
+    (stated,) = [r for t in tables for r in t.rows if r[1] == "sharpness"]
+    assert stated[2:] == ("not identifiable", unit, "–")
 
 
 def test_models_that_do_not_suit_say_why():
