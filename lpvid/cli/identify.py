@@ -113,8 +113,8 @@ def identify(
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
-    Exits with 3 where the free run of the model diverges on its training data (with --fleet along one of the files), or
-    with --passive where there is no certificate; the files are written all the same.
+    Exits with 3 where the free run of the model on its training data diverges (with --fleet along one of the files) or
+    is no better than their mean, or with --passive where there is no certificate; the files are written all the same.
     """
     from lpvid._forks import processor_time
     from lpvid.cli.beside import compared, load_beside
@@ -155,7 +155,7 @@ def identify(
             other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
             joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, report_progress)
             conclude(results, joint.to_dict(), str(joint), json)
-            if joint.failed or joint.diverging:
+            if joint.failed or joint.diverging or joint.median_esr >= 1:
                 raise typer.Exit(SHORTFALL)
             return
         if chunk is not None:
@@ -168,7 +168,7 @@ def identify(
             streamed = fit_parts(request, chunks, apart, whole, out, report_progress)
             streamed.deliver(results, report_progress)
             conclude(results, streamed.to_dict(), str(streamed), json)
-            if streamed.diverges:
+            if streamed.fails:
                 raise typer.Exit(SHORTFALL)
             return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
@@ -186,5 +186,5 @@ def identify(
         found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
-    if found.diverges or (passive and not found.certified):
+    if found.fails or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

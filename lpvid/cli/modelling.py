@@ -82,10 +82,9 @@ class ReportedIdentification:
         return (self.refitted or self.found).model
 
     @property
-    def diverges(self) -> bool:
-        """Whether the free run of model.json diverges on the data that it was fitted to."""
-        judged = (self.refitted or self.found).training
-        return judged is not None and judged.overall.free_run.diverged_at is not None
+    def fails(self) -> bool:
+        """Whether the free run of model.json diverges on its own training data, or is no better than their mean."""
+        return (self.refitted or self.found).training_failure is not None
 
     @property
     def certified(self) -> bool:

@@ -163,8 +163,14 @@ class Comparison(Shown):
         return replace(self, notes=(*self.notes, *notes))
 
     @property
+    def fails(self) -> bool:
+        """Whether no fitted model simulates the data that it was fitted to better than their mean does."""
+        errors = [row.training.total.esr for row in self.rows if row.fit is not None]
+        return bool(errors) and all(e is None or e >= 1 for e in errors)
+
+    @property
     def verdict(self) -> str:
-        """One sentence."""
+        """One sentence, or two where no fitted model can be used."""
         best, run = self.best, self.best.held_out.total
         if run.esr is None:
             return "No model simulates the held-out data: every free run diverges, or the force does not move."
@@ -173,6 +179,8 @@ class Comparison(Shown):
                 f"{run.fit_percent:.1f} %, rmse {run.rmse:.4g} N)")
         if len(self.rows) > 1 and (second := self.rows[1].held_out.total.esr) is not None:
             stated += f", before {self.rows[1].title} with {second:.4g}"
+        if self.fails:
+            stated += ". No fitted model simulates the data that it was fitted to better than their mean"
         return f"{stated}{'' if self.complete else '. INTERRUPTED: not all models were fitted'}."
 
     def to_dict(self) -> dict:

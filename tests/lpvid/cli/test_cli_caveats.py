@@ -209,14 +209,15 @@ def test_an_unstable_identified_model_is_exported_with_a_warning(folder, tmp_pat
         assert ("this model is NOT stable: largest frozen pole modulus 1.05" in shown) == words
 
 
-def test_a_free_run_that_diverges_on_training_data_is_a_shortfall(folder, tmp_path, monkeypatch):
+@pytest.mark.parametrize("run_of_it", [Figures("free-run", None, None, None, "N", 1200, diverged_at=772),
+                                       Figures("free-run", 1.2, -9.5, 80.0, "N", 1200)])
+def test_a_free_run_that_is_none_of_the_training_data_is_a_shortfall(folder, tmp_path, monkeypatch, run_of_it):
     whole = modelling.fit
 
     def fit(*arguments):
         reported = whole(*arguments)
         training = reported.found.training
-        run = Figures("free-run", None, None, None, "N", 1200, diverged_at=772)
-        worse = replace(training, overall=replace(training.overall, free_run=run))
+        worse = replace(training, overall=replace(training.overall, free_run=run_of_it))
         return replace(reported, found=reported.found.replace(training=worse))
 
     monkeypatch.setattr(modelling, "fit", fit)

@@ -154,6 +154,18 @@ def test_a_parameter_of_which_the_data_say_nothing_has_no_number_wherever_it_sta
     assert stated[2:] == ("not identifiable", unit, "–")
 
 
+def test_a_comparison_fails_where_no_fitted_model_beats_the_mean_of_its_training_data(found):
+    def worse(row, esr):
+        total = row.training.total
+        bad = replace(total, error=total.power * (esr or 0.0), diverged_at=9 if esr is None else None)
+        return replace(row, training=replace(row.training, total=bad))
+
+    assert not found.fails and "better than their mean" not in found.verdict
+    bad = replace(found, rows=tuple(worse(row, e) for row, e in zip(found.rows, (1.0, 3.0, None, 2.0), strict=True)))
+    assert bad.fails and "No fitted model simulates the data that it was fitted to" in bad.verdict
+    assert not replace(bad, rows=(found.rows[0], *bad.rows[1:])).fails
+
+
 def test_models_that_do_not_suit_say_why():
     v = motion(1200, 5)[1]
     bare = Record({"velocity": v, "force": 900 * v}, sample_time=1 / RATE, units=UNITS)
