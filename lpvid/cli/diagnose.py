@@ -56,7 +56,7 @@ def diagnose(
     from lpvid.diagnosis.settings import DiagnosisSettings
     from lpvid.errors import InputError
 
-    results = Results(out)
+    results = Results(out, "diagnosis.json", "report.html")
     rate, raw = asked_rate(sample_rate)
     if plan_experiment and out is None:
         raise InputError("--plan-experiment writes a file", mend="add --out DIR")

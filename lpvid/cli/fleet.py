@@ -58,7 +58,7 @@ def fleet(
 
     if out is None:
         raise InputError("a fleet needs a folder, which is its state", got="no --out", mend="--out DIR")
-    results = Results(out)
+    results = Results(out, "fleet.json", "fleet.csv", "report.html")
     structure = _structure(split_names(input), split_names(output), split_names(schedule), na, nb, nk, degree)
     plan = plan_fleet(data, out, do=split_names([do]), structure=structure, roles=parse_roles(role), baseline=baseline,
                       fdr=fdr, limit=time_limit, retries=retries)

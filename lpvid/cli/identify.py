@@ -30,9 +30,9 @@ def identify(
                                            "installed package gives.")] = "arx",
     auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
                                        "training data.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time for "
-                                                 "the search of --auto (300); the fit of its choice comes on "
-                                                 "top.")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time of "
+                                                 "--auto (300) up to the model: reading, audit, search and the fit of "
+                                                 "its choice. The report comes on top.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
                                            "(4).")] = None,
@@ -114,9 +114,10 @@ def identify(
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run continues after its last part where --out names the same folder.
-    Exits with 3 where the free run of the model diverges on its training data (with --fleet along one of the files), or
-    with --passive where there is no certificate; the files are written all the same.
+    Exits with 3 where the free run of the model on its training data diverges (with --fleet along one of the files) or
+    is no better than their mean, or with --passive where there is no certificate; the files are written all the same.
     """
+    from lpvid._forks import processor_time
     from lpvid.cli.beside import compared, load_beside
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, with_cause, working_rate
     from lpvid.cli.data import hold_out as part
@@ -125,7 +126,7 @@ def identify(
     from lpvid.cli.structures import Request
     from lpvid.training_fingerprint import unstated_units
 
-    results = Results(out)
+    results = Results(out, "model.json", "identification.json", "report.html")
     rate, raw = asked_rate(sample_rate)
     written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
                "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,
@@ -139,7 +140,7 @@ def identify(
                "balanced": balanced or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      form, refit, refit_form, budget)
+                      form, refit, refit_form, budget, processor_time())
     with working("reading") as report_progress:
         request.check()
         name, others = load_beside(beside, f"{out or 'this'}/model.json")
@@ -155,7 +156,7 @@ def identify(
             other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
             joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, report_progress)
             conclude(results, joint.to_dict(), str(joint), json)
-            if joint.failed or joint.diverging:
+            if joint.failed or joint.diverging or joint.median_esr >= 1:
                 raise typer.Exit(SHORTFALL)
             return
         if chunk is not None:
@@ -168,7 +169,7 @@ def identify(
             streamed = fit_parts(request, chunks, apart, whole, out, report_progress)
             streamed.deliver(results, report_progress)
             conclude(results, streamed.to_dict(), str(streamed), json)
-            if streamed.diverges:
+            if streamed.fails:
                 raise typer.Exit(SHORTFALL)
             return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
@@ -186,5 +187,5 @@ def identify(
         found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
-    if found.diverges or (passive and not found.certified):
+    if found.fails or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

@@ -37,7 +37,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.validation import acting_model
     from lpvid.validation.free_runs import free_runs
 
-    results = Results(out)
+    results = Results(out, "simulation.json", "report.html")
     given, raw = asked_rate(sample_rate)
     with working("reading") as report_progress:
         loaded = load(model)

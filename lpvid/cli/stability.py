@@ -50,7 +50,7 @@ def stability(model: options.ModelFile,
     from lpvid.report.stability import StabilityStudy
     from lpvid.report.stability_reach import Questions
 
-    results = Results(out)
+    results = Results(out, "stability.json", "report.html")
     loaded = load(model)
     with working("looking for a certificate") as report_progress, solver_output_suppressed():
         questions = Questions(largest_range, largest_rate, gain, draws)

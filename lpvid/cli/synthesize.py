@@ -52,7 +52,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     from lpvid.synthesis.progress import was_interrupted
     from lpvid.synthesis.synthesizing import synthesize as solve
 
-    results = Results(out)
+    results = Results(out, "synthesis.json", "report.html")
     loaded, settings, title, weights = _read(plant, design)
     with working("solving the matrix inequalities") as report_progress, solver_output_suppressed():
         result = solve(loaded, settings, progress=report_progress)

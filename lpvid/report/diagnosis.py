@@ -8,7 +8,6 @@ import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
 from lpvid.diagnosis.evidence.discrepancy import MISSED
-from lpvid.diagnosis.evidence.weighing import NORMAL
 from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
@@ -18,6 +17,7 @@ from lpvid.report.formatting import number, percent
 from lpvid.report.inspection import findings_table
 from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces
 from lpvid.validation.residuals import probability
+from lpvid.validation.trust import QUANTILE
 
 SIGNIFICANT = 0.05
 TINY = float(np.finfo(float).tiny)
@@ -196,7 +196,7 @@ def _cause_row(c: Cause) -> list[tuple[str, ...]]:
     rows = []
     for k, p in enumerate(c.parameters):
         interval = "a choice" if p.choice is not None else "at a bound" if p.std is None else \
-            f"{number(p.value - NORMAL * p.std)} … {number(p.value + NORMAL * p.std)}"
+            f"{number(p.value - QUANTILE * p.std)} … {number(p.value + QUANTILE * p.std)}"
         head = (c.name,) if k == 0 else ("",)
         tail = (_p_text(c.p_value), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
                 percent(c.share_given_others)) if k == 0 else ("",) * 5

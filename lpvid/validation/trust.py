@@ -10,6 +10,8 @@ from lpvid.validation.figures import Figures
 
 LEVEL = 0.95
 """of the interval of a held-out fit, the level of every interval that is printed."""
+QUANTILE = 1.96
+"""standard errors on either side of a normal estimate that make an interval of `LEVEL`: the 97.5 % quantile."""
 QUIET = 10
 """lags in a row within their band that end the correlation, as for the standard errors (`residual_memory`)."""
 

@@ -27,7 +27,7 @@ def demo(out: options.Out = DEMO_FOLDER,
     """The whole chain on embedded data: rig, identification, stability, diagnosis, controller, ride and report."""
     from quartercar.demo.run import run_demo
 
-    results = Results(out)
+    results = Results(out, "demo.json", "report.html")
     with working("starting") as report_progress:
         report_stage = (lambda stage, result: None) if json else _StagePrinter(report_progress).show
         found = run_demo(seed, report_progress, report_stage)
@@ -54,7 +54,7 @@ def _deliver(results: Results, found: Demo) -> None:
         results.save("controller.json", found.ride.design.controller)
     results.json("ride.json", found.ride.rides.to_dict())
     sample = next(r for r in found.held_out if r.name.startswith("test-1-"))
-    results.add(f"{sample.name}.csv", writer(write_csv, sample))
+    results.add(f"{sample.name}.csv", writer(write_csv, sample), data=True)
     figures = {"experiments.png": plot.experiments([(e.name, e.esr, e.plain_esr) for e in found.experiments], TARGET),
                "overview.png": plot.overview(next(c for c in shown if c.record.name == sample.name),
                                              [c for c in shown if c.record.name.startswith("test-7-")])}

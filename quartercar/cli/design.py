@@ -56,7 +56,7 @@ def design(
         return
     from lpvid.synthesis.progress import followed, was_interrupted
 
-    results = Results(out)
+    results = Results(out, "synthesis.json", "report.html")
     with working("reading") as report_progress, solver_output_suppressed():
         if config is None:
             given = {k: str(v) for k, v in (("car", car), ("damper", damper), ("plant", plant)) if v is not None}

@@ -63,7 +63,7 @@ def ride(
     if template:
         typer.echo(ride_template(), nl=False)
         return
-    results = Results(out)
+    results = Results(out, "ride.json", "report.html")
     with working("reading") as report_progress:
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune, preview)
         chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)

@@ -31,13 +31,13 @@ FIGURES: Mapping[str, tuple[str, Callable[[Ride], float]]] = {
     "stroke": ("m", lambda r: r.figures.stroke),
     "largest_stroke": ("m", lambda r: r.figures.largest_stroke),
     "dissipated": ("J", lambda r: r.passivity.dissipated),
-    "at_limits": ("", lambda r: r.at_limits),
+    "at_limits": ("", lambda r: np.nan if r.at_limits is None else r.at_limits),
     "out_of_reach": ("", lambda r: r.out_of_reach),
     "negative_share": ("", lambda r: r.passivity.negative_share),
     "negative_energy": ("J", lambda r: r.passivity.negative_energy),
     "returned": ("J", lambda r: r.passivity.returned),
 }
-"""Figures of a ride by name: unit, and where they are found."""
+"""Figures of a ride by name: unit, and where they are found; NaN where a ride has none of the kind."""
 _ROUNDING = 1e-12
 """relative difference of a figure that is the order of a sum over 1e4 samples and nothing else"""
 AXES = ("comfort", "tyre_load", "stroke")
@@ -332,8 +332,10 @@ def _line(row: LawRow) -> str:
         half = "" if i.high is None else f" ± {number(scale * (i.high - i.mean), 2):<7}"
         return f"{scale * i.mean:8.4g}{half}"
 
+    share = row.interval("at_limits").mean
+    limits = f"  at limits {share:4.0%}" if np.isfinite(share) else ""
     return (f"  {row.name:<20}comfort {described('comfort')} m/s^2  tyre {described('tyre_load')} N  stroke "
-            f"{described('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
+            f"{described('stroke', 1e3)} mm{limits}")
 
 
 def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
