@@ -1,4 +1,4 @@
-"""The files that commands of this program wrote into a folder, distinguished from those of the user by a list beside them."""
+"""The files that commands of this program wrote into a folder; a list beside them distinguishes them from others."""
 
 from __future__ import annotations
 
