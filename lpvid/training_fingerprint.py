@@ -354,3 +354,25 @@ def recalled(records: Sequence[Record], metadata: Mapping) -> list[Record]:
         lacking = {str(r): str(c) for r, c in known.items() if not record.has(str(r)) and record.has(str(c))}
         found.append(record.with_roles({r: record.resolve(c) for r, c in lacking.items()}) if lacking else record)
     return found
+
+
+def seen_remark(names: Sequence[str]) -> str:
+    """What a validation states of records that the model was fitted to.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the records, at least one; beyond four their number.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> seen_remark(["a"]), seen_remark(["a", "b", "c", "d", "e"])[:41]
+    ('not held-out: a begins with samples that the model was fitted to', 'not held-out: a, b, c, d and 1 more begin')
+    """
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    verb = "begin" if len(names) > 1 else "begins"
+    return f"not held-out: {', '.join(names[:4])}{more} {verb} with samples that the model was fitted to"

@@ -7,7 +7,7 @@ Neither the rig nor the effects depend on it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.experiments import ExperimentProposal, open_questions
@@ -121,6 +121,18 @@ REPEATED = PlannedExperiment(
     redraw=False,
 )
 
+WITHOUT_CURRENT: Mapping[PlannedExperiment, PlannedExperiment | None] = {
+    STEPS: None, FULL_RANGE: SPEEDS,
+    FAST: replace(FAST, description="large strokes at high speed"),
+    RANDOM: replace(RANDOM, description="road", current=_OFF),
+    SWEEP: replace(SWEEP, description="frequency sweep of small amplitude", current=_OFF, replicates=1),
+    LARGE_SWEEP: replace(LARGE_SWEEP, description="frequency sweep of large amplitude", current=_OFF, replicates=1),
+    HEATING: replace(HEATING, current=_OFF),
+    REPEATED: replace(REPEATED, description="one motion three times: what does not come back is noise", current=_OFF),
+}
+"""What takes an experiment's place where no current was measured, as of a passive damper; the others have none. Of
+steps of the current nothing is left."""
+
 PLANS: Mapping[str, tuple[PlannedExperiment, ...]] = {
     "coulomb-friction": (CREEP,), "stribeck-friction": (CREEP, SPEEDS), "gas-preload": (CREEP,),
     "gas-stiffness": (CREEP, SWEEP),
@@ -202,7 +214,7 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
     Parameters
     ----------
     found : Diagnosis
-        Its rivals, its baseline and its open questions count.
+        Its rivals, its baseline and its open questions count. Where no current was measured the plan has none.
 
     Returns
     -------
@@ -216,8 +228,14 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
     """
     groups = [tuple(r.names) for r in found.rivals]
     car = found.baseline.get("name") == "quarter-car"
-    asked = [n for n in open_questions(found) if car or n not in ON_THE_CAR]
+    absent = {c.name: c.unmeasured for c in found.cannot_tell if c.unmeasured}
+    no_current = [n for n, channels in absent.items() if channels == "current"]
+    asked = [n for n in open_questions(found) if (car or n not in ON_THE_CAR) and n not in no_current]
     by_part, advice = _of_rivals(groups) if groups else _of_candidates(asked)
+    if no_current:
+        by_part = _without_current(by_part)
+        if not groups:
+            advice.append(f"{', '.join(no_current)}: no current was measured; where the device has one, record it")
     advice += [NOT_BY_FORCE[c.name] for c in found.causes if c.name in NOT_BY_FORCE]
     parts = list(by_part)[:MOST_PARTS]
     if not parts:
@@ -252,6 +270,16 @@ def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[PlannedExperiment, l
                 by_part.setdefault(part, []).extend(n for n in (first, other) if n not in by_part.get(part, ()))
             advice += [f"{n}: {NO_PLAN[n]}" for n in (first, other) if n in NO_PLAN]
     return by_part, advice
+
+
+def _without_current(by_part: Mapping[PlannedExperiment, list[str]]) -> dict[PlannedExperiment, list[str]]:
+    """The same parts without a current; those that are nothing without one are left out."""
+    found: dict[PlannedExperiment, list[str]] = {}
+    for part, names in by_part.items():
+        other = WITHOUT_CURRENT.get(part, part)
+        if other is not None:
+            found.setdefault(other, []).extend(n for n in names if n not in found.get(other, ()))
+    return found
 
 
 def _of_candidates(names: Sequence[str]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:

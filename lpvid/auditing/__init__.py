@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lpvid.auditing import coherence, feedback, motion
+from lpvid.auditing import coherence, feedback, motion, resting, values
 from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.force import polarity, turned_apart
@@ -15,7 +15,7 @@ from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
 from lpvid.record import Record
 
-__all__ = ["Audit", "Finding", "audit", "motion_remarks"]
+__all__ = ["Audit", "Finding", "audit", "record_remarks"]
 
 
 def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[str] | None = None,
@@ -85,8 +85,10 @@ def reversed_polarity(records: Sequence[Record]) -> bool:
     return any(f.name == "reversed-polarity" for r in records for f in polarity(view(r, None)))
 
 
-def motion_remarks(records: Sequence[Record]) -> tuple[str, ...]:
-    """What the check of each velocity against its displacement warns of, for results of commands that do not audit.
+def record_remarks(records: Sequence[Record]) -> tuple[str, ...]:
+    """What spoils a fit and is not seen in it, for results of commands that do not audit.
+
+    A velocity that is not the derivative of its displacement, and a force that was cut off.
 
     Parameters
     ----------
@@ -96,7 +98,10 @@ def motion_remarks(records: Sequence[Record]) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        With record, channel and mend; a unit of one of the two that is wrong shows in their scale.
+        With record, channel and mend; a unit of velocity or displacement that is wrong shows in their scale.
     """
-    found = (f for r in records for f in motion.velocity_against_displacement(view(r, None)))
+    views = [view(r, None) for r in records]
+    found = [f for v in views for f in motion.velocity_against_displacement(v)]
+    found += [f for v in views for check in (values.clipped, resting.flat_peaks) for f in check(v)
+              if f.channel == v.force]
     return tuple(dict.fromkeys(str(f) for f in found if f.severity == "warning"))

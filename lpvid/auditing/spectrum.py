@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 from lpvid.condition.bandwidth import SPARE, band, bandwidth
+from lpvid.condition.preparing import WANTED
 
 POOR = 0.1
 """rms of noise over that of a signal, from which on it is a warning (20 dB)"""
@@ -109,7 +110,8 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
     ------
     Finding
         ``oversampled`` from a factor of 4 on, a note; its value is the widest band [Hz], of what is in the channels
-        or of what the force answers of the motion.
+        or of what the force answers of the motion. Where a current or another scheduling variable steps, the rate it
+        names is not below `WANTED`: the force's lag behind a step, of a few ms, has little power in any channel.
     """
     widest, channel, answered, rates = 0.0, "", False, list[float]()
     for view in views:
@@ -125,11 +127,17 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
     if not rates or not widest:
         return
     ratio = int(min(rates) / (SPARE * widest))
+    steps = any(view.moves(name) and view.rests(name) for view in views for name in view.scheduling
+                if name in view.usable and view.record.unit(name) != "K")
+    if steps:
+        ratio = min(ratio, int(min(rates) / WANTED))
     if ratio >= 4:
         rate = min(rates) / ratio
         lies = f"99 % of the power of every channel lies below {widest:.3g} Hz (the widest: '{channel}')"
         if answered:
             lies = f"'{channel}' follows the motion up to {widest:.3g} Hz"
+        if steps:
+            lies += ", its lag behind the steps of the current not counted"
         yield Finding("oversampled", "" if len(views) > 1 else views[0].name, channel, "note",
                       f"{lies}, sampled at {min(rates):.6g} Hz", f"--sample-rate {rate:.6g}", widest)
 
@@ -230,15 +238,17 @@ def moving_average(view: View) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        ``moving-average`` by channel, a note; its value is the number of samples averaged.
+        ``moving-average`` by channel, a note; its value is the number of samples averaged. None where the nulls lie on
+        the even overtones of the motion: a force that is alike in both directions lacks these.
     """
+    motion = _line(view)
     for name in view.usable:
         if name in view.scheduling or view.few_levels(name) or not view.moves(name):
             continue
         found = view.run(name)
         if found is None or view.period is None or found[0].size < 2048:
             continue
-        comb = _comb_length(found[0], view.period)
+        comb = _comb_length(found[0], view.period, motion)
         if comb:
             length, depth = comb
             yield Finding("moving-average", view.name, name, "note",
@@ -247,23 +257,38 @@ def moving_average(view: View) -> Iterator[Finding]:
                           f"{0.44 / (length * view.period):.3g} Hz", float(length))
 
 
-def _comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
-    """(samples averaged, depth of the nulls in dB), or None; nulls against the lobes beside each."""
+def _line(view: View) -> float | None:
+    """Frequency [Hz] of a motion that is one sine, of which a line holds half of the power; else None."""
+    if view.stroke is None or view.period is None or view.stroke[1].size < 2048:
+        return None
+    frequency, _, line = _lines(view.stroke[1], view.period)
+    return line * float(frequency[1]) if line is not None else None
+
+
+def _lines(x: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, float | None]:
+    """(frequency [Hz], power spectrum, bin of the line that holds half of the power, to a part of a bin, or None)."""
     from scipy.signal import welch
 
-    size = int(min(2048, x.size // 4))
-    frequency, power = welch(np.diff(x), 1 / period, window="blackmanharris", nperseg=size)
+    frequency, power = welch(x, 1 / period, window="blackmanharris", nperseg=int(min(2048, x.size // 4)))
+    top = int(np.argmax(power))
+    around = slice(max(top - 4, 0), top + 5)
+    share = power[around]
+    tonal = share.sum() > 0.5 * power.sum()
+    return frequency, power, float(share @ np.arange(power.size)[around] / share.sum()) if tonal else None
+
+
+def _comb_length(x: np.ndarray, period: float, motion: float | None) -> tuple[int, float] | None:
+    """(samples averaged, depth of the nulls in dB), or None; nulls against the lobes beside each."""
+    frequency, power, line = _lines(np.diff(x), period)
     level = 10 * np.log10(np.maximum(power, 1e-30 * power.max()))
     spacing = float(frequency[1])
-    top = int(np.argmax(power))
-    tonal = power[max(top - 4, 0):top + 5].sum() > 0.5 * power.sum()
     # overtones of a sine must not pass for lobes: look well above it only
-    lowest = 6 * float(frequency[top]) if tonal else 0.0
+    lowest = 0.0 if line is None else 6 * spacing * line
     best: tuple[int, float] | None = None
     for length in range(3, 257):
         null = 1 / (length * period)
         reach = 0.12 * null / spacing
-        if reach < 1.0 or null < lowest:
+        if reach < 1.0 or null < lowest or (motion and abs(null - 2 * motion * round(null / (2 * motion))) < spacing):
             continue
         contrast = _contrast(level, null / spacing, reach)
         if contrast.size >= 3 and np.mean(contrast > 3.0) >= 0.75 and (depth := float(np.median(contrast))) > 6.0 \

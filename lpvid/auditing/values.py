@@ -161,7 +161,7 @@ def clipped(view: View) -> Iterator[Finding]:
         if name in view.scheduling or values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
             continue
         for sign, side in ((1.0, "top"), (-1.0, "bottom")):
-            found = _plateau(sign * values)
+            found = plateau(sign * values)
             if found:
                 on_top, level = found
                 yield Finding("clipped", view.name, name, "warning",
@@ -170,8 +170,29 @@ def clipped(view: View) -> Iterator[Finding]:
                               "widen the measuring range, or leave those samples out", on_top / values.size)
 
 
-def _plateau(x: np.ndarray) -> tuple[int, float] | None:
-    """(samples on the maximum, maximum) if the signal is cut off there."""
+def plateau(x: np.ndarray) -> tuple[int, float] | None:
+    """(samples on the maximum, maximum) if the signal is cut off there.
+
+    A signal that rests on values between its ends too is one of steps, not cut off.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Finite, of any unit; turned for a plateau on its minimum.
+
+    Returns
+    -------
+    (int, float) or None
+        The maximum in the unit of x; None where it is no end of a range.
+
+    Examples
+    --------
+    >>> x = np.sin(0.01 * np.arange(2000))
+    >>> plateau(np.minimum(x, 0.9))
+    (274, 0.9)
+    >>> plateau(x) is None
+    True
+    """
     top, span = float(x.max()), float(np.ptp(x))
     on_top = x >= top - 1e-9 * span
     count = int(on_top.sum())
@@ -179,6 +200,9 @@ def _plateau(x: np.ndarray) -> tuple[int, float] | None:
         return None
     runs = [b - a for a, b in true_runs(on_top)]
     below = x[~on_top]
+    between = below[below > float(x.min()) + 1e-9 * span]
+    if between.size < 2 or not np.median(np.abs(np.diff(between))) > 1e-9 * span:
+        return None
     step = top - float(below.max())  # one level of a quantised signal
     near = int(np.sum(below >= top - max(1.05 * step, 1e-3 * span)))
     flat = max(runs) >= 3 and sum(r >= 3 for r in runs) >= (1 if max(runs) >= 5 else 2)

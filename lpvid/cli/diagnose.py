@@ -132,9 +132,9 @@ def _described(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
 def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
              report_progress: Callable[[str], None]) -> Sequence[str]:
     """Queue the files; lines to print about the LPV model and the experiment."""
-    from lpvid.auditing import motion_remarks
+    from lpvid.auditing import record_remarks
 
-    described = [f"  audit: {remark}" for remark in motion_remarks(question.raw)]
+    described = [f"  audit: {remark}" for remark in record_remarks(question.raw)]
     described += [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
         return described

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -175,6 +176,12 @@ class CannotTell:
     smallest_detectable: float | None
     unit: str
     experiment: str
+
+    @property
+    def unmeasured(self) -> str:
+        """The channels without which the cause could not be looked at, with commas; empty where it could."""
+        found = re.fullmatch(r"no (.+) was measured", self.reason)
+        return "" if found is None else found[1]
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -443,8 +450,9 @@ class Diagnosis(Shown):
         if self.wrong:
             lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"
                                                            for w in self.wrong[:3]))
-        if self.cannot_tell:
-            lines.append(f"  {len(self.cannot_tell)} candidates these data could not reveal: "
-                         + ", ".join(c.name for c in self.cannot_tell[:6]))
+        if unseen := [c.name for c in self.cannot_tell if not c.unmeasured]:
+            lines.append(f"  {len(unseen)} candidates these data could not reveal: " + ", ".join(unseen[:6]))
+        if absent := [c.unmeasured for c in self.cannot_tell if c.unmeasured]:
+            lines.append(f"  {len(absent)} need a channel that was not measured: " + "; ".join(dict.fromkeys(absent)))
         lines += [f"  note: {n}" for n in self.notes[:4]]
         return "\n".join(lines)

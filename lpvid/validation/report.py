@@ -21,7 +21,7 @@ from lpvid.model.lpv_model import LPVModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import beyond_training, recalled, seen_records, unit_doubt
+from lpvid.training_fingerprint import beyond_training, recalled, seen_records, seen_remark, unit_doubt
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
@@ -164,7 +164,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
     seen = seen_records(model.metadata, pieces, model.outputs[0].name)
     if seen and label == "held-out":
         label = "training" if len(seen) == len(pieces) else "partly training"
-        notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
+        notes += (seen_remark(seen),)
     stated = independence_remark(model, pieces, label) if label != "training" else None
     found = figures(model, pieces, label, notes if stated is None else (*notes, stated), horizons)
     run = found.overall.free_run

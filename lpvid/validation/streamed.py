@@ -16,7 +16,7 @@ from lpvid.model.scheduling_stage import SchedulingStage, memory
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Channel, Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import SAMPLES, RangeComparison, seen_records
+from lpvid.training_fingerprint import SAMPLES, RangeComparison, seen_records, seen_remark
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
 from lpvid.validation.residuals import LAGS, OTHER_LAGS, ResidualTest, independence, whiteness
 from lpvid.validation.result import Validation
@@ -348,7 +348,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     notes = (f"figures of a stream of {seen} samples; regimes are not looked for",)
     if familiar_to and label == "held-out":
         known = list(dict.fromkeys(familiar_to))
-        notes += (f"not held-out: {', '.join(known[:4])} begins with samples that the model was fitted to",)
+        notes += (seen_remark(known),)
         label = "training" if len(familiar_to) == len(kept) else "partly training"
     notes += compared.beyond([s.name for s in model.inputs]) + compared.doubts(runs.channels)
     unit, start, several = model.outputs[0].unit, model.start, Counter(row[0] for row in kept)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -35,7 +36,7 @@ HARMONICS = 8
 
 @dataclass(frozen=True, eq=False)
 class RecordedCycle:
-    """One cycle, from one upward crossing of mid stroke to the next.
+    """One cycle, from one crossing of mid stroke to the next of the same direction.
 
     Attributes
     ----------
@@ -56,8 +57,8 @@ class RecordedCycle:
     period: float
     amplitude: float
     centre: float
-    displacement: np.ndarray
-    velocity: np.ndarray
+    displacement: np.ndarray = field(repr=False)
+    velocity: np.ndarray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,9 @@ class Block:
     kind: str
     cycles: tuple[RecordedCycle, ...]
     distortion: float
+
+    def __repr__(self) -> str:
+        return f"Block('{self.run.name}': {self.label}, {len(self.cycles)} cycles)"
 
     @property
     def frequency(self) -> float:
@@ -118,7 +122,9 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
     A stroke lies between two turning points that are further apart than the noise of the displacement (8 σ, σ from its
     fourth differences) and a hundredth of the travel. A cycle goes from one upward crossing of mid stroke to the next,
     interpolated: turning points are flat and their time is not sharp. Cycles whose periods and amplitudes differ by
-    less than 5 % from the median of the fifteen before belong to the same block.
+    less than 5 % from the median of the fifteen before belong to the same block. Where the downward crossings make more
+    blocks, or as many of steadier period, the cycles go between those: a test that starts and ends at rest in mid
+    stroke, upward, has one whole falling stroke more than whole rising ones, which the rest at both ends lengthens.
 
     Parameters
     ----------
@@ -130,10 +136,22 @@ def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
         Empty for random motion.
     """
     x = run.displacement
-    marks = _crossings(x, turning_points(x, least_stroke(x)))
+    turns = turning_points(x, least_stroke(x))
+    upward, downward = (_between(run, _crossings(sign * x, turns)) for sign in (1.0, -1.0))
+    return max(upward, downward, key=lambda blocks: (len(blocks), -_unsteadiness(blocks)))
+
+
+def _unsteadiness(blocks: Sequence[Block]) -> float:
+    """The furthest that a cycle's period is from the median of its block, over the median."""
+    periods = [np.array([c.period for c in b.cycles]) for b in blocks]
+    return max((float(np.abs(p / np.median(p) - 1).max()) for p in periods), default=0.0)
+
+
+def _between(run: RecordPiece, marks: list[tuple[float, float, float]]) -> tuple[Block, ...]:
+    """The blocks whose cycles go from one of these crossings to the next."""
     found: list[Block] = []
-    enough = MOST_OF * (1.0 - SAME_SPEED) * x.size
-    for group in _alike(marks):
+    enough = MOST_OF * (1.0 - SAME_SPEED) * run.displacement.size
+    for group in (_without_rests(run.displacement, marks, g) for g in _alike(marks)):
         whole = marks[group[-1] + 1][0] - marks[group[0]][0]
         if len(group) >= FEWEST or whole > enough:
             block = _block(run, [(marks[k], marks[k + 1]) for k in group])
@@ -224,6 +242,23 @@ def _alike(marks: list[tuple[float, float, float]]) -> list[list[int]]:
                 continue
         groups.append([k])
     return groups
+
+
+def _without_rests(x: np.ndarray, marks: list[tuple[float, float, float]], group: list[int]) -> list[int]:
+    """A group without the cycles at its ends that are of another shape: between two tests there is a rest.
+
+    Over the phase of the cycle a displacement, less its mean, differs from the group's median by less than 5 % of the
+    amplitude (rms), or by the sensor's noise, of which the median of three or more holds as much at most: √2 σ.
+    """
+    if len(group) < FEWEST:
+        return group
+    k = np.arange(x.size)
+    shapes = np.array([np.interp(np.linspace(marks[n][0], marks[n + 1][0], CHORDS + 1), k, x) for n in group])
+    shapes = shapes - shapes.mean(axis=1, keepdims=True)
+    apart = np.sqrt(np.mean((shapes - np.median(shapes, axis=0)) ** 2, axis=1))
+    most = np.hypot(SAME_SPEED * np.median([marks[n][1] for n in group]), np.sqrt(2) * noise_of(x))
+    like = np.flatnonzero(apart <= most)
+    return group[like[0]:like[-1] + 1] if like.size else group
 
 
 def _block(run: RecordPiece, pairs: list) -> Block | None:

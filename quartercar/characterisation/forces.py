@@ -16,6 +16,8 @@ from quartercar.dampers.bench.strokes import turning_points
 
 SLICES = 20
 """Stretches of a random record that count as independent for its standard error: enough for a 16 % error of it."""
+BETWEEN = "no test has this speed,"
+"""how a reason begins where only triangles are faster"""
 LONGEST_STROKE = 0.05
 """Amplitude [m] of the sine that is proposed; a faster test takes a higher frequency."""
 
@@ -83,7 +85,8 @@ def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds
     the block with most cycles: there the force is nearest to a steady one. Where the speed lies beyond those cycles and
     the next faster block has it with a third of their standard error, from that block. A triangle serves only at its
     own speed. Where no cycle reaches it, from random motion of three strokes or more. A force whose two branches differ
-    by more than half the difference of the two directions is not given: it is elastic or inertial.
+    by more than half the difference of the two directions is not given: it is elastic or inertial. Nor is one at whose
+    speed, within 5 %, the measured force rests on an end of its range: what it reads there is the range.
 
     Parameters
     ----------
@@ -116,7 +119,11 @@ def _force(specimen: str, level: float | None, direction: int, speed: float, own
                       key=lambda b: (round(b.peak / speed / SAME_SPEED), -len(b.cycles)))
     elastic: BranchForce | None = None
     beyond: StandardForce | None = None
+    cut = ""
     for block in reaching:
+        if any(_cut_off(block.run, direction, speed, c.span) for c in block.settled):
+            cut = cut or f"{block.run.name}: {block.label}"
+            continue
         if block.kind == "triangle":
             row = _from_triangle(block, direction, speed, models)
             if row is not None:
@@ -140,10 +147,19 @@ def _force(specimen: str, level: float | None, direction: int, speed: float, own
     if beyond is not None:
         return beyond
     for run in loose:
+        if _cut_off(run, direction, speed, slice(None)):
+            cut = cut or run.name
+            continue
         row = _from_random(run, specimen, level, direction, speed, models)
         if row is not None:
             return row
-    return StandardForce(specimen, level, direction, speed, why=_why(own, loose, direction, speed, elastic))
+    return StandardForce(specimen, level, direction, speed, why=_why(own, loose, direction, speed, elastic, cut))
+
+
+def _cut_off(run: RecordPiece, direction: int, speed: float, span: slice) -> bool:
+    """Whether the force rests on an end of its range anywhere within 5 % of the speed."""
+    at = np.abs(direction * run.velocity[span] - speed) <= SAME_SPEED * speed
+    return bool((at & run.cut_off[span]).any())
 
 
 def _surer(beyond: StandardForce | None, within: StandardForce) -> StandardForce:
@@ -213,7 +229,10 @@ def _strokes_through(run: RecordPiece, direction: int, speed: float) -> int:
 
 
 def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, speed: float,
-         elastic: BranchForce | None) -> str:
+         elastic: BranchForce | None, cut: str) -> str:
+    if cut:
+        return (f"the force rests on an end of its range there ({cut.replace(': ', ', ')}): widen the range of the "
+                "load cell and run that test again")
     if elastic is not None:
         return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the "
                 f"force is elastic more than damping: {propose_sine(speed)}")
@@ -222,6 +241,9 @@ def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, spe
         times = "stroke reaches" if passed == 1 else "strokes reach"
         return (f"{passed} {times} {speed:g} m/s in a record without periodic motion, too few for a mean and its "
                 f"error: {propose_sine(speed)}")
+    if others := [b.peak for b in own if b.kind == "triangle" and b.peak > (1 + SAME_SPEED) * speed]:
+        return (f"{BETWEEN} the triangles have one speed each, the next faster {min(others):.3g} m/s: "
+                f"{propose_sine(speed)}")
     peaks = [b.peak for b in own] + [float(np.quantile(np.maximum(direction * r.velocity, 0), 0.999)) for r in loose]
     fastest = max(peaks, default=0.0)
     return f"fastest test reaches {fastest:.3g} m/s: {propose_sine(speed)}"

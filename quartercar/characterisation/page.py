@@ -12,7 +12,7 @@ from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
-from quartercar.characterisation.wording import amps, label_of, shortened, verdict
+from quartercar.characterisation.wording import amps, label_of, newtons, shortened, verdict
 
 OPEN = 12
 """Rows above which a table of tests is folded."""
@@ -108,12 +108,12 @@ def _facts(found: Readings) -> tuple[tuple[str, str], ...]:
             if best is not None and best.force is not None:
                 label = f"{name}, {best.speed:g} m/s"
                 label += f", {_where(found, shortened(key[0], 14), key[1])}" if len(keys) > 1 else ""
-                facts.append((label, f"{sign * best.force:.4g} N"))
+                facts.append((label, f"{newtons(sign * best.force)} N"))
     creep = next((s for s in found.static if s.creep), None)
     if creep is not None:
         at = "" if creep.current is None or len(found.data.levels) < 2 else f", {amps(creep.current, unit)}"
-        facts += [(f"gas force at mid stroke{at}", f"{creep.gas:.4g} N"),
-                  (f"friction at {1e3 * creep.speed:.2g} mm/s{at}", f"{creep.friction:.3g} N")]
+        facts += [(f"gas force at mid stroke{at}", f"{newtons(creep.gas)} N"),
+                  (f"friction at {1e3 * creep.speed:.2g} mm/s{at}", f"{newtons(creep.friction, 3)} N")]
     for s in found.switching[:2]:
         facts.append((f"switching {amps(s.low, unit)} → {amps(s.high, unit)}", f"{1e3 * s.time:.3g} ms"))
     return tuple(facts)
@@ -132,7 +132,7 @@ def _forces(found: Readings) -> list[Item]:
     for key in keys:
         cells = [at[(*key, v)] for v in speeds]
         rows.append((_where(found, *key[:2]), DIRECTIONS[key[2]], *(
-            number(None if f.force is None else sign * f.force) for f in cells)))
+            "–" if f.force is None else newtons(sign * f.force) for f in cells)))
     worst = max((f for f in found.given if f.std), key=lambda f: f.std or 0.0, default=None)
     caption = (f"Force [N], rebound {found.settings.rebound}; mean of the branches of rising and falling speed, of the "
                "slowest test that reaches the speed. A dash: not reached.")
@@ -149,7 +149,7 @@ def _forces(found: Readings) -> list[Item]:
                            f"{found.model} (free run) less measured [N], by the same estimator.",
                            tuple(range(2, 2 + len(speeds)))))
     detail = tuple((_where(found, f.specimen, f.current), DIRECTIONS[f.direction], f"{f.speed:g}",
-                    _value(sign * (f.force or 0.0), f.std), number(None if f.last is None else sign * f.last),
+                    _value(sign * (f.force or 0.0), f.std), "–" if f.last is None else newtons(sign * f.last),
                     number(f.hysteresis, 3), str(f.cycles or "–"), f.source) for f in found.given)
     items.append(PageTable(
         (_first(found), "direction", "speed [m/s]", "force [N]", "last cycle [N]", "branch difference [N]", "cycles",

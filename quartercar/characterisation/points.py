@@ -105,10 +105,10 @@ def peak_point(block: Block, direction: int, force: np.ndarray | None = None) ->
 
 
 def disagreeing(found: Sequence[PeakPoint]) -> tuple[str, ...]:
-    """Tests of one speed, current and direction whose forces differ: other settings, specimens or gas pressures.
+    """Tests of one speed, current and direction whose forces differ: other frequencies, settings or specimens.
 
     Within 5 % of the speed a force that grows with its square differs by 10 %; more, and more than three standard
-    errors, is another damper.
+    errors, is another damper, or where the frequencies differ what is elastic or inertial.
 
     Parameters
     ----------
@@ -128,9 +128,14 @@ def disagreeing(found: Sequence[PeakPoint]) -> tuple[str, ...]:
     if not pairs:
         return ()
     a, b = max(pairs, key=lambda pair: abs(pair[0].force - pair[1].force))
+    low, high = sorted((a.block.frequency, b.block.frequency))
+    why = ("Records of several settings, gas pressures or specimens: --specimen keeps them apart."
+           if high <= (1 + SAME_SPEED) * low else
+           f"The tests are of {low:.3g} and {high:.3g} Hz: what is elastic or inertial in damper, mount and fixture "
+           "differs then; or the records are of several settings, gas pressures or specimens, which --specimen keeps "
+           "apart.")
     return (f"Tests of one speed disagree: {a.force:.4g} N in '{a.block.run.name}' and {b.force:.4g} N in "
-            f"'{b.block.run.name}', {DIRECTIONS[a.direction]} at {1e3 * a.speed:.3g} mm/s. Records of several "
-            "settings, gas pressures or specimens: --specimen keeps them apart.",)
+            f"'{b.block.run.name}', {DIRECTIONS[a.direction]} at {1e3 * a.speed:.3g} mm/s. {why}",)
 
 
 def _centre(cycle: RecordedCycle, force: np.ndarray, direction: int) -> tuple[float, float] | None:

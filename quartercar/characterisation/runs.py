@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from lpvid.auditing.values import plateau
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
 from quartercar.characterisation.settings import CharacteriseSettings
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 from quartercar.dampers.drive import UNITS
 from quartercar.dampers.facts import DISTINCT
 from quartercar.dampers.polarity import common_polarity
@@ -79,6 +82,24 @@ class RecordPiece:
     def force(self) -> np.ndarray:
         """(n,) [N], positive in tension, whatever the sense of the measurement."""
         return self.polarity * self.record["force"]
+
+    @cached_property
+    def cut_off(self) -> np.ndarray:
+        """(n,) bool: at a force, as measured, that rests on an end of its range; within a sample where resampled."""
+        if not self.raw.has("force"):
+            return np.zeros(self.displacement.size, dtype=bool)
+        measured = self.raw["force"]
+        resting = np.zeros(measured.size, dtype=bool)
+        for sign in (1.0, -1.0):
+            if found := plateau(sign * measured):
+                resting |= sign * measured >= found[1] - 1e-9 * float(np.ptp(measured))
+        reach = self.period * (0.5 if measured.size == self.displacement.size else 1.0)
+        first = np.searchsorted(self.raw.times, self.record.times - reach)
+        last = np.searchsorted(self.raw.times, self.record.times + reach, side="right")
+        before = np.concatenate([[0], np.cumsum(resting)])
+        found = before[last] > before[first]
+        low, high = np.quantile(np.abs(self.velocity[found]), (0.1, 0.9)) if found.any() else (0.0, 0.0)
+        return found & bool(high - low > SAME_SPEED * high)  # a force without noise rests where the speed does
 
     @property
     def temperature(self) -> np.ndarray | None:
@@ -302,6 +323,12 @@ def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
     elif sense == 0:
         stated.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
                     "taken as positive in tension.")
+    if cut := [(float(r.cut_off.mean()), r.name) for r in runs if r.cut_off.any()]:
+        share, name = max(cut)
+        records = f"{len(cut)} record" + ("s" if len(cut) > 1 else "")
+        stated.append(f"The force of {records} rests on an end of its range (up to "
+                      f"{100 * share:.2g} % of the time, '{name}'): forces there are not given, loops, energies and "
+                      "peak-velocity points hold them cut off. Widen the range of the load cell.")
     longest = max(((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated), default=(0.0, ""))
     if longest[0] > LONGEST:
         stated.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "

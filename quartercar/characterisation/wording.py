@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from quartercar.characterisation.gas import StaticForce
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
@@ -29,6 +31,33 @@ def amps(current: float | None, unit: str) -> str:
     ('1.2 A', '–')
     """
     return "–" if current is None else f"{round(current, 3) + 0.0:.3g} {'' if unit == '1' else unit}".strip()
+
+
+def newtons(value: float, digits: int = 4, sign: str = "") -> str:
+    """A force to so many significant digits, written out below a meganewton.
+
+    Parameters
+    ----------
+    value : float
+        [N]
+    digits : int
+    sign : str
+        "+" prints the sign of a positive one too.
+
+    Returns
+    -------
+    str
+        Without the unit; a dash for NaN and infinities.
+
+    Examples
+    --------
+    >>> newtons(-10837.4), newtons(533.62), newtons(103.0, 2), newtons(60.34, sign="+")
+    ('-10840', '533.6', '100', '+60.34')
+    """
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:{sign}.{digits}g}"
+    return f"{float(text):{sign}.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 def shortened(name: str, most: int = 20) -> str:
@@ -170,11 +199,11 @@ def _static_line(found: Readings, test: StaticForce) -> str:
         at += f" and {amps(test.current, found.data.current_unit)}"
     rate = f"rate {1e-3 * test.rate:.3g} N/mm"
     if test.creep:
-        return (f"{whose}{at} (creep): gas {test.gas:.4g} ± {test.gas_std:.2g} N, {rate}, "
-                f"friction {test.friction:.4g} N")
+        return (f"{whose}{at} (creep): gas {newtons(test.gas)} ± {newtons(test.gas_std, 2)} N, {rate}, "
+                f"friction {newtons(test.friction)} N")
     mean = -found.settings.sign * test.gas
-    return (f"{whose}{at}, no creep: mean of both directions {mean:+.4g} N (the gas, which pushes outwards, and half "
-            f"the difference of their damping), {rate}, friction at most {test.friction:.4g} N")
+    return (f"{whose}{at}, no creep: mean of both directions {newtons(mean, sign='+')} N (the gas, which pushes "
+            f"outwards, and half the difference of their damping), {rate}, friction at most {newtons(test.friction)} N")
 
 
 def summary(found: Readings) -> str:
@@ -198,7 +227,8 @@ def summary(found: Readings) -> str:
             own = [f for f in found.given if (f.specimen, f.current, f.direction) == (specimen, level, direction)]
             if own:
                 top = max(own, key=lambda f: f.speed)
-                parts.append(f"{name} {sign * (top.force or 0.0):.4g} ± {top.std or 0.0:.2g} N at {top.speed:g} m/s")
+                parts.append(f"{name} {newtons(sign * (top.force or 0.0))} ± {newtons(top.std or 0.0, 2)} N at "
+                             f"{top.speed:g} m/s")
         label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
     lines += [f"  {_static_line(found, s)}" for s in found.static[:2]]

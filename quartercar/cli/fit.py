@@ -57,7 +57,7 @@ def fit(
     otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures. Exits with 3 where the
     free run of every fitted model on its training data diverges or is no better than their mean.
     """
-    from lpvid.auditing import motion_remarks
+    from lpvid.auditing import record_remarks
     from lpvid.cli.data import asked_rate, split_names
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
@@ -76,7 +76,7 @@ def fit(
         found = compare(
             training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, report_progress
         )
-        found = found.with_notes((*notes, *motion_remarks([*training, *kept])))
+        found = found.with_notes((*notes, *record_remarks([*training, *kept])))
         _deliver(results, found, report_progress)
     if not found.complete:
         typer.echo("interrupted: the models that were done are kept; the result is marked incomplete", err=True)

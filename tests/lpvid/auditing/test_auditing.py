@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfilt
 
-from lpvid.auditing import Audit, audit
+from lpvid.auditing import Audit, audit, record_remarks
 from lpvid.auditing.coherence import input_coherence
 from lpvid.auditing.spectrum import follows
 from lpvid.auditing.view import view
@@ -606,3 +606,90 @@ def test_hum_of_a_displacement_is_interference_where_the_force_does_not_follow(f
     if found:
         assert found[0].value == pytest.approx(50 * 4e-5 / (0.2 * 0.018), rel=0.1)
         assert "about 50 Hz" in found[0].evidence
+
+
+# -- what a test engineer's dampers showed --------------------------------------------------------------------------
+def triangles(speeds: tuple[float, ...], rate: float, cycles: int = 6) -> np.ndarray:
+    """(n,) displacement of triangles of rising speed, ±4 mm up to 20 mm/s and ±40 mm beyond, from mid stroke [m]."""
+    parts = []
+    for speed in speeds:
+        half = 0.004 if speed <= 0.02 else 0.04
+        phase = np.mod(np.arange(0, cycles, speed / (4 * half * rate)), 1.0)
+        parts.append(half * np.where(phase < 0.25, 4 * phase, np.where(phase < 0.75, 2 - 4 * phase, 4 * phase - 4)))
+    return np.concatenate(parts)
+
+
+def test_a_set_of_triangles_of_rising_speed_decides_the_polarity():
+    """Power rises with the square of the speed: its scatter over the record is no doubt about its sign."""
+    rate = 500.0
+    x = triangles((0.004, 0.05, 0.13, 0.26, 0.52), rate, 4)
+    v = np.gradient(x, 1 / rate)
+    record = Record({"displacement": x, "velocity": v, "force": 1500.0 * v}, sample_time=1 / rate,
+                    units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    assert not audit(record).of("polarity-unclear")
+    assert audit(change(record, "force", np.negative)).of("reversed-polarity")
+
+
+def test_even_overtones_that_a_symmetric_force_lacks_are_no_moving_average():
+    rate, f = 200.0, 2.55
+    t = np.arange(0, 92, 1 / rate)
+    v = 0.4 * np.cos(2 * np.pi * f * t)
+    force = 1000.0 * np.tanh(v / 0.02) + 800.0 * v + np.random.default_rng(0).normal(size=t.size)
+    units = {"displacement": "m", "velocity": "m/s", "force": "N"}
+    record = Record({"displacement": 0.025 * np.sin(2 * np.pi * f * t), "velocity": v, "force": force},
+                    sample_time=1 / rate, units=units)
+    assert not audit(record).of("moving-average")
+
+
+def stepped_current(rate: float = 5000.0) -> Record:
+    """Triangles of 0.1 m/s, a current that steps every quarter of a second, a force that follows it by 9 ms."""
+    rng = np.random.default_rng(1)
+    x = triangles((0.1,), rate, 8)
+    v, t = np.gradient(x, 1 / rate), np.arange(x.size) / rate
+    current = np.array([0, 1.0, 0, 0.5, 0, 1.5])[(t // 0.25).astype(int) % 6]
+    share = 1 - np.exp(-1 / (rate * 0.009))
+    behind = lfilter([share], [1, share - 1], current)
+    force = (100 + 900 * behind) * np.tanh(v / 0.01) + 800 * v + rng.normal(size=t.size)
+    return Record({"displacement": x + 2e-5 * rng.normal(size=t.size), "current": current, "force": force},
+                  sample_time=1 / rate, units={"displacement": "m", "current": "A", "force": "N"})
+
+
+def test_where_the_current_steps_no_rate_is_named_at_which_its_lag_is_lost():
+    (finding,) = audit(stepped_current()).of("oversampled")
+    assert float(finding.mend.removeprefix("--sample-rate ")) >= 500.0 and "steps of the current" in finding.evidence
+    assert not audit(stepped_current(1000.0)).of("oversampled")
+
+
+def maxwell(x: np.ndarray, rate: float, spring: float, rebound: float, compression: float) -> np.ndarray:
+    """(n,) force of a dashpot with a coefficient for each direction behind a spring, exact for a constant speed [N]."""
+    force, v = np.zeros(x.size), np.gradient(x, 1 / rate)
+    for k in range(1, x.size):
+        c = rebound if force[k - 1] > 0 else compression
+        left = np.exp(-spring / (c * rate))
+        force[k] = left * force[k - 1] + (1 - left) * c * v[k]
+    return force
+
+
+@pytest.mark.parametrize(("zero", "severity"), [(0.0, "note"), (400.0, "warning")])
+def test_what_a_sweep_leaves_at_rest_of_an_elastic_damper_is_no_drift_of_the_load_cell(zero, severity):
+    rate, rng = 500.0, np.random.default_rng(2)
+    t = np.arange(0, 30, 1 / rate)
+    if severity == "note":  # a sweep from 0.5 to 20 Hz: the directions part as it grows faster
+        k = (20 / 0.5) ** (1 / 30)
+        phase = 2 * np.pi * 0.5 * (k**t - 1) / np.log(k)
+    else:
+        phase = 2 * np.pi * 2.0 * t
+    x = 0.004 * np.sin(phase)
+    force = maxwell(x, rate, 8e4, 2500.0, 400.0) + rng.normal(size=t.size) + zero * t / t[-1]
+    record = Record({"displacement": x, "force": force}, sample_time=1 / rate,
+                    units={"displacement": "m", "force": "N"})
+    found = audit(record)
+    assert {f.severity for f in found.of("force-drift")} == {severity}
+    if severity == "note":
+        assert "elastic damper" in found.of("force-offset")[0].evidence
+
+
+def test_a_fit_is_told_of_a_force_that_was_cut_off():
+    cut = change(clean(), "force", lambda f: np.clip(f, -600.0, 600.0))
+    assert not record_remarks([clean()])
+    assert any("rest on the top value 600 N" in r for r in record_remarks([cut]))

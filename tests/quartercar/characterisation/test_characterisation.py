@@ -556,3 +556,88 @@ def test_a_damper_of_millimetres_per_second_creeps_in_its_slowest_test_alone():
     assert "--speeds 9.4e-06,0.00094, or run sines" in next(m.run for m in found.missing if "forces at" in m.what)
     assert slow.creep and slow.gas == pytest.approx(20, abs=0.3)
     assert not fast.creep and abs(fast.gas) < 10
+
+
+def moved(parts: list[np.ndarray], rate: float, law_of, name: str = "run") -> lpv.Record:
+    """A record of displacements one after the other, with a force by the velocity and a little noise."""
+    rng = np.random.default_rng(3)
+    x = np.concatenate(parts)
+    x = np.convolve(np.pad(x, 5, mode="edge"), np.hanning(13)[1:-1] / np.hanning(13).sum(), "valid")
+    v = np.gradient(x, 1 / rate)
+    force = law_of(v) + rng.normal(size=x.size)
+    return lpv.Record({"displacement": x + 2e-6 * rng.normal(size=x.size), "force": force},
+                      sample_time=1 / rate, units={"displacement": "m", "force": "N"}, name=name)
+
+
+def ramps(half: float, speed: float, cycles: int, rate: float, rest: float = 0.3) -> list[np.ndarray]:
+    """A triangle from mid stroke to mid stroke between two rests [m]."""
+    phase = np.mod(np.arange(0, cycles, speed / (4 * half * rate)), 1.0)
+    still = np.zeros(round(rest * rate))
+    out = half * np.where(phase < 0.25, 4 * phase, np.where(phase < 0.75, 2 - 4 * phase, 4 * phase - 4))
+    return [still, out, still]
+
+
+def test_sets_of_four_cycles_from_rest_to_rest_in_one_record_are_tests():
+    """From mid stroke to mid stroke four cycles have two whole ones between upward crossings and rests."""
+    tests = ((0.004, 0.004), (0.02, 0.02), (0.04, 0.05), (0.04, 0.13), (0.04, 0.26))
+    record = moved([p for half, speed in tests for p in ramps(half, speed, 4, 500.0)], 500.0,
+                   lambda v: 1500.0 * v + 40.0 * np.tanh(v / 5e-4) - 60.0)
+    found = qc.characterise(record, CharacteriseSettings(speeds=(0.05, 0.1, 0.13, 0.26)))
+    assert [round(1e3 * b.peak, 0) for b in found.blocks] == [4, 20, 50, 130, 260]
+    assert repr(found.blocks[0]) == f"Block('run': {found.blocks[0].label}, 3 cycles)"
+    slow = min(found.static, key=lambda s: s.speed)
+    assert slow.creep and slow.gas == pytest.approx(60.0, abs=0.5) and slow.friction == pytest.approx(46.0, abs=0.5)
+    for f in found.given:
+        assert f.method == "triangle" and f.force == pytest.approx(
+            f.direction * (1500.0 * f.speed + 40.0) - 60.0, abs=3.0), f
+    between = next(m for m in found.missing if m.what == "forces at 0.1 m/s")
+    assert "no test is as fast" not in between.why and "one speed each" in between.why
+    assert not any("polarity" in c for c in found.data.caveats)
+
+
+def test_a_rest_between_two_tests_of_one_stroke_belongs_to_neither():
+    """A rest of 0.6 s and a half of the faster test last as long together as a half of the slower one."""
+    record = moved([p for speed in (0.05, 0.1) for p in ramps(0.03, speed, 4, 400.0)], 400.0, lambda v: 2000.0 * v)
+    found = qc.characterise(record, CharacteriseSettings(speeds=(0.05, 0.1)))
+    assert len(found.given) == 4
+    for f in found.given:
+        assert f.force == pytest.approx(f.direction * 2000.0 * f.speed, abs=2.0), f
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_a_force_at_the_end_of_its_range_is_not_given(periodic):
+    rate, rng = 500.0, np.random.default_rng(4)
+    t = np.arange(0, 30, 1 / rate)
+    x = 0.05 * np.sin(2 * np.pi * 1.66 * t)
+    if not periodic:
+        x = sum(0.02 / f * np.sin(2 * np.pi * f * t + p) for f, p in zip(
+            rng.uniform(0.4, 3, 9), rng.uniform(0, 6.28, 9), strict=True))
+    record = moved([x], rate, lambda v: 2000.0 * v)
+    clipped = record.with_channel("force", np.clip(record["force"], -300.0, 300.0), "N")
+    found = qc.characterise(clipped, CharacteriseSettings(speeds=(0.05, 0.1, 0.13, 0.26)))
+    assert {f.speed for f in found.given} == {0.05, 0.1, 0.13}
+    assert all(abs(f.force) < 300.0 for f in found.given)
+    assert any("rests on an end of its range" in c for c in found.data.caveats)
+    assert any(m.what == "force at 0.26 m/s" and "end of its range" in m.why for m in found.missing)
+    whole = qc.characterise(record, CharacteriseSettings(speeds=(0.26,)))
+    assert len(whole.given) == 2 and not whole.data.caveats
+
+
+def test_forces_of_a_strut_are_written_out():
+    record = moved([0.04 * np.sin(np.arange(0, 30, 0.01))], 100.0, lambda v: 20e3 * np.tanh(v / 1e-3) - 3e3)
+    found = qc.characterise(record, CharacteriseSettings(speeds=(0.04,)))
+    assert "rebound 17000 ±" in str(found) and "compression -23000 ±" in str(found) and "e+04" not in str(found)
+    assert "e+04" not in render(found.page())
+
+
+def test_tests_of_one_speed_and_two_frequencies_are_not_called_two_dampers_only():
+    """A mass of 12 kg beside a damper: at 0.2 m/s and 2 or 30 Hz the force differs."""
+    rate, parts = 2000.0, []
+    for f in (2.0, 30.0):
+        t = np.arange(0, 20 / f, 1 / rate)
+        x = 0.2 / (2 * np.pi * f) * np.sin(2 * np.pi * f * t)
+        force = (1500.0 if f < 10 else 900.0) * np.gradient(x, t)
+        parts.append(lpv.Record({"displacement": x, "force": force}, 1 / rate, name=f"at{f:g}",
+                                units={"displacement": "m", "force": "N"}))
+    (caveat,) = qc.characterise(parts).data.caveats
+    assert "2 and 30 Hz" in caveat and "elastic or inertial" in caveat

@@ -16,7 +16,7 @@ from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.record import Record
 from quartercar.effects import CATALOGUE
-from quartercar.experiments import NO_PLAN, NOT_BY_FORCE, PAIRS, PLANS, plan_for
+from quartercar.experiments import NO_PLAN, NOT_BY_FORCE, PAIRS, PLANS, WITHOUT_CURRENT, plan_for
 from quartercar.rig import (
     Constant,
     Experiment,
@@ -150,3 +150,28 @@ def test_what_is_planned_for_a_pair_names_the_one_that_it_is(cause: str, other: 
     short = tuple(replace(e, duration=min(e.duration, 12.0)) for e in plan.experiments)
     found = lpv.diagnose(run_plan(replace(plan, rig=bench(cause), experiments=short)), "guo", some(cause, other))
     assert [c.name for c in found.causes] == [cause] and not found.rivals
+
+
+@pytest.mark.seconds
+def test_a_plan_for_a_device_without_a_current_has_none() -> None:
+    """A dashpot: what its records leave open is asked of no current, and those who need one are counted apart."""
+    rng = np.random.default_rng(0)
+    t = np.arange(0, 12, 1 / 200)
+    f, phase = rng.uniform(0.5, 5, (8, 1)), rng.uniform(0, 6.28, (8, 1))
+    v = np.sum(0.1 * np.sin(2 * np.pi * f * t + phase), axis=0)
+    channels = {"displacement": np.cumsum(v) / 200, "velocity": v, "force": 800 * v + rng.normal(size=t.size)}
+    record = lpv.Record(channels, 1 / 200, units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    found = lpv.diagnose([record], "linear", some("coil-lag", "remanence", "gas-preload", "quantisation"))
+    assert {c.name for c in found.cannot_tell if c.unmeasured == "current"} == {"coil-lag", "remanence"}
+    assert "2 need a channel that was not measured: current" in str(found)
+    proposal = plan_for(found)
+    assert proposal is not None and "current" not in proposal.description
+    assert not {"coil-lag", "remanence"} & set(proposal.names)
+    assert any("no current was measured" in a for a in proposal.advice)
+
+
+def test_without_a_current_every_experiment_of_the_table_has_a_motion_alone() -> None:
+    parts = {p for parts in (*PLANS.values(), *(v for v in PAIRS.values() if not isinstance(v, str))) for p in parts}
+    for part in parts:
+        other = WITHOUT_CURRENT.get(part, part)
+        assert other is None or ("levels = [0.0]" in other.current and "current" not in other.description)

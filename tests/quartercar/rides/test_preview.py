@@ -116,15 +116,23 @@ def test_the_register_is_the_kalman_filter_of_the_car_with_its_past():
 
 @pytest.mark.slow
 def test_a_better_sensor_gives_a_better_road():
-    """The wheel's accelerometer halves the error of the estimate at least; SH-ADD rides as it does without preview."""
-    car, road = build_car(), IsoRoad("C", 20.0, 2.0)
-    law = laws.SkyhookAccelerationDriven()
-    plain, few, more = (ride(car, road, law, 1, RideSettings(preview=preview_from_text(text))) for text in
-                        ("none", "wheelbase=2.7", "wheelbase=2.7,sensors=stroke-body-wheel"))
-    assert plain.road_ahead_error is None and more.road_ahead_error is not None and few.road_ahead_error is not None
-    assert 1e-5 < more.road_ahead_error < 0.5 * few.road_ahead_error < 1e-3
-    assert f"{1e3 * few.road_ahead_error:.2g} mm" in repr(few) and "road ahead" not in repr(plain)
-    assert more.figures.comfort == pytest.approx(plain.figures.comfort, rel=0.03)
+    """The wheel's accelerometer halves the error of the estimate at least; SH-ADD rides as it does without preview.
+
+    Of 2 s the ratio of the errors is .40 to .60 by seed, as the one with the accelerometer drifts slowly; over 40 seeds
+    the ratio of the rms errors is known to .009, and half of it holds at two standard errors (delta method).
+    """
+    car, road, law, seeds = build_car(), IsoRoad("C", 20.0, 2.0), laws.SkyhookAccelerationDriven(), range(40)
+    plain, few, more = (drive(car, road, [law] * len(seeds), seeds, RideSettings(preview=preview_from_text(text)))
+                        for text in ("none", "wheelbase=2.7", "wheelbase=2.7,sensors=stroke-body-wheel"))
+    assert all(r.road_ahead_error is None for r in plain)
+    two, three = (np.array([r.road_ahead_error for r in rides]) ** 2 for rides in (few, more))
+    ratio = three.mean() / two.mean()
+    error = np.std(three - ratio * two, ddof=1) / np.sqrt(len(seeds)) / two.mean()
+    assert np.sqrt(ratio + 2 * error) < 0.5
+    assert three.min() > 1e-5**2 and two.max() < 2e-3**2
+    assert f"{1e3 * np.sqrt(two[0]):.2g} mm" in repr(few[0]) and "road ahead" not in repr(plain[0])
+    for with_preview, without in zip(more, plain, strict=True):
+        assert with_preview.figures.comfort == pytest.approx(without.figures.comfort, rel=0.03)
 
 
 def test_the_observer_of_the_rear_axle_knows_the_road_that_passed(rng):
@@ -201,15 +209,21 @@ def test_speed_only_says_how_many_terms_there_are():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mpc", "preview-lqr"])
 def test_a_front_axle_is_worth_its_sensors(name: str):
-    """With what the front axle estimates both figures fall, and not much less than with the profile itself."""
-    car, road, law = build_car(), IsoRoad("C", 20.0, 3.0), laws.law_class(name)()
-    found = {}
-    for text in ("none", "wheelbase=2.7", "wheelbase=2.7,front=known"):
-        rides = drive(car, road, [law, law], [0, 1], RideSettings(preview=preview_from_text(text)))
-        found[text] = np.mean([[r.figures.comfort, r.figures.tyre_load] for r in rides], axis=0)
-    without, estimated, known = found.values()
-    assert np.all(estimated < (1 - 0.02) * without)
-    assert np.all(np.abs(estimated / known - 1) < 0.03)
+    """With what the front axle estimates both figures fall by over 2 %, and hardly less than with the profile itself.
+
+    The same road and noise is ridden with and without. Of 3 s the change of one seed spreads by 1.1 to 1.7 % (two
+    seeds of `preview-lqr` gave 1.9 %, ten of 20 s 2.2 %, so two cannot decide on 2 %); of 40 seeds the mean is known
+    to 0.17 to 0.27 %, and the bound holds at two standard errors of it.
+    """
+    car, road, law, seeds = build_car(), IsoRoad("C", 20.0, 3.0), laws.law_class(name)(), range(40)
+    without, estimated, known = (
+        np.array([[r.figures.comfort, r.figures.tyre_load]
+                  for r in drive(car, road, [law] * len(seeds), seeds, RideSettings(preview=preview_from_text(text)))])
+        for text in ("none", "wheelbase=2.7", "wheelbase=2.7,front=known"))
+    change = estimated / without - 1
+    error = change.std(axis=0, ddof=1) / np.sqrt(len(seeds))
+    assert np.all(change.mean(axis=0) + 2 * error < -0.02)
+    assert np.all(np.abs(estimated.mean(axis=0) / known.mean(axis=0) - 1) < 0.01)
 
 
 def test_mpc_needs_limits_a_damper_and_a_horizon():
