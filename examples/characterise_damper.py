@@ -1,4 +1,4 @@
-"""What does a dynamometer's page say of a damper? Sines, a creep run and current steps on the virtual rig.
+"""What does a dynamometer's page show of a damper? Sines, a creep run and current steps on the virtual rig.
 
 Run: python examples/characterise_damper.py [FOLDER]. Writes forces.csv, characteristics.csv and characteristics.png.
 """

@@ -1,4 +1,4 @@
-"""What does an LPV H-infinity suspension promise, and what does it do on a bump, with the damper's limits inside?"""
+"""Which gain is verified for an LPV H-infinity suspension with the damper's limits, and how does it ride a bump?"""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from quartercar.vehicle.nonlinear import BumpStops, Coil
 
 
 def main(figure: str | None = None, road: Bump | None = None) -> dict[str, Design]:
-    """Design with the limits inside and outside, print what each promises, drive both over a bump."""
+    """Design with the limits inside and outside, print the verified gain of each, drive both over a bump."""
     car = qc.QuarterCar(qc.parameters.MEGANE, identified_damper(), BumpStops(), Coil(highest=2.5))
     laws = {"limits inside": LpvHinf(), "clipped outside": LpvHinfClipped()}
     found = {name: design(car, law) for name, law in laws.items()}

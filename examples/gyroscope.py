@@ -27,5 +27,5 @@ def main(path: str, model_path: str | None = None, figure: str | None = None) ->
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
-        sys.exit("usage: gyroscope.py estimation.csv [model.json]; docs/benchmarks.md says where the data are")
+        sys.exit("usage: gyroscope.py estimation.csv [model.json]; docs/benchmarks.md states where the data are")
     main(*sys.argv[1:])

@@ -1,4 +1,4 @@
-"""What can a controller promise for a plant whose stiffness moves, and what is a bound on its speed worth?"""
+"""Which gain is verified for a plant whose stiffness moves, and how much does a bound on its speed lower it?"""
 
 from __future__ import annotations
 

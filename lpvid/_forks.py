@@ -30,7 +30,7 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
 
     The processes are forks (Linux): the function and the items need not be sent, and what the caller holds is not
     copied before it is written to. Each takes the next item when it is done with one. Only results are sent back.
-    What a fork that dies had done, or cannot send, is computed here. Where no fork is safe, beside other threads of
+    What a killed fork had done, or cannot send, is computed here. Where no fork is safe, beside other threads of
     this process or on other systems, `in_parallel` does the same by threads.
 
     Parameters
@@ -105,7 +105,7 @@ def _by_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[o
                 sent = stream.read()
             try:
                 found |= _Reader(BytesIO(sent), shared).load()
-            except Exception:  # it died, or what it sent cannot be read: its items are missing
+            except Exception:  # it was killed, or what it sent cannot be read: its items are missing
                 continue
         return found
     finally:
@@ -160,7 +160,7 @@ def _attempt(function: Callable[[T], R], item: T) -> Answer:
 
 
 def _issue(message: Warning | str, filename: str, line: int) -> None:
-    """A warning that was recorded, as from its line: the filters know its module, which knows what it has shown."""
+    """A warning that was recorded, as from its line: filters go by its module, whose registry holds what was shown."""
     of = next((vars(m) for m in list(sys.modules.values()) if getattr(m, "__file__", None) == filename), {})
     warnings.warn_explicit(message, type(message), filename, line, of.get("__name__"),  # pyright: ignore
                            of.setdefault("__warningregistry__", {}))

@@ -162,7 +162,7 @@ def _here(function: Callable[[T], R], items: Sequence[T], costs: list[float],
 
 
 def _left(found: Sequence[Done | None], costs: Sequence[float], running: Sequence[int], workers: int) -> float | None:
-    """Seconds left, at the rate of what is done; None while that is too small a part to tell a rate from a start."""
+    """Seconds left, at the rate of what is done; None while that is too small a part for an estimate of the rate."""
     done = [k for k, d in enumerate(found) if d is not None]
     if sum(costs[k] for k in done) < KNOWN * sum(costs) or not done:
         return None
@@ -215,7 +215,7 @@ class _Lanes(Generic[T, R]):
                 worker.kill()
 
     def _lane(self) -> None:
-        """Items by one worker after the other: one that dies takes its item with it, and another is begun."""
+        """Items by one worker after the other: one that is killed loses its item, and another is begun."""
         worker: subprocess.Popen | None = None
         try:
             while not self.over:

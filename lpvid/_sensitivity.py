@@ -83,7 +83,7 @@ def _recur_four(w1, w2, w3, w4, weights, z, column, history, rows):
 
 @njit(fastmath={"contract"})
 def recur_coupled(weights, z, history, rows):
-    """`recur` with outputs that see each other: weights (lags, ny, ny, rows), z (ny, K, history + rows)."""
+    """`recur` with coupled outputs: weights (lags, ny, ny, rows), z (ny, K, history + rows)."""
     lags, ny = weights.shape[0], weights.shape[1]
     for c in range(z.shape[1]):
         for r in range(rows):

@@ -12,7 +12,7 @@ class Shown:
     Attributes
     ----------
     DRAWN_BY : str
-        Module whose `plot` and `card` know this noun.
+        Module whose `plot` and `card` draw this noun.
     """
 
     DRAWN_BY: ClassVar[str] = "lpvid.plot.nouns"

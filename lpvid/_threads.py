@@ -63,7 +63,7 @@ def undisturbed() -> bool:
 
 @contextmanager
 def hired(wanted: int) -> Iterator[int]:
-    """So many of the processors that are wanted as nobody else has, at least the caller's own, inside the block."""
+    """As many of the requested processors as are free, at least the caller's own, inside the block."""
     found = _crew.hire(wanted)
     try:
         yield found

@@ -27,7 +27,7 @@ from lpvid.model.state_space import LPVStateSpace
 HORIZON = 200
 """samples, or 20 per state if that is more, over which the error of the model is looked at."""
 SEEN = 1e-12
-"""eigenvalue of OᵀO/N, over the largest, below which a state has no response to speak of."""
+"""eigenvalue of OᵀO/N, over the largest, below which a state has a negligible response."""
 OVERFLOW = 1e9
 """growth of a free response after which it gives no information on its start."""
 

@@ -36,7 +36,7 @@ class _Linearised(Protocol):
         ...
 
     def step(self, damping: float) -> tuple[Any, float]:
-        """The point to try, and the fall of the cost that the linearisation promises there."""
+        """The point to try, and the decrease of the cost that the linearisation predicts there."""
         ...
 
 
@@ -45,7 +45,7 @@ L = TypeVar("L", bound=_Linearised)
 
 
 class LeastSquaresProblem(Protocol[T, L]):
-    """What a search minimises; how residuals and sensitivities are held is the problem's own affair."""
+    """What a search minimises; how residuals and sensitivities are held is left to the problem."""
 
     def evaluate(self, point: Any) -> T | None:
         """The trial at a point.
@@ -74,7 +74,7 @@ class LeastSquaresProblem(Protocol[T, L]):
         Returns
         -------
         linearisation
-            ``step(damping)`` gives the next point and the fall of the cost that it promises; ``finite`` is False where
+            ``step(damping)`` gives the next point and the predicted decrease of the cost; ``finite`` is False where
             its numbers are not.
         """
         ...
@@ -109,7 +109,7 @@ class _DampingRule(Protocol):
 
 @dataclass(frozen=True)
 class GainRatio:
-    """Damping by the ratio of the fall of the cost to the promised one (Nielsen 1999, IMM-REP-1999-05, (2.6)).
+    """Damping by the ratio of the decrease of the cost to the predicted one (Nielsen 1999, IMM-REP-1999-05, (2.6)).
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class GainRatio:
     least: float = 0.0
 
     def accepted(self, damping: float, gain: float) -> float:
-        """The number for the next step, after one whose cost fell by `gain` times what it promised.
+        """The number for the next step, after one whose cost fell by `gain` times the predicted decrease.
 
         Parameters
         ----------
@@ -176,7 +176,7 @@ class Factors:
     refusals: float = np.inf
 
     def accepted(self, damping: float, gain: float) -> float:
-        """The number for the next step, after one whose cost fell by `gain` times what it promised.
+        """The number for the next step, after one whose cost fell by `gain` times the predicted decrease.
 
         Parameters
         ----------
@@ -225,7 +225,7 @@ class Shares:
     first: float = 1.0
 
     def accepted(self, damping: float, gain: float) -> float:
-        """The number for the next step, after one whose cost fell by `gain` times what it promised.
+        """The number for the next step, after one whose cost fell by `gain` times the predicted decrease.
 
         Parameters
         ----------
@@ -266,21 +266,21 @@ class StopRule:
     calm : int
     iterations, evaluations : float
         Steps and trials at most, the start among the trials.
-    promise : float
-        Share of the cost that a step must promise to be tried.
+    least_decrease : float
+        Share of the cost that the predicted decrease of a step must exceed for it to be tried.
     refused : float
-        Share of the cost: a refused step that promised less ends the search.
+        Share of the cost: a rejected step of a smaller predicted decrease ends the search.
     decided : float
         Share of the cost: one step of damping below one that lowers it by less ends the search.
     worth : float
-        Share of its promise that a step must keep to be taken.
+        Share of its predicted decrease that a step must reach to be taken.
     """
 
     tolerance: float = 1e-10
     calm: int = 2
     iterations: float = np.inf
     evaluations: float = np.inf
-    promise: float = ROUNDING
+    least_decrease: float = ROUNDING
     refused: float = 0.0
     decided: float = 0.0
     worth: float = 1e-4
@@ -330,8 +330,8 @@ def descend(problem: LeastSquaresProblem[T, L], start: Any, stop: StopRule, damp
             progress: Callable[[int, float], bool | None] | None = None) -> SearchEnd[T, L] | None:
     """Minimise a sum of squares by damped steps; None where the start cannot be run.
 
-    A trial is taken when it runs, keeps `stop.worth` of the promised fall and is admissible; else the damping grows,
-    and the same linearisation gives a shorter step. The cost therefore never rises.
+    A trial is taken when it runs, reaches `stop.worth` of the predicted decrease and is admissible; else the damping
+    grows, and the same linearisation gives a shorter step. The cost therefore never rises.
 
     Parameters
     ----------
@@ -365,12 +365,12 @@ def descend(problem: LeastSquaresProblem[T, L], start: Any, stop: StopRule, damp
         if not last.finite:
             why = OUT_OF_RANGE
             break
-        point, promised = last.step(damping)
-        if not promised > stop.promise * now.cost:
+        point, predicted = last.step(damping)
+        if not predicted > stop.least_decrease * now.cost:
             why = CONVERGED
             break
         moved, evaluations = problem.evaluate(point), evaluations + 1
-        gain = -np.inf if moved is None else (now.cost - moved.cost) / promised
+        gain = -np.inf if moved is None else (now.cost - moved.cost) / predicted
         if moved is not None and gain > stop.worth and problem.admissible(moved, now):
             iterations, refused, last = iterations + 1, 0, None
             fall, now = (now.cost - moved.cost) / now.cost, moved
@@ -385,7 +385,7 @@ def descend(problem: LeastSquaresProblem[T, L], start: Any, stop: StopRule, damp
         else:
             refused += 1
             grown = rule.refused(damping, refused)
-            if grown is None or promised < stop.refused * now.cost:
+            if grown is None or predicted < stop.refused * now.cost:
                 why = STUCK if grown is None else CONVERGED
                 break
             damping = grown
@@ -394,7 +394,7 @@ def descend(problem: LeastSquaresProblem[T, L], start: Any, stop: StopRule, damp
 
 # -- linear least squares within bounds --------------------------------------------------------------------------------
 def bounded_least_squares(columns: np.ndarray, target: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Minimise ‖target − columns·a‖ with lower ≤ a ≤ upper, by QR and then active sets where bounds bite.
+    """Minimise ‖target − columns·a‖ with lower ≤ a ≤ upper, by QR and then active sets where bounds are active.
 
     Parameters
     ----------
@@ -552,12 +552,12 @@ class _DenseStep:
         return bool(np.abs(self.factor).max(initial=0.0) < np.sqrt(np.finfo(float).max))
 
     def step(self, damping: float) -> tuple[np.ndarray, float]:
-        """The point to try, inside the bounds, and the fall of the cost that it promises."""
+        """The point to try, inside the bounds, and the predicted decrease of the cost."""
         low, high = self.lower - self.point, self.upper - self.point
         move = bounded_step(self.factor, self.right, 0.0 if self.shares else damping, self.scale, low, high)
         move = damping * move if self.shares else move
-        promised = -float(move @ (self.factor.T @ (2 * self.right + self.factor @ move)))
-        return np.clip(self.point + move, self.lower, self.upper), promised
+        predicted = -float(move @ (self.factor.T @ (2 * self.right + self.factor @ move)))
+        return np.clip(self.point + move, self.lower, self.upper), predicted
 
 
 class DenseResiduals(Protocol):

@@ -80,7 +80,7 @@ class NamedClasses:
         """Add a class of the running program under its own ``name``; serves as a decorator.
 
         A class of the same name that was registered before is replaced, so that a notebook's cell can be run again.
-        Another process does not know it: an installed package names it as an entry point instead. A class that its
+        Another process does not have it: an installed package names it as an entry point instead. A class that its
         package both registers and names so is one class, known by the entry point.
 
         Parameters

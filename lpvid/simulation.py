@@ -450,7 +450,7 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
         return np.column_stack([(error(past + nudge * e) - now) / nudge for e in np.eye(memory)])
 
     found = minimise_dense(FunctionResiduals(error, slopes), np.full(memory, y[0]),
-                           StopRule(0.0, iterations=10, promise=0.0, worth=0.0), damping_rule=Shares(0.25, 0.06))
+                           StopRule(0.0, iterations=10, least_decrease=0.0, worth=0.0), damping_rule=Shares(0.25, 0.06))
     assert found is not None
     return np.concatenate([np.zeros(start - memory), found.trial.point])
 

@@ -1,4 +1,4 @@
-"""Tables of TOML files: fields of dataclasses that know unit and meaning, strict values, and the JSON schema."""
+"""Tables of TOML files: fields of dataclasses with unit and meaning, strict values, and the JSON schema."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def si(unit: str, description: str = "") -> dict[str, Any]:
     dict
         For `dataclasses.field`.
     """
-    return {"unit": unit, "says": description, "read": lambda value, where: to_si(value, unit, where)}
+    return {"unit": unit, "description": description, "read": lambda value, where: to_si(value, unit, where)}
 
 
 def quantity(default: float | None, unit: str, description: str) -> Any:
@@ -83,7 +83,7 @@ def option(default: Any, description: str, choices: Sequence[str] = (), *, at_le
 
     counted = isinstance(default, int) and not isinstance(default, bool)
     own = {"read": read} if choices or counted or isinstance(default, float) else {}
-    return dataclasses.field(default=default, metadata={"says": description, "choices": tuple(choices), **own})
+    return dataclasses.field(default=default, metadata={"description": description, "choices": tuple(choices), **own})
 
 
 # -- files and tables --------------------------------------------------------------------------------------------------
@@ -390,7 +390,7 @@ def schema(cls: type, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
 
 
 def _property(hint: Any, field: dataclasses.Field) -> dict[str, Any]:
-    description = str(field.metadata.get("says", ""))
+    description = str(field.metadata.get("description", ""))
     if "unit" in field.metadata:
         unit = field.metadata["unit"] or "1"
         number: dict[str, Any] = quantity_schema(f"{description} [{unit}]")

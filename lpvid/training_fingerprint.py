@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,101 @@ def ranges(records: Sequence[Record], names: Sequence[str]) -> dict[str, list[fl
     return {n: [min(float(r[n].min()) for r in records), max(float(r[n].max()) for r in records)] for n in names}
 
 
+@dataclass
+class _Covered:
+    """What has been counted of one channel: samples, those outside the training range, least and largest, its unit."""
+
+    count: int = 0
+    outside: int = 0
+    least: float = np.inf
+    largest: float = -np.inf
+    unit: str = ""
+
+
+class RangeComparison:
+    """The ranges of channels beside those of a model's training data, record by record or piece by piece.
+
+    Parameters
+    ----------
+    metadata : mapping
+        Of the model.
+    """
+
+    def __init__(self, metadata: Mapping) -> None:
+        self.known: Mapping = metadata.get("training", {}).get("ranges", {})
+        self.covered: dict[str, _Covered] = {}
+        self.unstated: dict[str, _Covered] = {}
+
+    def add(self, record: Record) -> None:
+        """Count the samples of every channel whose training range is known.
+
+        Parameters
+        ----------
+        record : Record
+            A whole one, or the next piece of one.
+        """
+        for name, (low, high) in self.known.items():
+            if not record.has(name) or not record.n_samples:
+                continue
+            values = record[name]
+            tables = (self.covered, self.unstated) if _unstated(record, name) else (self.covered,)
+            for table in tables:
+                own = table.setdefault(name, _Covered(unit=record.unit(name)))
+                own.count += values.size
+                own.outside += int(np.sum((values < low) | (values > high)))
+                own.least, own.largest = min(own.least, float(values.min())), max(own.largest, float(values.max()))
+
+    def beyond(self, names: Sequence[str]) -> tuple[str, ...]:
+        """`beyond_training` of what was added.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Channels.
+
+        Returns
+        -------
+        tuple of str
+        """
+        return tuple(
+            Caveat(f"{100 * c.outside / c.count:.3g} % of '{n}' lies outside the range of the training data: "
+                   f"{c.least:.4g} to {c.largest:.4g} {c.unit}".rstrip()
+                   + f", training {self.known[n][0]:.4g} to {self.known[n][1]:.4g}")
+            for n in names if (c := self.covered.get(n)) is not None and c.outside)
+
+    def doubts(self, names: Sequence[str]) -> tuple[str, ...]:
+        """`unit_doubt` of what was added.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Channels.
+
+        Returns
+        -------
+        tuple of str
+        """
+        stated = []
+        for name in names:
+            own = self.unstated.get(name)
+            if own is None:
+                continue
+            largest, usual = (max(abs(float(x)) for x in ends) for ends in ((own.least, own.largest), self.known[name]))
+            decades = np.log10(largest / usual) if largest > 0 and usual > 0 else 0.0
+            if 2.5 < abs(decades) < 3.5:
+                share, example = ("1000 times", "mm for m") if decades > 0 else ("1/1000 of", "kN for N")
+                stated.append(f"'{name}' states no unit and reaches {largest:.4g}, about {share} the {usual:.4g} of "
+                              f"the training data: is it in another unit than SI, such as {example}?")
+        return tuple(stated)
+
+
+def _compared_ranges(records: Sequence[Record], metadata: Mapping) -> RangeComparison:
+    found = RangeComparison(metadata)
+    for record in records:
+        found.add(record)
+    return found
+
+
 def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequence[str]) -> tuple[str, ...]:
     """A sentence for each channel that leaves the range of the training data: how often and how far.
 
@@ -107,20 +203,7 @@ def beyond_training(records: Sequence[Record], metadata: Mapping, names: Sequenc
     -------
     tuple of str
     """
-    known = metadata.get("training", {}).get("ranges", {})
-    said = []
-    for name in names:
-        columns = [r[name] for r in records if r.has(name)]
-        if name not in known or not columns:
-            continue
-        (low, high), values = known[name], np.concatenate(columns)
-        share = float(np.mean((values < low) | (values > high)))
-        if share > 0:
-            unit = next(r.unit(name) for r in records if r.has(name))
-            said.append(Caveat(f"{100 * share:.3g} % of '{name}' lies outside the range of the training data: "
-                        f"{values.min():.4g} to {values.max():.4g} {unit}".rstrip()
-                        + f", training {low:.4g} to {high:.4g}"))
-    return tuple(said)
+    return _compared_ranges(records, metadata).beyond(names)
 
 
 def unstated_units(records: Sequence[Record], names: Sequence[str]) -> tuple[str, ...]:
@@ -181,19 +264,7 @@ def unit_doubt(records: Sequence[Record], metadata: Mapping, names: Sequence[str
     -------
     tuple of str
     """
-    known, said = metadata.get("training", {}).get("ranges", {}), []
-    for name in names:
-        columns = [r[name] for r in records if r.has(name) and _unstated(r, name)]
-        if name not in known or not columns:
-            continue
-        largest, usual = (max(abs(float(x)) for x in ends) for ends in
-                          ((min(c.min() for c in columns), max(c.max() for c in columns)), known[name]))
-        decades = np.log10(largest / usual) if largest > 0 and usual > 0 else 0.0
-        if 2.5 < abs(decades) < 3.5:
-            share, example = ("1000 times", "mm for m") if decades > 0 else ("1/1000 of", "kN for N")
-            said.append(f"'{name}' states no unit and reaches {largest:.4g}, about {share} the {usual:.4g} of the "
-                        f"training data: is it in another unit than SI, such as {example}?")
-    return tuple(said)
+    return _compared_ranges(records, metadata).doubts(names)
 
 
 def _unstated(record: Record, name: str) -> bool:

@@ -334,7 +334,7 @@ def contradicts(name: str, si_unit: str, source_unit: str | None = None) -> tupl
         As this module writes it; empty where it is not known.
     source_unit : str, optional
         As the header of a channel of this name writes it. ``g`` and ``mg``, which are grams in every system of units
-        and the usual sign of multiples of gravity on a test bench, are masses only where the name says so.
+        and the usual sign of multiples of gravity on a test bench, are masses only where the name states a mass.
 
     Returns
     -------
@@ -353,13 +353,13 @@ def contradicts(name: str, si_unit: str, source_unit: str | None = None) -> tupl
     """
     expected = QUANTITIES.get(name.casefold(), ())
     if si_unit == "kg" and not expected:
-        mass, acceleration = bool(_MASS.search(name.casefold())), _says_acceleration(name)
+        mass, acceleration = bool(_MASS.search(name.casefold())), _names_acceleration(name)
         if (acceleration or not mass) if _grams_or_gravity(source_unit) else (acceleration and not mass):
             expected = QUANTITIES["acceleration"]
     return expected if si_unit and expected and si_unit not in expected else ()
 
 
-def _says_acceleration(name: str) -> bool:
+def _names_acceleration(name: str) -> bool:
     return bool(_ACCELERATION.search(_CAMEL.sub(" ", name).casefold()))
 
 
@@ -368,7 +368,7 @@ def _grams_or_gravity(source_unit: str | None) -> bool:
 
 
 def in_doubt(name: str, source_unit: str | None) -> bool:
-    """Whether a unit may be grams or gravity, and the channel's name says neither mass nor acceleration.
+    """Whether a unit may be grams or gravity, and the channel's name states neither mass nor acceleration.
 
     Parameters
     ----------
@@ -386,8 +386,8 @@ def in_doubt(name: str, source_unit: str | None) -> bool:
     >>> in_doubt("specimen", "g"), in_doubt("payload", "g"), in_doubt("wheel acc", "g"), in_doubt("specimen", "kg")
     (True, False, False, False)
     """
-    said = name.casefold() in QUANTITIES or _MASS.search(name.casefold()) or _says_acceleration(name)
-    return _grams_or_gravity(source_unit) and not said
+    stated = name.casefold() in QUANTITIES or _MASS.search(name.casefold()) or _names_acceleration(name)
+    return _grams_or_gravity(source_unit) and not stated
 
 
 def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", doubt: str = "") -> str:
@@ -487,7 +487,7 @@ def _pint_scale(text: str) -> _UnitScale | None:
 
 
 def base_exponents(si_unit: str) -> dict[str, float]:
-    """Exponents of the base units in an SI unit as this module writes it; a name that it does not know stands as it is.
+    """Exponents of the base units in an SI unit as this module writes it; an unknown name stands as it is.
 
     Parameters
     ----------

@@ -164,8 +164,8 @@ ON_THE_CAR: Mapping[str, str] = {
 """Causes in a car, which a rig that holds the damper alone cannot show, and what shows them on the car."""
 
 NO_PLAN: Mapping[str, str] = {
-    "sensor-scale": "no motion and no current tell the scale of a sensor from the size of what it drives: calibrate "
-                    "the channel against a known displacement or current",
+    "sensor-scale": "no motion and no current separate the scale of a sensor from the size of what it drives: "
+                    "calibrate the channel against a known displacement or current",
     "shared-filter": "every motion passes the same filters: record one run again with their corner frequency raised",
     "channel-sign": "a sensor turned round and a law turned round are one: move the rod by hand and read the sign, "
                     "pass a known current",
@@ -200,10 +200,10 @@ PAIRS: Mapping[frozenset[str], tuple[PlannedExperiment, ...] | str] = {frozenset
 """What separates two causes, or why no experiment on the rig can."""
 
 NOT_BY_FORCE: Mapping[str, str] = {
-    "series-compliance": "whether it is the oil or a bush, force and displacement at the ends cannot tell: a second "
-                         "displacement across the bush, or a run at another gas pressure, would",
-    "entrained-air": "whether it is air in the oil or a soft mount, force and displacement at the ends cannot tell: a "
-                     "run at another gas pressure, or after bleeding, would",
+    "series-compliance": "whether it is the oil or a bush cannot be decided from force and displacement at the ends: a "
+                         "second displacement across the bush, or a run at another gas pressure, would",
+    "entrained-air": "whether it is air in the oil or a soft mount cannot be decided from force and displacement at "
+                     "the ends: a run at another gas pressure, or after bleeding, would",
 }
 """What remains open about a cause that is found, and the measurement that is missing."""
 
@@ -242,7 +242,8 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
         return ExperimentProposal("", "", (), tuple(dict.fromkeys(advice))) if advice else None
     served = tuple(dict.fromkeys(n for p in parts for n in by_part[p]))
     described = [g for g in groups if set(g) & set(served)]
-    purpose = f"tell {'; '.join(' from '.join(g) for g in described)}" if described else f"reveal {', '.join(served)}"
+    purpose = (f"distinguish {'; '.join(' from '.join(g) for g in described)}" if described
+               else f"reveal {', '.join(served)}")
     head = [f"# To {purpose}.", "# Run on the virtual rig by `quartercar rig experiment.toml --out DIR`; on a real rig "
             "impose the same motion and current.", *(f"# {a}" for a in dict.fromkeys(advice)), "seed = 1", ""]
     text = "\n".join(head) + "\n\n".join(p.toml(tuple(by_part[p])) for p in parts) + "\n"

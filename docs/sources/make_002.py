@@ -144,7 +144,7 @@ def lags(models: dict[str, Stepwise]) -> str:
 
 
 def hidden_effect() -> list[str]:
-    """What a diagnosis says of a Force Map without valve dynamics (see `diagnosis_002`, which runs by itself)."""
+    """Result of a diagnosis of a Force Map without valve dynamics (see `diagnosis_002`, which runs by itself)."""
     script = [sys.executable, str(FOLDER / "diagnosis_002.py")]
     found = json.loads(subprocess.run(script, cwd=FOLDER, check=True, stdout=subprocess.PIPE).stdout)
     named = found["causes"] or found["rivals"]

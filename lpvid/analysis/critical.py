@@ -139,7 +139,7 @@ class CriticalScheduling:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know."""
+        """Remarks on the result."""
         return tuple(n for line in self.lines for n in line.notes)
 
     def along(self, variable: str) -> CriticalLine:

@@ -223,13 +223,13 @@ def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
     Scheduling
         The same variables in the same order.
     """
-    def tamed(value: float | None) -> float | None:
+    def bounded_rate(value: float | None) -> float | None:
         return None if value is None or value == math.inf else value
 
     if isinstance(rate, Mapping):
-        rate = {name: tamed(value) for name, value in rate.items()}
+        rate = {name: bounded_rate(value) for name, value in rate.items()}
     elif isinstance(rate, Sequence):
-        rate = [tamed(value) for value in rate]
+        rate = [bounded_rate(value) for value in rate]
     return requested_box(box, None if rate == math.inf else rate, range, keep=rate is None)
 
 

@@ -27,7 +27,7 @@ and γ together, so that all of them are candidates and cost no solver."""
 HIGHEST = {1: 3, 2: 2}
 """Degree of the richest storage function tried, by the number of variables it depends on; 1 for more."""
 ATTEMPT = 15_000
-"""Matrices that the re-check of a proposal may look at; `lpvid.verify` is more patient."""
+"""Matrices that the re-check of a proposal may look at; `lpvid.verify` allows more."""
 DENSITIES = (2.0, 5.0)
 ENOUGH = 0.005
 """A richer storage function must improve the bound by this share, or the search ends."""

@@ -151,7 +151,7 @@ class RatedGainCertificate(StorageCertificate):
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """The claim in words."""
         own = [n for n in self.box.names if not n.endswith(RATE)]
         where = ", ".join(f"{n} in [{self.box.lower[i]:.6g}, {self.box.upper[i]:.6g}]"
                           for i, n in enumerate(self.box.names) if n in own)

@@ -127,7 +127,7 @@ def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Ra
     blocks = (blocks,) if isinstance(blocks, Block) else tuple(blocks)
     if not blocks or not all(isinstance(b, Block) for b in blocks):
         raise InputError("a worst case needs blocks of uncertainty", got=[type(b).__name__ for b in blocks] or "none",
-                         mend="lpv.Parametric(\"p\", \"q\", bound) and its like, or l2_gain without any")
+                         mend="lpv.Parametric(\"p\", \"q\", bound) or another block, or l2_gain without any")
     asked = rated(system.box, rate, range)
     also = () if basis is None else tuple(n for n in basis.names if n in system.box.names)
     bare = uncertain(system, blocks, poles or (1.0,), also)

@@ -38,7 +38,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     Returns
     -------
     Audit
-        Findings, gravest first; prints itself.
+        Findings, the most severe first; prints itself.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def scheduling(views: Sequence[View]) -> Iterator[Finding]:
             shown = ", ".join(f"{x:.4g}" for x in levels[:8])
             yield Finding("scheduling-constant-within-records", lone, name, "note",
                           f"constant in every record, {len(levels)} level(s) over the data set: {shown} {unit}".rstrip()
-                          + "; how the system answers to its motion cannot be seen",
+                          + "; the response to its motion cannot be identified",
                           "add a record in which it moves", float(len(levels)))
         else:
             yield _moving(having, name, unit, low, high, lone)

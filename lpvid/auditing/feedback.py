@@ -324,7 +324,7 @@ def fed_back(repeats: Sequence[Repeated], false_alarm: float = FALSE_ALARM) -> I
 def feedback(views: Sequence[View], inputs: Sequence[str], outputs: Sequence[str]) -> Iterator[Finding]:
     """Inputs that follow an output in what does not repeat: data in closed loop.
 
-    Nothing is said where no excitation repeats, for there the error of a model is not
+    There is no finding where no excitation repeats, for there the error of a model is not
     distinguishable from a disturbance; nor of a displacement and its velocity, which kinematics joins.
 
     Parameters

@@ -10,7 +10,7 @@ from lpvid.codec import Encoded
 
 SCHEMA = "lpvid/audit/1"
 SEVERITIES = ("fault", "warning", "note")
-"""fault: cannot be used as it stands. warning: usable, but would mislead. note: good to know."""
+"""fault: cannot be used as it stands. warning: usable, but would mislead. note: for information."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Finding(Encoded):
 
 @dataclass(frozen=True, eq=False)
 class Audit(Encoded, Shown):
-    """Findings about a data set, gravest first; prints the verdict and one line for each kind of finding.
+    """Findings about a data set, the most severe first; prints the verdict and one line for each kind of finding.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def _line(members: Sequence[Finding]) -> str:
 
 
 def ordered(findings: Sequence[Finding], names: Sequence[str]) -> tuple[Finding, ...]:
-    """Gravest first, then by name, record as given, channel.
+    """Most severe first, then by name, record as given, channel.
 
     Parameters
     ----------

@@ -41,11 +41,11 @@ def nominal(view: View) -> Iterator[Finding]:
         if amplitude and abs(1e3 * real_amplitude - amplitude) > 0.1 * amplitude:
             yield Finding("nominal-amplitude", view.name, motion, "warning",
                           f"the name states {amplitude:g} mm, its amplitude is {1e3 * real_amplitude:.3g} mm",
-                          "trust the channel; rename the record", 1e3 * real_amplitude)
+                          "rename the record: the channel counts", 1e3 * real_amplitude)
         if frequency and abs(real_frequency - frequency) > max(0.05 * frequency, resolution):
             yield Finding("nominal-frequency", view.name, motion, "warning",
                           f"the name states {frequency:g} Hz, the sine has {real_frequency:.4g} Hz",
-                          "trust the channel; rename the record", real_frequency)
+                          "rename the record: the channel counts", real_frequency)
     amps = [k for k, c in view.usable.items() if c.unit == "A"]
     if current is not None and len(amps) == 1 and view.finite(amps[0]).size:
         real = float(np.mean(view.finite(amps[0])))

@@ -52,8 +52,8 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
         poor = ratio < -20 * np.log10(POOR) and about == "noise"
         mend = "shield or filter; expect no model better than that" if poor else ""
         if ratio < -20 * np.log10(POOR) and not poor:
-            mend = "record faster to tell: a force that turns over with the motion has overtones, which folded back " \
-                   "would look like this; it may as well be noise"
+            mend = "record faster to decide: it may as well be noise, or the folded overtones of a force that turns " \
+                   "over with the motion"
         yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name, "warning" if poor else "note",
                       f"{about} {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
                       mend, level)
@@ -148,7 +148,7 @@ def follows(view: View) -> float:
     A slow motion may have 99 % of its power, and of the force's, in a small part of the band in which it excites the
     force. There the two are coherent: over K independent segments the coherence of unrelated signals exceeds
     1 − a^(1/(K − 1)) with probability a (Carter 1987), and of the whole spectrum with `CHANCE`. Of segments with a
-    Hann window that overlap by half, 0.53 of their number are independent; fewer than three tell nothing. The
+    Hann window that overlap by half, 0.53 of their number are independent; fewer than three give no estimate. The
     frequencies count from the lowest one that follows to the first that does not: hum in both sensors stands apart
     from them.
 

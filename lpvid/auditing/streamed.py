@@ -31,7 +31,7 @@ class _Merged:
     parts: int = 1
 
     def add(self, other: Finding) -> None:
-        """The graver one stands for all, among equals that of the larger number."""
+        """The more severe one stands for all, among equals that of the larger number."""
         self.parts += 1
         here, there = (SEVERITIES.index(f.severity) for f in (self.worst, other))
         if there < here or (there == here and abs(other.value or 0.0) > abs(self.worst.value or 0.0)):
@@ -71,9 +71,9 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
                  outputs: Sequence[str] = (), report_progress: Callable[[str], None] = lambda text: None) -> Audit:
     """Examine records that arrive in parts; memory does not grow with their number.
 
-    Every check of a record runs over each of its parts; the gravest of equal findings stands for all, with the number
-    of parts. Checks between records compare up to 16 parts, evenly spread, so that a zero or a gain that moves within
-    one file is found too. Coherent inputs and feedback are looked for in the beginnings of these parts.
+    Every check of a record runs over each of its parts; the most severe of equal findings stands for all, with the
+    number of parts. Checks between records compare up to 16 parts, evenly spread, so that a zero or a gain that moves
+    within one file is found too. Coherent inputs and feedback are looked for in the beginnings of these parts.
 
     Parameters
     ----------

@@ -84,9 +84,9 @@ def units(view: View) -> Iterator[Finding]:
         elif expected := contradicts(name, channel.unit, channel.source_unit):
             source = channel.source_unit or channel.unit
             doubt = source.strip() if in_doubt(name, source) else ""
-            said = "says neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
+            stated = "states neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
             yield Finding("unit-contradicts-name", view.name, name, "fault",
-                          f"the unit is '{source}', '{name}' {said}",
+                          f"the unit is '{source}', '{name}' {stated}",
                           contradiction_mend(channel.unit, expected, doubt=doubt))
         elif channel.source_unit is None and not channel.unit:
             yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",

@@ -1,4 +1,4 @@
-"""What every check needs to know of a record: its clock, its unbroken runs, which channel plays which part."""
+"""What every check reads of a record: its clock, its unbroken runs, which channel plays which part."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class View:
 
     @cached_property
     def period(self) -> float | None:
-        """Sampling period [s], or None where there is no steady clock to speak of."""
+        """Sampling period [s], or None where there is no steady clock."""
         base = self.record.time_base
         return base.period if base.n_samples > 1 and not base.invalid and base.steady else None
 

@@ -75,7 +75,7 @@ EXAMPLES = {
         ("an FMU with its sources", "lpvid export model/model.json --to fmu2 --out fmu"),
     ),
     fleet: (
-        ("one model of many specimens, and who differs from it",
+        ("one model of many specimens, and the specimens that differ from it",
          f"lpvid fleet 'data/**/*.parquet' --do audit,identify {_SIGNALS} --out fleet"),
         ("with the causes, on a running cluster",
          f"lpvid fleet 'data/**/*.csv' --do audit,identify,diagnose {_SIGNALS} --scheduler tcp://10.0.0.1:8786 "

@@ -83,7 +83,8 @@ class Choice:
 
 
 def choose(request: Request, training: Sequence[Record], held_out: Sequence[Record],
-           report_progress: Callable[[str], None], budget: float | None = None) -> tuple[Choice, Identification]:
+           report_progress: Callable[[str], None], budget: float | None = None,
+           begun: float | None = None) -> tuple[Choice, Identification]:
     """Choose a structure on the training data alone.
 
     Parameters
@@ -94,7 +95,9 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     report_progress : callable
         Receives what is being done, with the best so far.
     budget : float, optional
-        Processor time for the search [s].
+        Processor time of search and refit [s].
+    begun : float, optional
+        Processor time of the process from which it counts [s]; left out, now.
 
     Returns
     -------
@@ -117,7 +120,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
             report_progress(f"{text} ({done} done)")
 
     found = auto(training, request.input, request.output, request.schedule, sample_rate=request.sample_rate,
-                 held_out=held_out or None, progress=progress, budget=budget)
+                 held_out=held_out or None, progress=progress, budget=budget, begun=begun)
     if found.identification is None:
         raise KeyboardInterrupt
     if not found.complete:

@@ -37,7 +37,7 @@ def compare(
     from lpvid.export.serialise import load
     from lpvid.validation.comparing import compare_models
 
-    results = Results(out)
+    results = Results(out, "compare.json", "report.html")
     given, raw = asked_rate(sample_rate)
     models, data = [f for f in files if f.endswith(".json")], [f for f in files if not f.endswith(".json")]
     if not models or not data:

@@ -32,8 +32,8 @@ def diagnose(
                                                        "measured; without them alternating blocks of DATA.")] = None,
     catalogue: Annotated[list[str] | None, typer.Option("--catalogue", metavar="NAME", help="Catalogue of causes, e.g. "
                          "quartercar; repeat for several (all that are installed).")] = None,
-    plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: what to "
-                               "measure to settle what these data leave open.")] = False,
+    plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: the "
+                               "measurement that decides between the causes that these data leave open.")] = False,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -44,7 +44,7 @@ def diagnose(
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
-    """Find what a simulation gets wrong, name the cause or why none, extend the model, measure the gain.
+    """Find what a simulation gets wrong, name its cause or the reason for none, extend the model, measure the gain.
 
     Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model), with a cause named
     extended_lpv.json (the same cause in an LPV model), and report.html.
@@ -56,7 +56,7 @@ def diagnose(
     from lpvid.diagnosis.settings import DiagnosisSettings
     from lpvid.errors import InputError
 
-    results = Results(out)
+    results = Results(out, "diagnosis.json", "report.html")
     rate, raw = asked_rate(sample_rate)
     if plan_experiment and out is None:
         raise InputError("--plan-experiment writes a file", mend="add --out DIR")
@@ -79,7 +79,7 @@ def diagnose(
         lpv = _lpv_extension(found, question)
         described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
     if not found.complete:
-        typer.echo("interrupted: no cause was judged; the result only states where the baseline is wrong", err=True)
+        typer.echo("interrupted: no cause was assessed; the result only states where the baseline is wrong", err=True)
     conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)

@@ -21,15 +21,15 @@ Precision = Annotated[str, typer.Option("--precision", metavar="TYPE", help="Ari
 Clamp = Annotated[bool | None, typer.Option("--clamp/--no-clamp", help="Hold the scheduling inside the model's box; "
                                             "left out, for designed controllers only.", show_default=False)]
 Rate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Rate of a damper law or control law "
-                                            "that runs at any, or at which a continuous model is discretised; what was "
-                                            "sampled keeps its own.", show_default=False)]
+                                            "that runs at any rate, or at which a continuous model is discretised; a "
+                                            "sampled model keeps its own.", show_default=False)]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="INPUT=VALUE", help="Hold an input, so that the model is "
                                               "frozen there: current=1.2; repeat.")]
 Limit = Annotated[list[str] | None, typer.Option("--limit", metavar="CONTROL=LOW:HIGH", help="Limits of a controller's "
-                                                 "output, or its largest modulus: force=1500, force=-200:1500; "
+                                                 "output, or its largest magnitude: force=1500, force=-200:1500; "
                                                  "repeat.")]
 Windup = Annotated[float | None, typer.Option("--anti-windup", metavar="SECONDS", help="With --limit: time constant of "
-                                              "back-calculation; left out, the states learn nothing of the limits.",
+                                              "back-calculation; left out, the limits do not act on the states.",
                                               show_default=False)]
 
 
@@ -43,7 +43,7 @@ def export(model: options.ModelFile, to: To = "c", out: options.Out = None, name
     C, compiled here, sources inside, for co-simulation, or model exchange where it is continuous. modelica: a package
     in text. matlab: a .mat file with .m files that rebuild and step it. control: a Python file for python-control. csv:
     coefficients and frozen matrices. What was exported is compared with this package's own simulation where the system
-    has the tools for it; the figures are printed, and the exit code is 3 where they are not what an export promises.
+    has the tools for it; the figures are printed, and the exit code is 3 where they exceed an export's tolerance.
     """
     from lpvid.export.exportable import Options
     from lpvid.export.exporting import content

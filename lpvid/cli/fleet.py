@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def fleet(
     data: options.Data,
     do: Annotated[str, typer.Option("--do", metavar="STEP[,STEP]", help="audit, identify (one model of all files, and "
-                                    "who differs from it), diagnose (the files that differ).")] = "audit,identify",
+                                    "the files that differ from it), diagnose (those files).")] = "audit,identify",
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -33,11 +33,12 @@ def fleet(
     baseline: Annotated[str | None, typer.Option("--baseline", metavar="LAW|FILE", help="Law that diagnose starts "
                                                  "from; left out, the one that suits healthy files "
                                                  "best.")] = None,
-    fdr: Annotated[float, typer.Option("--fdr", help="Expected share of false names among the files named.")] = 0.05,
+    fdr: Annotated[float, typer.Option("--fdr", help="Expected share of files named wrongly among those "
+                                     "named as different.")] = 0.05,
     scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, "
                                                   "e.g. tcp://10.0.0.1:8786; left out, a cluster on this "
                                                   "machine.")] = None,
-    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes of the local cluster (one a "
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes of the local cluster (one per "
                                                 "core).")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", metavar="SECONDS", help="Time after which a step of a "
                                               "file is stopped and its later ones skipped.")] = 600.0,
@@ -48,7 +49,7 @@ def fleet(
 ) -> None:
     """Audit, identify and diagnose many files; writes fleet.json, fleet.csv, report.html and a folder for each file.
 
-    A file that fails or hangs is reported and stops no other. The folder is the state: run again, and only what is
+    A file that fails or hangs is reported; the others go on. The folder is the state: run again, and only what is
     missing there is done. Needs the extra scale (Dask).
     """
     from lpvid.cli.data import parse_roles, split_names
@@ -56,8 +57,8 @@ def fleet(
     from lpvid.report.fleet import fleet_page
 
     if out is None:
-        raise InputError("a fleet's results are its state", got="no --out", mend="--out DIR")
-    results = Results(out)
+        raise InputError("a fleet needs a folder, which is its state", got="no --out", mend="--out DIR")
+    results = Results(out, "fleet.json", "fleet.csv", "report.html")
     structure = _structure(split_names(input), split_names(output), split_names(schedule), na, nb, nk, degree)
     plan = plan_fleet(data, out, do=split_names([do]), structure=structure, roles=parse_roles(role), baseline=baseline,
                       fdr=fdr, limit=time_limit, retries=retries)
@@ -143,7 +144,7 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
             raise InputError(f"{name} needs all records in one process", why="--fleet reads them in many",
                              mend=f"leave {name} out, or leave --fleet out")
     if results.folder is None:
-        raise InputError("a fleet's results are its state", got="no --out", mend="--out DIR")
+        raise InputError("a fleet needs a folder, which is its state", got="no --out", mend="--out DIR")
     structure = request.arx(request.delay)
     if request.searches_delay:
         first = read_records([str(find(list(data))[0])], roles=roles)

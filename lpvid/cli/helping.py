@@ -26,12 +26,12 @@ PANELS: dict[str, tuple[str, ...]] = {
               "parameters", "baseline", "catalogue", "thorough"),
     "Noise": ("nc", "nd", "refit"),
     "Selection": ("auto", "budget", "ridge", "fdr"),
-    "Stability": ("rate", "range", "largest_range", "largest_rate", "gain", "draws", "horizon"),
+    "Stability": ("rate", "range", "largest_range", "largest_rate", "gain", "draws"),
     "Plant and control": ("car", "damper", "plant", "design", "controller", "measurements", "road", "tune", "bound",
                           "bound_seeds", "seeds", "preview", "certificate"),
     "Characterisation": ("speeds", "rebound", "tolerance", "nominal", "specimen", "delay"),
     "Export": ("to", "name", "precision", "clamp", "at", "limit", "anti_windup", "format"),
-    "Output": ("out", "json", "plan_experiment", "list_models", "schema"),
+    "Output": ("out", "json", "horizon", "plan_experiment", "list_models", "schema"),
     "Run": ("do", "fleet", "scheduler", "workers", "time_limit", "retries", "config",
              "template", "seed", "help", "version", "install_completion", "show_completion"),
 }
@@ -114,7 +114,8 @@ class Command(TyperCommand):
         """
         width = _width()
         arguments = [p for p in self.params if p.param_type_name == "argument"]
-        names = [str(p.metavar) + ("…" if p.nargs == -1 else "") for p in arguments]
+        names = [str(p.metavar).removesuffix("…") + ("…" if p.nargs == -1 else "") for p in arguments]
+        names = [n if p.required else f"[{n}]" for n, p in zip(names, arguments, strict=True)]
         parts = [" ".join(["Usage:", ctx.command_path, *names, "[OPTIONS]"]), *_paragraphs(self.help, width)]
         if self.epilog:
             parts.append("Examples:\n" + _examples(self.epilog, width))
@@ -254,7 +255,7 @@ def _one_line(error: Any) -> str | None:
 
 # -- a file in place of a long command line ----------------------------------------------------------------------------
 def _load(ctx: Any, value: Path | None) -> Path | None:
-    """Values of the options from a TOML file; what the command line gives as well counts before it."""
+    """Values of the options from a TOML file; an option given on the command line takes precedence."""
     if value is not None:
         from lpvid.errors import InputError
 
@@ -274,7 +275,7 @@ def _show(ctx: Any, value: bool) -> None:
 
 def _file_options(
     config: Annotated[Path | None, typer.Option("--config", metavar="FILE", help="TOML file with these options, by "
-                                                "their names without the dashes; the command line counts before it.",
+                                                "their names without the dashes; the command line takes precedence.",
                                                 is_eager=True, expose_value=False, callback=_load,
                                                 show_default=False)] = None,
     template: Annotated[bool, typer.Option("--template", help="Print such a file, with every option explained, and "

@@ -30,9 +30,9 @@ def identify(
                                            "installed package gives.")] = "arx",
     auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
                                        "training data.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time for "
-                                                 "the search of --auto (300); the fit of its choice comes on "
-                                                 "top.")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time of "
+                                                 "--auto (300) up to the model: reading, audit, search and the fit of "
+                                                 "its choice. The report comes on top.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
                                            "(4).")] = None,
@@ -51,10 +51,10 @@ def identify(
     on: Annotated[On | None, typer.Option("--on", help="quasi: what the coefficients depend on (trial).")] = None,
     trial: Annotated[int | None, typer.Option("--trial", min=1, help="quasi: input lags in the trial force (1).")] =
         None,
-    odd: Annotated[float | None, typer.Option("--odd", min=0.0, metavar="N", help="quasi: how many samples a departure "
-                                              "from the symmetry y(−u) = −y(u) must be worth (0).")] = None,
-    states: Annotated[int | None, typer.Option("--states", min=1, max=2, help="compliance: springs in parallel "
-                                               "(1).")] = None,
+    odd: Annotated[float | None, typer.Option("--odd", min=0.0, metavar="N", help="quasi: weight of the symmetry "
+                                              "y(−u) = −y(u), as a number of samples (0).")] = None,
+    states: Annotated[int | None, typer.Option("--states", min=1, max=2, help="compliance: parallel branches, each "
+                                               "with a spring in series (1).")] = None,
     side: Annotated[list[str] | None, typer.Option("--side", metavar="NAME", help="compliance: channels that act in "
                                                    "parallel, e.g. displacement.")] = None,
     forgetting: Annotated[float | None, typer.Option("--forgetting", help="recursive: forgetting factor (0.995).")] =
@@ -70,19 +70,20 @@ def identify(
                                                     "and the coefficients, fitted to the data.")] = "none",
     schedule_lag: Annotated[bool, typer.Option("--schedule-lag", help="The same as --schedule-filter "
                                                "rise-fall.")] = False,
-    no_constant: Annotated[bool, typer.Option("--no-constant", help="No constant c_0(p) in the model; left out, it "
-                                              "takes the mean error away.")] = False,
-    affine: Annotated[bool, typer.Option("--affine", help="More terms that depend on the scheduling alone than that "
-                                         "constant.")] = False,
-    affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="How many of them, "
+    no_constant: Annotated[bool, typer.Option("--no-constant", help="No constant term c_0(p) in the model. Without "
+                                              "this option there is one, which removes the mean error.")] = False,
+    affine: Annotated[bool, typer.Option("--affine", help="Further terms, beside that constant, that depend on the "
+                                         "scheduling only.")] = False,
+    affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="Number of them, "
                                                      "lags 0 … N−1; with --affine alone na + 1, or 1 where no record's "
                                                      "scheduling moves.")] = None,
-    lagged: Annotated[bool, typer.Option("--lagged", help="Coefficients of lag i at p(k−i): exact and causal in "
-                                         "observer form.")] = False,
+    lagged: Annotated[bool, typer.Option("--lagged", help="Evaluate the coefficients of lag i at p(k−i): the "
+                                         "observer form is then exact and causal.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="arx, oe: the best model that never gives energy (velocity "
                                           "in, force out), certified; nk is 0.")] = False,
-    balanced: Annotated[bool, typer.Option("--balanced", help="With --passive: weigh each record by its own variance, "
-                                           "so that low currents count as high ones.")] = False,
+    balanced: Annotated[bool, typer.Option("--balanced", help="With --passive: divide each record's squared "
+                                           "error by its variance, so that records of small and of large force "
+                                           "weigh alike.")] = False,
     ridge: Annotated[float | None, typer.Option("--ridge", min=0.0, help="Penalty on the parameters (0).")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
                                                  "record out of the fit: 1/3, 0.25, last-third.")] = None,
@@ -91,8 +92,8 @@ def identify(
     refit: Annotated[bool, typer.Option("--refit", help="Report the held-out figures, then fit the same structure to "
                                         "all data: model.json is that fit.")] = False,
     form: Annotated[Form | None, typer.Option("--form", help="Also write state_space.json in this form.")] = None,
-    refit_form: Annotated[bool, typer.Option("--refit-form", help="Re-estimate that form in its own entries, by "
-                                             "simulation error: controllable, observable.")] = False,
+    refit_form: Annotated[bool, typer.Option("--refit-form", help="Re-estimate the entries of that form by "
+                                             "simulation error (controllable or observable).")] = False,
     beside: options.Beside = None,
     role: options.Role = None,
     flip: options.Flip = None,
@@ -108,14 +109,15 @@ def identify(
 ) -> None:
     """Fit an LPV model; writes model.json, identification.json and report.html, with --auto selection.json too.
 
-    --form adds state_space.json, --refit-form puts the form re-estimated there, and its figures into form.json.
+    --form adds state_space.json, --refit-form writes the re-estimated form there, and its figures to form.json.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
-    read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
-    Exits with 3 where the free run of the model diverges on its training data (with --fleet along one of the files), or
-    with --passive where there is no certificate; the files are written all the same.
+    read in parts (arx, recursive); an interrupted run continues after its last part where --out names the same folder.
+    Exits with 3 where the free run of the model on its training data diverges (with --fleet along one of the files) or
+    is no better than their mean, or with --passive where there is no certificate; the files are written all the same.
     """
+    from lpvid._forks import processor_time
     from lpvid.cli.beside import compared, load_beside
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, with_cause, working_rate
     from lpvid.cli.data import hold_out as part
@@ -124,7 +126,7 @@ def identify(
     from lpvid.cli.structures import Request
     from lpvid.training_fingerprint import unstated_units
 
-    results = Results(out)
+    results = Results(out, "model.json", "identification.json", "report.html")
     rate, raw = asked_rate(sample_rate)
     written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
                "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,
@@ -138,7 +140,7 @@ def identify(
                "balanced": balanced or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      form, refit, refit_form, budget)
+                      form, refit, refit_form, budget, processor_time())
     with working("reading") as report_progress:
         request.check()
         name, others = load_beside(beside, f"{out or 'this'}/model.json")
@@ -154,7 +156,7 @@ def identify(
             other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
             joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, report_progress)
             conclude(results, joint.to_dict(), str(joint), json)
-            if joint.failed or joint.diverging:
+            if joint.failed or joint.diverging or joint.median_esr >= 1:
                 raise typer.Exit(SHORTFALL)
             return
         if chunk is not None:
@@ -167,7 +169,7 @@ def identify(
             streamed = fit_parts(request, chunks, apart, whole, out, report_progress)
             streamed.deliver(results, report_progress)
             conclude(results, streamed.to_dict(), str(streamed), json)
-            if streamed.diverges:
+            if streamed.fails:
                 raise typer.Exit(SHORTFALL)
             return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
@@ -185,5 +187,5 @@ def identify(
         found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
-    if found.diverges or (passive and not found.certified):
+    if found.fails or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

@@ -17,7 +17,7 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
     """
     from lpvid.cli.data import read_records, split_names
 
-    results = Results(out)
+    results = Results(out, "audit.json", "report.html")
     with working("reading") as report_progress:
         if chunk is None:
             records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)

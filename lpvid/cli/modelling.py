@@ -82,10 +82,9 @@ class ReportedIdentification:
         return (self.refitted or self.found).model
 
     @property
-    def diverges(self) -> bool:
-        """Whether the free run of model.json diverges on the data that it was fitted to."""
-        judged = (self.refitted or self.found).training
-        return judged is not None and judged.overall.free_run.diverged_at is not None
+    def fails(self) -> bool:
+        """Whether the free run of model.json diverges on its own training data, or is no better than their mean."""
+        return (self.refitted or self.found).training_failure is not None
 
     @property
     def certified(self) -> bool:
@@ -116,7 +115,7 @@ class ReportedIdentification:
                     "all_data": None if again.training is None else again.training.to_dict()}}
 
     def __str__(self) -> str:
-        grave = [f for f in self.audit.findings if f.severity != "note"]
+        severe = [f for f in self.audit.findings if f.severity != "note"]
         lines = [] if self.choice is None else [str(self.choice)]
         lines.append(repr(self.found))
         if self.refitted is not None and self.refitted.training is not None:
@@ -129,9 +128,9 @@ class ReportedIdentification:
             lines += [f"  {line}" for line in repr(self.beside).splitlines()]
         lines += [f"  {line}" for line in passivity_lines(self.refitted or self.found)]
         lines.append(f"  audit: {self.audit.verdict}")
-        lines += [f"    {f}" for f in grave[:3]]
-        if len(grave) > 3:
-            lines.append(f"    and {len(grave) - 3} more: see lpvid inspect")
+        lines += [f"    {f}" for f in severe[:3]]
+        if len(severe) > 3:
+            lines.append(f"    and {len(severe) - 3} more: see lpvid inspect")
         return "\n".join(lines)
 
     def deliver(self, results: Results, report_progress: Callable[[str], None]) -> None:
@@ -227,20 +226,22 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     if request.refit and not held_out:
         raise InputError("--refit needs held-out data", why="without them the fit uses all data anyway",
                          mend="add --hold-out 1/3, or leave --refit out")
+    report_progress("auditing the data")
+    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input, outputs=request.output)
     choice, notes = None, ()
     if request.automatic:
-        choice, found = choose(request, training, held_out, report_progress, request.budget or BUDGET)
+        choice, found = choose(request, training, held_out, report_progress, request.budget or BUDGET, request.begun)
         structure: Structure = choice.selection.best
     else:
         structure, notes = _settled(request, training, report_progress)
         report_progress("fitting")
         found = identify(training, structure, sample_rate=request.sample_rate, held_out=held_out or None)
     bare = request.without_filter(structure)
-    if bare is not None:
+    if bare is not None and request.automatic and choice is not None and choice.selection.left_out:
+        notes += ("not compared with a fit without its scheduling filter: the search ended at its budget",)
+    elif bare is not None:
         report_progress("fitting without the scheduling filter, to compare")
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
-    report_progress("auditing the data")
-    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input, outputs=request.output)
     if request.sample_rate is not None:  # what its mend asks for was done, and a note states the resampling
         audited = replace(audited, findings=tuple(f for f in audited.findings if f.name != "mixed-rates"))
     derived = with_derived(training, structure.channels)

@@ -20,6 +20,7 @@ import typer
 from lpvid._threads import showing_progress
 from lpvid.cli.invocation import Invocation
 from lpvid.errors import InputError, LpvError
+from lpvid.files.own_results import is_own, listed, note_written
 
 if TYPE_CHECKING:
     from lpvid.report import Page
@@ -36,12 +37,10 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, whether a partial result was kept or none."""
 PATIENCE = 3.0
 """Seconds before progress is written to a pipe."""
-MANIFEST = ".results.json"
-"""Names of the files that each command wrote into a folder, so that a second run leaves none of the first behind."""
 
 
 def new_app() -> typer.Typer:
-    """A Typer application with this house's settings.
+    """A Typer application with the settings common to both programs.
 
     Returns
     -------
@@ -194,7 +193,7 @@ class StageLines:
 
 @contextmanager
 def solver_output_suppressed() -> Iterator[None]:
-    """What compiled solvers print goes nowhere: their words are no result, and --json prints that alone.
+    """The output of compiled solvers is dropped: it is no result, and --json prints the result alone.
 
     Yields
     ------
@@ -225,26 +224,31 @@ class Results:
     ----------
     folder : Path or None
         Where they go; None keeps nothing.
+    *names : str
+        Files that are known to be among them.
 
     Raises
     ------
     InputError
-        A folder that is a file, or that cannot be made or written: found before any work is done.
+        A folder that is a file, or that cannot be made or written, or that has a file of the user's of one of these
+        names: found before any work is done.
     """
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, *names: str) -> None:
         self.folder = folder
         self._writers: list[tuple[str, Callable[[Path], object]]] = []
         self._absent: list[str] = []
+        self._data: list[str] = []
         if folder is not None:
             _check_writable(folder)
+            _spare(folder, names)
 
     @property
     def kept(self) -> bool:
         """Whether anything will be written."""
         return self.folder is not None
 
-    def add(self, name: str, writer: Callable[[Path], object]) -> None:
+    def add(self, name: str, writer: Callable[[Path], object], *, data: bool = False) -> None:
         """A file by the function that writes it to a path.
 
         Parameters
@@ -253,8 +257,12 @@ class Results:
             Of the file, without a folder.
         writer : callable
             From a path to anything; runs when `write` does.
+        data : bool
+            Whether it is a record that other commands are meant to read where they are given the folder.
         """
         self._writers.append((name, writer))
+        if data:
+            self._data.append(name)
 
     def without(self, name: str) -> None:
         """A file that this result does not have: one of an earlier result goes, lest it be taken for this one's.
@@ -350,27 +358,17 @@ class Results:
         Raises
         ------
         InputError
-            A folder that cannot be made, a file that the system refuses to write, or one that would replace data that
-            were read.
+            A folder that cannot be made, a file that the system refuses to write, or one that would replace a file of
+            the user's.
         """
         if self.folder is None:
             return []
-        self._spare_data(self.folder)
+        _spare(self.folder, [name for name, _ in self._writers])
         try:
             return self._write(self.folder)
         except OSError as error:
             raise InputError(f"--out {self.folder}: cannot write there", got=error.strerror or str(error),
                              mend="check the folder, its permissions and the space left") from None
-
-    def _spare_data(self, folder: Path) -> None:
-        """Refuse to write over a file that this command read and no command wrote: it may be the only copy."""
-        called = ASKED.get()
-        written = {name for names in _manifest(folder).values() for name in names}
-        read = set() if called is None else {path.resolve() for path in called.files()}
-        for name, _ in self._writers:
-            if name not in written and (folder / name).resolve() in read:
-                raise InputError(f"--out {folder}: its result {name} would replace the file of that name that was read",
-                                 mend="name another folder")
 
     def _write(self, folder: Path) -> list[Path]:
         missing = [p for p in (folder.absolute(), *folder.absolute().parents) if not p.exists()]
@@ -381,12 +379,12 @@ class Results:
             for name, writer in self._writers:
                 writer(stage / name)
             folder.mkdir(exist_ok=True)
-            earlier = _manifest(folder)
             names = [name for name, _ in self._writers]
-            for name in {*self._absent, *earlier.get(RUNNING.get(), ())} - set(names):
-                (folder / name).unlink(missing_ok=True)
+            for name in {*self._absent, *listed(folder).get(RUNNING.get(), ())} - set(names):
+                if is_own(folder / name):
+                    (folder / name).unlink()
             written = [(stage / name).replace(folder / name) for name in names]
-            _write_manifest(folder, {**earlier, RUNNING.get(): names})
+            note_written(folder, RUNNING.get(), names, self._data)
             return written
         except BaseException:
             shutil.rmtree(stage, ignore_errors=True)
@@ -416,23 +414,17 @@ def _check_writable(folder: Path) -> None:
                          mend="name another folder, or change its permissions") from None
 
 
-def _manifest(folder: Path) -> dict[str, list[str]]:
-    """Files in a folder by the command that wrote them; names that lead out of the folder are left out."""
-    import json
-
-    try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        return {str(k): [n for n in names if isinstance(n, str) and n == Path(n).name] for k, names in found.items()}
-    except (OSError, ValueError, AttributeError, TypeError):
-        return {}
-
-
-def _write_manifest(folder: Path, found: Mapping[str, list[str]]) -> None:
-    import json
-
-    from lpvid.export.json_files import write_text
-
-    write_text(json.dumps(found, indent=1) + "\n", folder / MANIFEST)
+def _spare(folder: Path, names: Iterable[str]) -> None:
+    """Refuse to write over a file that no command wrote, or that was changed since: it may be the only copy."""
+    called = ASKED.get()
+    read = set() if called is None else {path.resolve() for path in called.files()}
+    for name in names:
+        path = folder / name
+        if path.exists() and not is_own(path):
+            kind = ("the file of that name that was read" if path.resolve() in read else
+                    "a file of that name that this program did not write, or that was changed since")
+            raise InputError(f"--out {folder}: its result {name} would replace {kind}",
+                             mend="name another folder, or move that file")
 
 
 def conclude(results: Results | None, data: Mapping[str, Any], text: str, as_json: bool) -> None:

@@ -24,7 +24,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
              sample_rate: options.ModelsRate = None,
              format: Annotated[Format, typer.Option("--format", help="Format of the simulation.")] = "csv",
              out: options.Out = None, json: options.Json = False) -> None:
-    """Run a model freely along records; writes simulation.csv (or parquet, mat), simulation.json and report.html.
+    """Simulate a model in free run; writes simulation.csv (or parquet, mat), simulation.json and report.html.
 
     Columns: time, measured, simulated, residual, then what drives and schedules the model; one file per record where
     there are several. A run starts from the first measured samples; without a measured output it starts from zero. Data
@@ -37,7 +37,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.validation import acting_model
     from lpvid.validation.free_runs import free_runs
 
-    results = Results(out)
+    results = Results(out, "simulation.json", "report.html")
     given, raw = asked_rate(sample_rate)
     with working("reading") as report_progress:
         loaded = load(model)

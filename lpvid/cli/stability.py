@@ -25,15 +25,15 @@ def stability(model: options.ModelFile,
               rate: Annotated[list[str] | None, typer.Option("--rate", metavar="R", help="How fast the scheduling may "
                               "move, in its units per second: R for all, or NAME=R. Left out: arbitrarily "
                               "fast.")] = None,
-              range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to judge instead "
+              range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to examine instead "
                                "of the training range: A:B, or NAME=A:B for each variable.")] = None,
               largest_range: Annotated[bool, typer.Option("--largest-range", help="Also scale the range about its "
                                "centre until stability can no longer be certified.")] = False,
               largest_rate: Annotated[bool, typer.Option("--largest-rate", help="Also find the fastest motion within "
                               "the range that is certified.")] = False,
               draws: Annotated[int, typer.Option("--draws", min=0, metavar="N", help="Draw N models from the "
-                               "parameters' covariance (300 for the frozen poles): for which share does the same "
-                               "certificate hold?")] = 0,
+                               "parameters' covariance (300 for the frozen poles), and state for which share the "
+                               "same certificate holds.")] = 0,
               gain: Annotated[bool, typer.Option("--gain", help="Also bound the induced L2 gain from inputs to "
                               "outputs.")] = False,
               seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws from the parameters' "
@@ -43,14 +43,14 @@ def stability(model: options.ModelFile,
 
     Where there is a certificate, certificate.json too, which lpvid verify checks against the model.
 
-    Exits with 0 when the model is stable frozen and certified while its scheduling moves, with 3 when not. A model that
-    schedules itself is judged by what holds for every course of its own output.
+    Exits with 0 when the model is stable at every held scheduling value (frozen) and certified for a moving one, with 3
+    when not. For a model scheduled on its own output, what is certified holds for every course of that output.
     """
     from lpvid.export.serialise import load
     from lpvid.report.stability import StabilityStudy
     from lpvid.report.stability_reach import Questions
 
-    results = Results(out)
+    results = Results(out, "stability.json", "report.html")
     loaded = load(model)
     with working("looking for a certificate") as report_progress, solver_output_suppressed():
         questions = Questions(largest_range, largest_rate, gain, draws)

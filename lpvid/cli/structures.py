@@ -48,7 +48,7 @@ LAGS = 4
 
 @dataclass(frozen=True)
 class Request:
-    """The command line's wish for a model.
+    """The model that the command line asks for.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ class Request:
     refit_form : bool
         Whether the state-space form is re-estimated in its own entries.
     budget : float or None
-        Processor time for the search of the structure [s], if another than `BUDGET`.
+        Processor time of the choice of the structure [s], if another than `BUDGET`.
+    begun : float or None
+        Processor time of the process at which the command began [s], from which the budget counts.
     """
 
     input: tuple[str, ...]
@@ -81,6 +83,7 @@ class Request:
     refit: bool = False
     refit_form: bool = False
     budget: float | None = None
+    begun: float | None = None
 
     def check(self) -> None:
         """Refuse what does not go together, before any data are read.

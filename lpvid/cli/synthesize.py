@@ -33,7 +33,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     """A controller by linear matrix inequalities, its closed loop verified.
 
     Writes controller.json, synthesis.json, closed_loop.json, certificate.json and report.html. Exits with 3 when there
-    is no controller, or only one with a promise relaxed; the result states why and what would mend it.
+    is no controller, or only one with a relaxed requirement; the result states why and what would mend it.
     """
     from lpvid.synthesis.design_file import plant_schema
     from lpvid.synthesis.design_file import template as example
@@ -52,7 +52,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     from lpvid.synthesis.progress import was_interrupted
     from lpvid.synthesis.synthesizing import synthesize as solve
 
-    results = Results(out)
+    results = Results(out, "synthesis.json", "report.html")
     loaded, settings, title, weights = _read(plant, design)
     with working("solving the matrix inequalities") as report_progress, solver_output_suppressed():
         result = solve(loaded, settings, progress=report_progress)
@@ -82,8 +82,9 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
 @command
 def verify(certificate: Annotated[Path, typer.Argument(metavar="CERTIFICATE", help="A certificate.json, or a "
                                                        "synthesis.json.", show_default=False)],
-           model: Annotated[Path | None, typer.Argument(metavar="MODEL", help="What it was made for: closed_loop.json; "
-                                                        "left out, the one inside synthesis.json.",
+           model: Annotated[Path | None, typer.Argument(metavar="MODEL", help="Model or closed loop of the "
+                                                        "certificate, e.g. closed_loop.json; left out, the one inside "
+                                                        "synthesis.json.",
                                                         show_default=False)] = None,
            json: options.Json = False) -> None:
     """Re-check a saved certificate with numpy alone; exits with 3 where it does not hold."""

@@ -36,7 +36,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.training_fingerprint import unstated_of
     from lpvid.validation import acting_model
 
-    results = Results(out)
+    results = Results(out, "validation.json", "report.html")
     given, raw = asked_rate(sample_rate)
     with working("reading") as report_progress:
         loaded = load(model)

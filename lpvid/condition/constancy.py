@@ -12,8 +12,8 @@ DISTINCT = 0.02
 """Share of its largest value below which a command counts as constant, and two of its values as one level.
 
 A coefficient that is at most proportional to the command, as a damper's force to its current, changes by this share
-at most, evenly spread by 0.02/√12 = 0.6 % rms: no more than the 1 % of a good load cell, so that no fit can tell it
-from the sensor.
+at most, evenly spread by 0.02/√12 = 0.6 % rms: no more than the 1 % of a good load cell, so that no fit can
+distinguish it from the sensor's error.
 """
 COMMANDS = ("A", "V")
 """SI units of a command, whose zero means none. The zero of others (temperature, place, a number without unit) may be

@@ -107,7 +107,7 @@ def ahead(x: np.ndarray, count: int) -> np.ndarray:
     """(count,) what follows a signal, (n,), of mean zero, by linear prediction.
 
     By Burg's method (Kay 1988, Modern Spectral Estimation, sec. 7.6), whose predictor is stable: sines go on as they
-    are, what noise hides or chance drives dies away.
+    are, what noise hides or chance drives decays.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lpvid import _checks
+from lpvid.caveat import Caveat
 from lpvid.condition.bandwidth import SPARE, widest_band
 from lpvid.condition.differentiation import with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE, segments
@@ -67,8 +68,8 @@ def with_current(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ..
     if any(r.has("current") for r in records) or not all(r.has(STAND_IN) for r in records):
         return list(records), ()
     return [r.with_roles({"current": r.resolve(STAND_IN)}) for r in records], (
-        f"no channel 'current': '{STAND_IN}' stands for it, a command to the driver and not the current "
-        "in the coil, so that a lag of the driver is part of what is fitted",)
+        Caveat(f"no channel 'current': '{STAND_IN}' stands for it, a command to the driver and not the current in the "
+               "coil, so that a lag of the driver is part of what is fitted"),)
 
 
 def common_rate(records: Sequence[Record]) -> float | None:

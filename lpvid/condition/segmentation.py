@@ -99,7 +99,7 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
         if expected:
             source = channel.source_unit or channel.unit
             doubt = source.strip() if caller == "name" and in_doubt(name, source) else ""
-            calls = "says neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
+            calls = "states neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
             role = caller.removeprefix("role ").strip("'") if caller != "name" else ""
             raise InputError(f"record '{record.name}', channel '{name}' has a unit of "
                              f"{'two meanings' if doubt else 'another quantity'}", got=f"'{name} [{source}]'",

@@ -184,21 +184,21 @@ def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
 def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], where: str
                        ) -> tuple[list[Column], dict[str, str]]:
     """Columns with the units that roles state for them, and the roles without those."""
-    found, plain, said = {c.name: c for c in columns}, {}, dict[str, str]()
+    found, plain, stated_by = {c.name: c for c in columns}, {}, dict[str, str]()
     for role, text in roles.items():
         plain[role], unit = channel_of(text, found)
         column = found.get(plain[role])
         if column is None or unit is None:
             continue
         if column.unit is not None and column.unit != unit:
-            if column.name in said:
+            if column.name in stated_by:
                 raise InputError(f"{where}: two roles state different units of column '{column.name}'",
-                                 got=f"[{column.unit}] in --role {said[column.name]}, [{unit}] in --role {role}",
+                                 got=f"[{column.unit}] in --role {stated_by[column.name]}, [{unit}] in --role {role}",
                                  mend="state one of them: the column has one unit, whatever role it serves")
             raise InputError(f"{where}: the header of column '{column.name}' states its own unit",
                              got=f"'{column.name} [{column.unit}]' in the file, [{unit}] in --role {role}",
                              mend=f"leave the unit out, --role {role}={column.name}, or correct the header")
-        said.setdefault(column.name, role)
+        stated_by.setdefault(column.name, role)
         found[column.name] = replace(column, unit=unit)
     return list(found.values()), plain
 

@@ -94,7 +94,7 @@ def automatic(
     spread = max(problem.spread**2, 1e-300)
     described = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
     chosen = ranked[0].baseline
-    return chosen, (f"the law judged is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
+    return chosen, (f"the law diagnosed is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
                     f"fold {described}")
 
 

@@ -1,4 +1,4 @@
-"""Diagnosis: what the simulation gets wrong, the causes, what the data cannot tell, and the gain."""
+"""Diagnosis: what the simulation gets wrong, the causes, what the data cannot decide, and the gain."""
 
 from __future__ import annotations
 
@@ -265,7 +265,7 @@ class SetProbabilities:
     sets : tuple of VisitedSet
         Best first.
     components : mapping of str to Support
-        What speaks for every component, wherever it sits, that some visited set holds; the most probable first.
+        Support for every component, wherever it sits, that some visited set holds; the most probable first.
     """
 
     families: Mapping[str, float]
@@ -340,7 +340,7 @@ class Diagnosis(Shown):
     baseline : mapping
         Name and parameters.
     before, after : Errors
-        Of the baseline and of the extended model, free run; held-out as `held_out` says.
+        Of the baseline and of the extended model, free run; held-out as `held_out` states.
     noise_floor : float or None
         Standard deviation of the noise [output's unit], from repeats; None where nothing repeats.
     noise : mapping

@@ -182,8 +182,8 @@ class Effect(ABC):
     """name of the number along which the error has many minima, as where a kink passes samples one by one: it is moved
     by trial as well; "" where there is none"""
     path: ClassVar[str] = ""
-    """what a lag, a delay or a filter holds up: "current", "motion", "force" or "all"; "" for everything else. Those of
-    motion and force imitate each other and every dynamic cause: a set holds one of them"""
+    """what a lag, a delay or a filter acts on: "current", "motion", "force" or "all"; "" for everything else. Those of
+    motion and force can fit each other's error and that of every dynamic cause: a set holds one of them"""
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
     flexible: ClassVar[bool] = False
@@ -236,7 +236,7 @@ class Effect(ABC):
         return self.points(signals)
 
     def refit_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """Where a refit may begin when the effect replaces one of its kin.
+        """Where a refit may begin when the effect replaces another of its family.
 
         At `spread_points`, and at further shapes, too many to be looked at always.
 
@@ -321,7 +321,7 @@ class Effect(ABC):
         ----------
         values : (k,) array
         signals : sequence of Signals
-            The data, which say what is fast, slow or beyond their rate.
+            The data: they define what is fast, slow or beyond their rate.
 
         Returns
         -------
@@ -339,7 +339,7 @@ class Effect(ABC):
         ----------
         values : (k,) array
         signals : sequence of Signals
-            The data, which say what is fast, slow or beyond their rate.
+            The data: they define what is fast, slow or beyond their rate.
 
         Returns
         -------

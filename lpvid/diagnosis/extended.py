@@ -234,7 +234,7 @@ class ExtendedModel(Adaptable):
             names, stored = [p.name for p in effect.parameters], given[effect.name]
             if not set(names) - set(effect.added_later) <= set(stored) <= set(names):
                 raise InputError(f"the effect '{effect.name}' has other parameters here than in the file",
-                                 got=", ".join(stored), why=f"this version knows {', '.join(names)}")
+                                 got=", ".join(stored), why=f"this version has {', '.join(names)}")
             for k, name in enumerate(names, place.start):
                 if name in stored:
                     vector[k] = _checks.real(stored[name], f"{name} of {effect.name}")

@@ -66,7 +66,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
              progress: Progress | None = None, units: Mapping[str, str] | None = None) -> Diagnosis:
-    """Find what a baseline's simulation gets wrong, name the cause or why none, extend it, measure the gain.
+    """Find what a baseline's simulation gets wrong, name its cause or the reason for none, extend it, measure the gain.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What an interrupted diagnosis holds: the baseline, where it is wrong, how far the search had come."""
+"""What an interrupted diagnosis holds: the baseline, where it is wrong, the state of the search."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     before = _figures(problem, bare, baseline.vector)
     wrong = localise(problem, problem.errors(bare, baseline.vector))
     composition, vector, after = bare, baseline.vector, before
-    reason = f"interrupted while {stage}: no cause was judged"
+    reason = f"interrupted while {stage}: no cause was assessed"
     if best is not None and best.composition.effects:
         composition, vector = best.composition, best.vector
         after = _figures(problem, composition, vector)

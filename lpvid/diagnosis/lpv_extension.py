@@ -157,7 +157,7 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
 
 
 def common_structure(records: Sequence[Record], output: str) -> ARX | None:
-    """The house's LPV structure for these records: order 4, shaped velocity, first degree in the current if it varies.
+    """The default LPV structure for these records: order 4, shaped velocity, first degree in the current if it varies.
 
     None where there is no velocity.
 

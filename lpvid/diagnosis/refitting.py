@@ -18,10 +18,10 @@ from lpvid.diagnosis.signals import LONG
 AT_BOUND = 1e-6
 """of its own scale, within which a parameter lies on a bound"""
 ITERATIONS = 25
-PROMISE, ROUGHLY = 0.02, 0.3
-"""fall of the log-likelihood that a step must promise to be worth a run, and in a rough refit"""
+LEAST_DECREASE, ROUGHLY = 0.02, 0.3
+"""predicted fall of the log-likelihood from which a step is worth a run, and in a rough refit"""
 KEPT = 0.25
-"""share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
+"""share of the predicted decrease that a step by a carried-on Jacobian must reach, else it may lead elsewhere"""
 SHORTER = (1.0, 0.3, 0.1)
 """shares of a step that are tried one after the other before it is damped: the valley may be bent"""
 BENT = 0.75
@@ -161,7 +161,7 @@ def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray
     near : Refit, optional
         Of a related composition, whose derivatives serve until they fail.
     rough : bool
-        Whether to end where a carried-on Jacobian promises nothing more.
+        Whether to end where a carried-on Jacobian predicts no further decrease.
 
     Returns
     -------
@@ -226,11 +226,11 @@ def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 
 def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
             near: Refit | None = None, rough: bool = False, worth: float = 1.0) -> Iterator[Refit]:
-    """The iterates of a minimisation by derivatives, from its start until no step promises a further fall.
+    """The iterates of a minimisation by derivatives, from its start until no step has a further predicted decrease.
 
     Levenberg-Marquardt with columns scaled by their norms; a parameter at a bound is held if its step would cross it.
-    After a successful step the Jacobian is updated by a secant. A step that fails or promises nothing counts as such
-    only with a Jacobian that was computed anew.
+    After a successful step the Jacobian is updated by a secant. A step that fails or has no predicted decrease counts
+    as such only with a Jacobian that was computed anew.
 
     Parameters
     ----------
@@ -243,10 +243,10 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     near : Refit, optional
         Of a related composition, whose derivatives serve until they fail.
     rough : bool
-        Whether to end where a carried-on Jacobian promises nothing more.
+        Whether to end where a carried-on Jacobian predicts no further decrease.
     worth : float
         Independent samples that each sample counts for: where the error is structure, a fall of the log-likelihood by
-        as much as a step must promise takes more.
+        `LEAST_DECREASE` takes more.
 
     Yields
     ------
@@ -276,10 +276,10 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         if age > SECANTS:
             del jacobian  # before another one of its size is taken
             jacobian, age = derivative(), 0
-        step, promised = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
-        little = promised < (ROUGHLY if rough else PROMISE) * now.cost / (worth * count)
+        step, predicted = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
+        little = predicted < (ROUGHLY if rough else LEAST_DECREASE) * now.cost / (worth * count)
         if little:
-            if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step promises little
+            if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step predicts little
                 damping = max(damping / 100, LEAST_DAMPING)
                 continue
             if age == 0 or rough:
@@ -290,12 +290,12 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             continue
         for share in (SHORTER if age == 0 else SHORTER[:1]):
             there = at(now.vector + share * step)
-            if age == 0 and now.cost - there[0].cost < KEPT * share * promised:
+            if age == 0 and now.cost - there[0].cost < KEPT * share * predicted:
                 missed = now.errors - there[0].errors - share * (jacobian @ step)
                 bend = _bend(jacobian, missed / share**2, step, weights, now.vector, damping, low, high)
                 bent = there if bend is None else at(now.vector + step + bend)
                 there = bent if bent[0].cost < there[0].cost else there
-            if now.cost - there[0].cost > (KEPT * promised if age else 0.0):
+            if now.cost - there[0].cost > (KEPT * predicted if age else 0.0):
                 _carry(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
                 (now, errors), age, damping, failed = there, age + 1, max(damping / 5, LEAST_DAMPING), False
                 break
@@ -346,7 +346,7 @@ def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
 
 def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector: np.ndarray, damping: float,
           low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Damped step in the free parameters, and the fall of the cost that it promises (0 where there is none to take).
+    """Damped step in the free parameters, and its predicted decrease of the cost (0 where there is none to take).
 
     Where that would carry some beyond their bounds, the best step inside them (bounded least squares).
     """

@@ -22,7 +22,7 @@ from lpvid.record import Record
 BASELINES, EFFECTS = "lpvid.baselines", "lpvid.effects"
 KINDS = {"extended": ("lpvid.diagnosis.extended_baseline", "ExtendedBaseline"),
          "fleet": ("lpvid.diagnosis.fleet_law", "FleetLaw"), "lpv": ("lpvid.diagnosis.lpv_baseline", "LpvBaseline")}
-"""Where lpvid's own kinds of baseline live, by the kind in their files."""
+"""Modules of lpvid's own kinds of baseline, by the kind in their files."""
 Factory = Callable[[Sequence[Record], Any], Baseline]
 """From prepared records and, where they are given, parameters (a file, a loaded model, a baseline's `to_dict`)."""
 

@@ -1,4 +1,4 @@
-"""Exports of models, dampers and controllers: the functions behind ``lpv.export_c`` and its kin."""
+"""Exports of models, dampers and controllers: the functions behind ``lpv.export_c`` and the others."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
 
 def exported(model: Any, folder: str | os.PathLike, form: str, name: str, clamp: bool | None,
              sample_time: float | None, at: Mapping[str, float] | None, precision: str = "double") -> Export:
-    """Write a model in one of `FORMS`: what `export_c` and its kin do.
+    """Write a model in one of `FORMS`: what `export_c` and the others do.
 
     Parameters
     ----------

@@ -319,7 +319,7 @@ def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
 
 
 def _validated(program: StepProgram, fmu: bytes, measure: Callable[[str], T]) -> tuple[str, list, T]:
-    """What FMPy says of an FMU, the problems that it names, and what `measure` finds of the file."""
+    """FMPy's summary of an FMU, the problems that it lists, and what `measure` returns for the file."""
     import fmpy
     from fmpy.validation import validate_fmu
 

@@ -12,6 +12,7 @@ from lpvid import _checks
 from lpvid.condition.tables import ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import csv, mat, mdf4, parquet, tdms
+from lpvid.files.own_results import without_results
 from lpvid.record import Record
 
 READERS: tuple[tuple[tuple[str, ...], Callable[[Path], ColumnTable]], ...] = (
@@ -74,6 +75,9 @@ def read(paths: str | Path | Iterable[str | Path], *, roles: Mapping[str, str] |
 def find(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     """Files behind names, patterns and folders, in natural order within each.
 
+    Results that commands of this program wrote into a folder (``--out``) are no data of that folder, nor of a pattern
+    that other files match; one that is named itself is read.
+
     Parameters
     ----------
     paths : str, Path or several of them
@@ -114,7 +118,12 @@ def _expand(item: str | Path) -> list[Path]:
             if not inside:
                 raise InputError(f"{path}: the folder holds no file that can be read",
                                  mend=f"readable are {', '.join(_EXTENSIONS)}")
-            return sorted(inside, key=natural)
+            measured = without_results(inside)
+            if not measured:
+                raise InputError(f"{path}: the folder holds nothing but results of this program",
+                                 got=", ".join(p.name for p in sorted(inside, key=natural)[:4]),
+                                 mend="name such a file itself to read it")
+            return sorted(measured, key=natural)
         if path.exists():
             if not path.is_file():
                 raise InputError(f"{path}: not a file or folder", mend="name a file")
@@ -124,7 +133,7 @@ def _expand(item: str | Path) -> list[Path]:
     if re.search(r"[*?\[]", text):
         matches = [Path(m) for m in glob.glob(text, recursive=True) if Path(m).is_file()]  # noqa: PTH207
         if matches:
-            return sorted(matches, key=natural)
+            return sorted(without_results(matches) or matches, key=natural)
         raise InputError(f"no file matches '{text}'", mend="check folder and extension")
     raise InputError(f"{path}: there is no such file", mend="check folder and extension")
 

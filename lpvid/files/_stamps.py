@@ -155,7 +155,7 @@ class Midnight:
 def instant(cell: str) -> Instant | None:
     """What a cell states of a point in time, None where it states none.
 
-    A date with slashes states none: it does not say which number is the month.
+    A date with slashes states none: which number is the month is ambiguous.
 
     Parameters
     ----------

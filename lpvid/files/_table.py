@@ -1,4 +1,4 @@
-"""What the readers share: text cells as numbers, claims of headers, errors that speak of files."""
+"""What the readers share: text cells as numbers, claims of headers, errors that name files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many files on many processes: one result per file on disk, one model of all, and who differs from it.
+"""Many files on many processes: one result per file on disk, one model of all, and the files that differ from it.
 
 The folder is the state: a file whose results stand there is not done again, so that a run that was cut short goes on
 where it stopped. Needs the extra ``scale`` (Dask).

@@ -286,7 +286,7 @@ def either(first: Differing, second: Differing) -> Differing:
 
 
 def from_factors(factors: Mapping[str, Factor], theta: np.ndarray, fdr: float) -> Differing:
-    """Who differs from the model of all, in parameters or in the level of the residual.
+    """Files that differ from the model of all, in parameters or in the level of the residual.
 
     Parameters
     ----------

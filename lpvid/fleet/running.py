@@ -1,4 +1,4 @@
-"""run_fleet: every step of every file on a Dask cluster, one model of all files, and who differs from it."""
+"""run_fleet: every step of every file on a Dask cluster, one model of all files, and those that differ from it."""
 
 from __future__ import annotations
 
@@ -294,7 +294,7 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
 
 def _common(plan: FleetPlan, stage: Callable[..., list[Job]], step_of: Stage,
             outcomes: dict[str, dict[str, StepOutcome]], report_progress: Callable[[str], None]) -> FleetResult:
-    """One model of all, who differs, and why."""
+    """One model of all, the files that differ, and why."""
     from lpvid.export.serialise import save
 
     ready = stage("scan", steps.scan, plan.jobs)
@@ -410,7 +410,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
 def _stage(client: Client, step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], plan: FleetPlan,
            more: tuple[Any, ...], report_progress: Callable[[str], None]) -> Iterator[tuple[Job, StepOutcome]]:
-    """One step of many files; a file whose workers die again and again is reported and stops no other."""
+    """One step of many files; a file whose workers are killed again and again is reported; the others go on."""
     from distributed import as_completed
 
     shared = client.scatter(plan, broadcast=True, hash=False) if len(jobs) > 1 else plan

@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
 from lpvid.identification.covariance import residual_memory
 from lpvid.identification.result import Identification
-from lpvid.identification.separation import separated, spoken_for
+from lpvid.identification.separation import independence_remarked, separated
 from lpvid.identification.stage_fit import require_motion
 from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
@@ -97,7 +97,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
         found = found.replace(unconstrained_figures=(before, *late))
     if kept is None or held_out is None or isinstance(held_out, Chunks):
         return found.replace(held_out=kept)
-    return spoken_for(found.replace(held_out=kept), held_out)
+    return independence_remarked(found.replace(held_out=kept), held_out)
 
 
 def _streamed(chunks: Chunks, structure: Structure, sample_rate: float | None,
@@ -129,7 +129,7 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
 
 
 def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:
-    """Let the model know its training data again: their first samples, ranges, roles, region of scheduling space."""
+    """Restore what the model states of its training data: first samples, ranges, roles, region of scheduling space."""
     model = found.model
     names = list(model.box.names)
     read = list(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *names)))

@@ -71,7 +71,7 @@ def fit_arma(series: Sequence[np.ndarray], nc: int, nd: int, start: ARMA | None 
     if nc + nd == 0 or not any(np.any(v) for v in series):
         return ARMA(np.zeros(nc), np.zeros(nd))
     now = start if start is not None else _hannan_rissanen(series, nc, nd)
-    stop = StopRule(calm=1, iterations=ITERATIONS if nc else 1, promise=0.0, worth=0.0)
+    stop = StopRule(calm=1, iterations=ITERATIONS if nc else 1, least_decrease=0.0, worth=0.0)
     found = minimise_dense(_Innovations(series, nc), np.concatenate([now.c, now.d]), stop, damping_rule=Shares())
     return now if found is None else ARMA(found.trial.theta[:nc], found.trial.theta[nc:])
 

@@ -21,6 +21,7 @@ from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling, Spline
+from lpvid.validation.trust import QUANTILE
 
 SHARES = (0.003, 0.01, 0.025, 0.05, 0.1, 0.2, 0.4, 1.0)
 """default knots on either side of zero, as shares of the largest speed: fine where a damper's law bends."""
@@ -34,8 +35,6 @@ SAMPLES = 12_000
 """samples on which the starts are compared."""
 SURE = 0.02
 """what one equation of the prior is worth, as a share of the output's spread."""
-QUANTILE = 1.96
-"""of the normal law, two-sided, at 95 %"""
 
 
 @dataclass(frozen=True)

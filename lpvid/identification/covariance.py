@@ -20,7 +20,7 @@ from lpvid.validation.residuals import residual_tests
 from lpvid.validation.trust import autocovariance
 
 BLOCKS = 100
-"""fewest blocks for which the spread of block sums says anything."""
+"""fewest blocks for which the spread of block sums is an estimate at all."""
 BLOCKS_PER_PARAMETER = 5
 """fewest blocks for each parameter."""
 SHORTEST = 10

@@ -28,7 +28,7 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FormRefit:
-    """What a form is worth before and after its own entries were estimated.
+    """Errors of a form before and after its own entries were estimated.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class FormRefit:
 def refit_form(realization: Realization | LPVTransferFunction, records: Record | Sequence[Record], *,
                form: str | None = None, held_out: Record | Sequence[Record] | None = None, stages: bool = True,
                iterations: int = 60, sample_rate: float | None = None) -> FormRefit:
-    """Re-estimate a realised form in its own entries, by simulation error, and set its figures beside the others.
+    """Re-estimate the entries of a realised form by simulation error, with its figures beside the others.
 
     Parameters
     ----------

@@ -192,7 +192,7 @@ class FreeRunProblem(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Rows W and values t of equations W x = t in the output's unit, each as sure as one sample.
+    """Rows W and values t of equations W x = t in the output's unit, each weighted as one sample.
 
     Attributes
     ----------
@@ -243,14 +243,14 @@ class _NormalStep:
         return bool(np.isfinite(self.gram).all())
 
     def step(self, damping: float) -> tuple[np.ndarray, float]:
-        """A trial no further than `LONGEST_STEP` scales off, and the fall of the cost that it promises."""
+        """A trial no further than `LONGEST_STEP` scales off, and the predicted decrease of the cost."""
         scaled = self.gram * np.outer(self.scales, self.scales)
         diagonal = np.diag(scaled)
         lift = damping * np.maximum(diagonal, 1e-10 * diagonal.max(initial=1e-300))
         move = -_solved(scaled + np.diag(lift), self.scales * self.gradient)
         move *= min(1.0, LONGEST_STEP / max(float(np.abs(move).max(initial=0.0)), 1e-300))
-        promised = -float(move @ (2 * self.scales * self.gradient + scaled @ move))
-        return self.x + self.scales * move, promised
+        predicted = -float(move @ (2 * self.scales * self.gradient + scaled @ move))
+        return self.x + self.scales * move, predicted
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -325,7 +325,7 @@ def minimise(problem: FreeRunProblem, prior: Prior, start: np.ndarray, scales: n
     FreeRunSearchEnd or None
         Parameters in ``trial.x``, with the cost and why the search ended.
     """
-    stop = StopRule(tolerance, iterations=max_iterations, promise=0.0, worth=0.0)
+    stop = StopRule(tolerance, iterations=max_iterations, least_decrease=0.0, worth=0.0)
     return descend(_FreeRunSearch(problem, prior, scales), np.array(start, dtype=float), stop, Factors())
 
 

@@ -167,7 +167,7 @@ class ParameterCloud:
     """Estimated parameters with their covariance: a model to draw from.
 
     A model file carries it in ``metadata["parameters"]``, so that a stability report written later, elsewhere, still
-    knows how sure the poles are.
+    has the uncertainty of the poles.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class _BlockAngularStep:
         return all(np.isfinite(r).all() for r in self.factors)
 
     def step(self, damping: float) -> tuple[Point, float]:
-        """A trial point, and the fall of the cost that the linearisation promises for it."""
+        """A trial point, and the decrease of the cost that the linearisation predicts for it."""
         problem, point, (lower, upper) = self.problem, self.point, self.bounds
         shared, heads = reduce(problem, self.factors, damping)
         k = shared.shape[1] - 1

@@ -58,7 +58,7 @@ def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, f
                    iterations: int) -> list[Start]:
     """A and B of an ARMAX model whose C is as rich as A, as found and drawn in.
 
-    With C = A that is the output-error model, but its prediction error stays tame where free runs burst: the way in for
+    With C = A that is the output-error model, but its prediction error stays bounded where free runs diverge: start for
     systems whose frozen poles leave the circle for a while.
 
     Parameters

@@ -36,7 +36,7 @@ class QuasiLPV(Structure):
 
     With na = 0 (the default) and hat functions, the output is a convex mixture of finitely many linear functions of the
     input's recent past: bounded for every bounded input, whatever the data were (`QuasiLPVModel.output_bound`). All
-    memory beyond the input lags then lives in the scheduling variable.
+    memory beyond the input lags is then in the scheduling variable.
 
     With na > 0 the equations of the prior are scaled by the error of one step over the spread of the output, without
     which they would outweigh the data wherever these are good; with na = 0 they are not. A second search then starts

@@ -59,7 +59,7 @@ class RecursiveSettings(Protocol):
         Returns
         -------
         dict
-            By which a saved state knows its settings.
+            By which the settings of a saved state are recognised.
         """
         ...
 

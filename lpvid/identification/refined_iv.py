@@ -228,11 +228,12 @@ def _assembled(structure: RefinedIV, whole: Identification, singles: Sequence[_S
             blocks.append(single.least.covariance)
             variances.append(float(single.least.model.noise_covariance[0, 0]))  # type: ignore[index]
         else:
-            block, variance, colour = covariance(single.problem, single.found, structure.noise == "box-jenkins")
+            block, variance, colour = covariance(single.problem, single.found)
             if colour.d.size:
                 of_output = f" of '{structure.output[o]}'" if ny > 1 else ""
-                notes.append(f"the output error{of_output} is coloured: standard errors allow for an "
-                             f'autoregression of order {colour.d.size}; noise="box-jenkins" would use the colour')
+                mend = 'noise="box-jenkins"' if structure.noise == "output" else "a noise model of higher order"
+                notes.append(f"the {_error_of(structure)}{of_output} is coloured: standard errors allow for an "
+                             f"autoregression of order {colour.d.size}; {mend} would use the colour")
             theta.append(single.found.theta)
             blocks.append(block)
             variances.append(variance)
@@ -248,10 +249,16 @@ def _assembled(structure: RefinedIV, whole: Identification, singles: Sequence[_S
                                 noise_covariance=_noise_covariance(singles, variances), metadata=metadata)
     worst = [(s.least.condition, s.least.scaled_condition) if s.found is None else
              conditions(s.found.factor, s.problem.size) for s in singles]
+    kind = f"refined IV, coloured {_error_of(structure)}" if notes else "refined IV, white innovations"
     return Identification(layout.fill(empty, np.concatenate(theta)), structure, layout, matrix,
                           max(w[0] for w in worst), max(w[1] for w in worst), whole.n_samples,
                           notes=(*whole.notes, *(n for s in singles for n in s.notes), *notes),
-                          covariance_kind="refined IV, " + ("coloured output error" if notes else "white innovations"))
+                          covariance_kind=kind)
+
+
+def _error_of(structure: RefinedIV) -> str:
+    """What remains of the output by the noise model of the structure."""
+    return "output error" if structure.noise == "output" else "innovation"
 
 
 def _orders(tail: np.ndarray, order: int) -> np.ndarray:

@@ -188,13 +188,14 @@ class IVProblem:
         return reflected(tail, 0.98)
 
     def factor(
-        self, run: AuxiliaryRun, noise: ARMA, kind: str, others: Sequence[Sequence[np.ndarray]] = ()
+        self, run: AuxiliaryRun, noise: ARMA, kind: str, others: Sequence[Sequence[np.ndarray]] = (),
+        colour: ARMA = WHITE
     ) -> np.ndarray:
         """Triangular factor of [Z  W  ε] over all records: instruments, what is multiplied onto them, innovations.
 
         Z = Q ζ with Q = D/(C F). W depends on `kind`: "measured" gives −Q v̂(k−i), by which the regressor of Laurain et
         al. 2010 differs from the instrument; "exact" gives the true sensitivities (D/C) ∂x̂/∂θ; "coloured" the
-        instruments Z through C/D of `noise`, with Q = 1/F; "others" the filtered pasts of the other outputs, from their
+        instruments Z through C/D of `colour`; "others" the filtered pasts of the other outputs, from their
         auxiliary models' outputs in `others`.
 
         Parameters
@@ -207,6 +208,8 @@ class IVProblem:
             What W is.
         others : sequence of sequences of (n,) arrays
             Per other output and record, for "others" alone.
+        colour : ARMA
+            Of the innovations, for "coloured" alone.
 
         Returns
         -------
@@ -219,7 +222,7 @@ class IVProblem:
                 "others": len(others) * self.n_output_columns}[kind]
         qr = ChunkedQR(self.size + more + 1, CHUNK)
         for i, (x, v, e) in enumerate(zip(run.noise_free, run.noise, run.innovations(noise), strict=True)):
-            fill = _Filler(self, run.model, noise, kind, more)
+            fill = _Filler(self, run.model, noise, kind, more, colour)
             beside = [o[i] for o in others]
             for first in range(self.start, len(x), CHUNK):
                 rows = min(CHUNK, len(x) - first)
@@ -253,13 +256,15 @@ class IVProblem:
 class _Filler:
     """Writes one record's chunks in turn; holds the filters' states between them."""
 
-    def __init__(self, problem: IVProblem, model: LPVTransferFunction, noise: ARMA, kind: str, more: int) -> None:
+    def __init__(self, problem: IVProblem, model: LPVTransferFunction, noise: ARMA, kind: str, more: int,
+                 colour: ARMA) -> None:
         self.problem, self.model, self.kind, self.more = problem, model, kind, more
         c, d = monic(noise.c, noise.c.size), monic(noise.d, noise.d.size)
         frozen, k = monic(problem._constant_part(model), model.na), problem.size
         double = kind in ("exact", "coloured")  # the second half has its own filter
-        self.prefilter = _padded(np.ones(1), frozen) if kind == "coloured" else _padded(d, np.convolve(c, frozen))
-        self.colour = _padded(c, d) if kind == "coloured" else _padded(d, c)
+        self.prefilter, self.colour = _padded(d, np.convolve(c, frozen)), _padded(d, c)
+        if kind == "coloured":
+            self.colour = _padded(monic(colour.c, colour.c.size), monic(colour.d, colour.d.size))
         self.state = np.zeros((k + (0 if double else more), self.prefilter[0].size - 1))
         self.colour_state = np.zeros((more if double else 0, self.colour[0].size - 1))
         self.past = np.zeros((more if double else 0, model.na))

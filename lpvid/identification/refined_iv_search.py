@@ -282,20 +282,18 @@ def _solved(problem: IVProblem, factor: np.ndarray) -> bool:
     return left <= 1e-8 * whole / problem.rows or whole <= NEGLIGIBLE * sum(float(y @ y) for y in problem.y)
 
 
-def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np.ndarray, float, ARMA]:
+def covariance(problem: IVProblem, found: RefinedIvEnd) -> tuple[np.ndarray, float, ARMA]:
     """Covariance of the parameters, variance of the innovations, and the colour that the former allows for.
 
     G⁻¹ S G⁻ᵀ with G = Σ ζ_f ψᵀ of the exact sensitivities ψ = (D/C) ∂x̂/∂θ and S the covariance of Σ ζ_f ε (Söderström &
     Stoica 1989, section 8.2). For white ε it is σ² Σ ζ_f ζ_fᵀ; where A varies little ψ is ζ_f, and this is Laurain's
-    σ² (Σ ζ_f ζ_fᵀ)⁻¹. Where ε is not claimed to be white (output error) and an autoregression describes it better,
-    S = σ² Σ (H ζ_f)(H ζ_f)ᵀ with H that autoregression's filter.
+    σ² (Σ ζ_f ζ_fᵀ)⁻¹. Where an autoregression describes ε better (output error, or a noise model of too low an order),
+    S = σ² Σ (H ζ_f)(H ζ_f)ᵀ with H that autoregression's filter: the instruments are independent of ε.
 
     Parameters
     ----------
     problem : IVProblem
     found : RefinedIvEnd
-    white : bool
-        Whether the innovations of the noise model are white by construction.
 
     Returns
     -------
@@ -311,11 +309,11 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     energy = float(sum(e @ e for e in found.innovations))
     variance = energy / max(problem.rows - k - extra, 1)
     root = pseudo_inverse(factor[:k, k: 2 * k])
-    colour = WHITE if white else _autoregression([e[problem.start:] for e in found.innovations])
+    colour = _autoregression([e[problem.start:] for e in found.innovations])
     if not colour.d.size:
         return variance * root @ root.T, variance, colour
     driving = sum(float(w @ w) for w in (colour.whiten(e[problem.start:]) for e in found.innovations))
-    coloured = problem.factor(found.run, colour, "coloured")
+    coloured = problem.factor(found.run, found.noise, "coloured", colour=colour)
     root = root @ (coloured[: 2 * k, k: 2 * k] @ pseudo_inverse(coloured[:k, :k])).T
     return driving / max(problem.rows - k, 1) * root @ root.T, variance, colour
 

@@ -23,7 +23,7 @@ COVARIANCE_LIMIT = 200
 
 @dataclass(frozen=True, eq=False)
 class Identification(Shown):
-    """An identified model, how sure its parameters are, and how well it does.
+    """An identified model, the uncertainty of its parameters, and its errors.
 
     Attributes
     ----------
@@ -98,11 +98,8 @@ class Identification(Shown):
 
         A state space counts without the n² entries that only choose its state coordinates.
         """
-        run = None if self.training is None else self.training.overall.free_run
-        if run is not None and run.diverged_at is not None:
-            return "the model cannot simulate the data that it was fitted to: its free run diverges"
-        if run is not None and run.esr is not None and run.esr >= 1:
-            return "the model cannot simulate the data that it was fitted to: its free run is no better than their mean"
+        if (failure := self.training_failure) is not None:
+            return failure
         if self.held_out is not None:
             return None if self.held_out.doubt is None else f"{self.held_out.label} {self.held_out.doubt}"
         if self.training is None:
@@ -110,6 +107,19 @@ class Identification(Shown):
         coordinates = self.model.order**2 if isinstance(self.model, LPVStateSpace) else 0
         each = (self.n_parameters - coordinates) / len(self.model.outputs)
         return training_doubt(self.n_samples, each) or self.training.doubt
+
+    @property
+    def training_failure(self) -> str | None:
+        """Why the model is none of the data that it was fitted to: a free run that diverges, or not below their mean.
+
+        `lpvid identify` then ends with exit code 3. None otherwise.
+        """
+        run = None if self.training is None else self.training.overall.free_run
+        if run is not None and run.diverged_at is not None:
+            return "the model cannot simulate the data that it was fitted to: its free run diverges"
+        if run is not None and run.esr is not None and run.esr >= 1:
+            return "the model cannot simulate the data that it was fitted to: its free run is no better than their mean"
+        return None
 
     @property
     def held_out_notes(self) -> tuple[str, ...]:

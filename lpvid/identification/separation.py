@@ -129,8 +129,8 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
                   "and its standard errors and bands are those of the prior (a contribution as strong as the output)")
 
 
-def spoken_for(found: Identification, held_out: Record | Sequence[Record] | None) -> Identification:
-    """A remark where held-out inputs are as coherent as those of the fit, so that their figures test the sum alone.
+def independence_remarked(found: Identification, held_out: Record | Sequence[Record] | None) -> Identification:
+    """The estimate, with a remark where held-out inputs are as coherent as those of the fit: figures test the sum only.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ FOLDS = 5
 
 @dataclass(frozen=True)
 class SparseARX(ThroughARX):
-    """An LPV-ARX of which only the parameters that the data ask for are kept.
+    """An LPV-ARX of which only the parameters that the data support are kept.
 
     ::
 
@@ -164,7 +164,7 @@ def _fewest(errors: np.ndarray) -> int:
 def sparsify(records: Record | Sequence[Record], structure: ARX, method: str = "garrote", criterion: str = "bic", *,
              group: str = "parameter", sample_rate: float | None = None,
              held_out: Sequence[Record] | None = None) -> Identification:
-    """Fit an ARX and keep only the parameters that the data ask for.
+    """Fit an ARX and keep only the parameters that the data support.
 
     Parameters
     ----------

@@ -181,7 +181,7 @@ def unresolved(model: LPVTransferFunction, structure: StagedStructure, records: 
     model : LPVTransferFunction
         With the fitted stage.
     structure : StagedStructure
-        As given: a stage that is an object was not fitted, and nothing is said of it.
+        As given: a stage that is an object was not fitted, and gives no remark.
     records : sequence of Record
         Of the fit.
 

@@ -148,7 +148,7 @@ def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[
 
 def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpaceLayout, records: Sequence[Record],
             notes: Sequence[str], *, free_coordinates: bool = True) -> Identification:
-    """The Identification of a search's end, with covariance, noise and what to beware of.
+    """The Identification of a search's end, with covariance, noise and caveats.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def _unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> tuple[
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """How sure the parameters of a search are: covariance, noise, condition number, number of free directions.
+    """Uncertainty of the parameters of a search: covariance, noise, condition number, number of free directions.
 
     Attributes
     ----------

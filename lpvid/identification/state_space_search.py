@@ -290,7 +290,7 @@ class StateSpaceSearchEnd:
 
 @dataclass(frozen=True, eq=False)
 class LocalProblem:
-    """The linearised problem in coordinates that the data see: unit columns, gauge directions projected out.
+    """The linearised problem in coordinates that the data determine: unit columns, gauge directions projected out.
 
     Attributes
     ----------
@@ -355,7 +355,7 @@ class LocalProblem:
         return -(self.frame @ (self.right.T @ shrunk)) / self.scale
 
     def expected(self, damping: float) -> float:
-        """Decrease of the cost that the linear model promises.
+        """Decrease of the cost that the linear model predicts.
 
         Parameters
         ----------
@@ -367,7 +367,7 @@ class LocalProblem:
         float
             In the unit of the weighted cost.
         """
-        seen = self.singular**2 + damping > 0  # a parameter without any effect promises nothing
+        seen = self.singular**2 + damping > 0  # a parameter without any effect gives no decrease
         share = damping / (self.singular[seen] ** 2 + damping)
         return float(np.sum(self.left[seen] ** 2 * (1 - share**2)))
 
@@ -398,7 +398,7 @@ def _complement(directions: np.ndarray) -> np.ndarray:
 
 def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, iterations: int = 60,
            free_coordinates: bool = True, stable: bool = False) -> StateSpaceSearchEnd:
-    """Levenberg-Marquardt with every trial judged by its own run; a trial that diverges is a step too long.
+    """Levenberg-Marquardt with every trial evaluated by its own run; a trial that diverges is a step too long.
 
     Parameters
     ----------
@@ -452,7 +452,7 @@ class _StateSpaceTrial:
 
 @dataclass(frozen=True, eq=False)
 class _ProjectedStep:
-    """The local problem at a trial, and the promise below which no step is worth a run."""
+    """The local problem at a trial, and the predicted decrease below which no step is worth a run."""
 
     theta: np.ndarray
     factor: np.ndarray
@@ -468,7 +468,7 @@ class _ProjectedStep:
         return LocalProblem.of(self.factor, self.directions)
 
     def step(self, damping: float) -> tuple[np.ndarray, float]:
-        """Parameters to try, and the fall of the cost that they promise; none where the undamped step promises none."""
+        """Parameters to try, and the predicted decrease of the cost; none where the undamped step has none."""
         worth_it = self.local.expected(0.0) >= self.least
         return self.theta + self.local.step(damping), self.local.expected(damping) if worth_it else 0.0
 
@@ -507,7 +507,7 @@ class _StateSpaceSearch:
 
 def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, iterations: int,
                free_coordinates: bool, stable: bool) -> StateSpaceSearchEnd:
-    stop = StopRule(SLOW / data.rows, calm=3, iterations=iterations, promise=0.0, decided=DECIDED / data.rows,
+    stop = StopRule(SLOW / data.rows, calm=3, iterations=iterations, least_decrease=0.0, decided=DECIDED / data.rows,
                     worth=0.0)
     found = descend(_StateSpaceSearch(model, layout, data, free_coordinates, stable), layout.read(model), stop, RULE)
     if found is None:

@@ -143,7 +143,7 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
 
 
 def _remembered(found: Identification, facts: Facts) -> Identification:
-    """Let the model know its training data again: first samples, ranges, roles."""
+    """Restore what the model states of its training data: first samples, ranges, roles."""
     model, first = found.model, facts.named_heads()[0]
     training = {**model.metadata.get("training", {}), "heads": facts.heads, "ranges": facts.ranges,
                 "usual": facts.usual}
@@ -153,7 +153,7 @@ def _remembered(found: Identification, facts: Facts) -> Identification:
 
 @dataclass(frozen=True, eq=False)
 class StreamFactor:
-    """What a least squares problem keeps of a stream: R of [X Y] and a few facts; adds up by QR.
+    """What a least squares problem keeps of a stream: R of [X Y] and a few facts; several are combined by QR.
 
     Attributes
     ----------

@@ -94,7 +94,7 @@ class Affine:
         Parameters
         ----------
         x : (K,) array
-            All unknowns; entries behind those that the matrix knows are ignored.
+            All unknowns; entries behind the matrix's own are ignored.
 
         Returns
         -------
@@ -346,7 +346,7 @@ def block_diagonal(parts: Sequence[Affine]) -> Affine:
 
 
 def widened(linear: Any, unknowns: int) -> Any:
-    """A linear part with columns for unknowns that it does not know.
+    """A linear part with zero columns for unknowns that it does not have.
 
     Parameters
     ----------

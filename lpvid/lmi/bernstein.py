@@ -195,8 +195,8 @@ def positive(boxes: np.ndarray, axes: int, *, above: float = 0.0, budget: int = 
         smallest = _smallest(matrices[:, corner], smallest)
         if not smallest > above:
             return Positivity(False, smallest, work)
-        patient = 2 * len(boxes) * corner.size < budget // 8 - work
-        level = max(above, above + sharpness * (smallest - above)) if patient else above
+        affordable = 2 * len(boxes) * corner.size < budget // 8 - work
+        level = max(above, above + sharpness * (smallest - above)) if affordable else above
         done = _exceed(matrices, level)
         proven = _smallest(matrices[done], proven)
         left = 2 * int((~done).sum()) * corner.size

@@ -42,7 +42,7 @@ def verdict_of(between_grid: bool, verified: bool = True) -> str:
 class Certificate(Coded):
     """A claim about a model that anyone can re-check from the numbers stored with it.
 
-    What a certificate is about differs in four places: `claim` in words, `subject` (the matrices it speaks of), `fault`
+    What a certificate is about differs in four places: `claim` in words, `subject` (the matrices it is about), `fault`
     (why it cannot be right) and `recheck` (what numpy finds). Everything else stands here.
 
     Attributes
@@ -80,7 +80,7 @@ class Certificate(Coded):
 
     @abstractmethod
     def subject(self, model: Any) -> Any:
-        """What of a model the certificate speaks of.
+        """The part of a model that the certificate is about.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class StorageCertificate(Certificate):
     box : Scheduling
         Range and rate bounds [units per second]; a variable read at several times has an entry for each.
     inputs, outputs : tuple of str
-        Signals it speaks of.
+        Signals that the claim is about.
     """
 
     JSON = (("schema", "SCHEMA"), "claim", ..., "order")

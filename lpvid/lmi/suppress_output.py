@@ -21,7 +21,7 @@ def quiet() -> Iterator[None]:
     Yields
     ------
     None
-        While it is silent.
+        While nothing is printed.
 
     Examples
     --------

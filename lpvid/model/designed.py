@@ -15,7 +15,7 @@ KEY = "designed"
 
 
 def designed(model: LPVStateSpace, role: str) -> LPVStateSpace:
-    """The same model, known to have been designed as "controller" or "closed loop".
+    """The same model, marked as designed: a "controller" or a "closed loop".
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ ON = ("output", "trial", "input")
 
 
 class SelfScheduled(ABC):
-    """What simulation and validation need of a single-output model whose scheduling is its own doing."""
+    """What simulation and validation need of a single-output model that is scheduled on its own output."""
 
     sample_time: float
     box: Scheduling

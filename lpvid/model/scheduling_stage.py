@@ -231,7 +231,7 @@ def memory(stage: object, sample_time: float) -> int:
         A filter of which that is not known.
     """
     if not isinstance(stage, SchedulingLag):
-        raise InputError("a stream needs to know how long a scheduling filter remembers", got=type(stage).__name__,
+        raise InputError("a stream needs the memory of a scheduling filter", got=type(stage).__name__,
                          mend="use a SchedulingLag")
     slowest = max(stage.tau_rise, stage.tau_fall)
     return int(np.ceil((stage.delay + FORGOTTEN * slowest) / sample_time)) + 2

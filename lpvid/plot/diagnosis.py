@@ -1,4 +1,4 @@
-"""What a simulation gets wrong, before and after its extension: maps, spectra, suspects, loops."""
+"""What a simulation gets wrong, before and after its extension: maps, spectra, candidates, loops."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ STAGES = ((BEFORE, "baseline"), (AFTER, "extended model"))
 ROLES_UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "acceleration": "m/s²", "temperature": "K",
                "road": "m", "unsprung": "m", "actuator": "N"}
 COLOURS = {"named": VERMILION, "rival": ORANGE, "rejected": MUTED, "not needed": BLUE, "within noise": "#c3ccd6"}
-"""of the suspects, by what became of them"""
+"""of the candidates, by their outcome"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ SETTINGS: Mapping[str, Any] = {
 
 @contextmanager
 def look() -> Iterator[None]:
-    """The house style inside the block.
+    """The common style of all figures inside the block.
 
     Yields
     ------
@@ -235,7 +235,7 @@ def legend_outside(figure: Figure, axes: Axes, foreign: bool, columns: int, side
     if foreign:
         axes.legend(handles, names, **more)
     else:
-        where: Any = f"outside {side} center"  # matplotlib's types know no "outside"
+        where: Any = f"outside {side} center"  # matplotlib's types lack "outside"
         figure.legend(handles, names, loc=where, ncols=min(len(names), columns), **more)
 
 

@@ -14,7 +14,8 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
 from lpvid.report.page import Item, PageFigure, Paragraph, Section
-from lpvid.report.responses import DRAWS, LEVEL, drawn_from, frozen_figures, overlaid_figures, scheduling_places
+from lpvid.report.responses import DRAWS, drawn_from, frozen_figures, overlaid_figures, scheduling_places
+from lpvid.validation.trust import LEVEL
 
 LINEAR = (LPVTransferFunction, LPVStateSpace)
 

@@ -55,7 +55,7 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
 
 def beside_section(found: ModelComparison, records: Sequence[Record],
                    fitted: Callable[[Model, list[Record]], list[Record]]) -> Section:
-    """What the report of one model says of others on the same records.
+    """Section of a model's report with other models on the same records.
 
     Parameters
     ----------

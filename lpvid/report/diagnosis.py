@@ -8,7 +8,6 @@ import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
 from lpvid.diagnosis.evidence.discrepancy import MISSED
-from lpvid.diagnosis.evidence.weighing import NORMAL
 from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
@@ -18,14 +17,16 @@ from lpvid.report.formatting import number, percent
 from lpvid.report.inspection import findings_table
 from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces
 from lpvid.validation.residuals import probability
+from lpvid.validation.trust import QUANTILE
 
 SIGNIFICANT = 0.05
 TINY = float(np.finfo(float).tiny)
 """p-values below underflow."""
 _MARKS: dict[str, Mark] = {"explained": "good", "nothing-to-explain": "good", "partly-explained": "warn",
                            "cannot-tell": "warn", "unexplained": "bad"}
-_SAYS = {"explained": "Explained", "nothing-to-explain": "Nothing to explain", "partly-explained": "Partly explained",
-         "cannot-tell": "These data cannot tell", "unexplained": "Unexplained"}
+_HEADINGS = {"explained": "Explained", "nothing-to-explain": "Nothing to explain",
+             "partly-explained": "Partly explained", "cannot-tell": "Cannot be decided from these data",
+             "unexplained": "Unexplained"}
 _ADVICE = {
     "explained": "Use the extended model in place of the baseline, or mend the cause and measure again.",
     "nothing-to-explain": "The baseline is as good as these data can show. A better one needs other data.",
@@ -69,10 +70,10 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
         sections.append(Section("Before and after", tuple(_gain(found, shown, lpv))))
     if found.weights is not None:
         sections.append(Section("Sets of causes", tuple(_sets(found.weights))))
-    sections.append(Section("Suspects", tuple(_suspects(found))))
-    sections.append(Section("What these data cannot tell", tuple(_cannot_tell(found))))
+    sections.append(Section("Candidates", tuple(_candidates(found))))
+    sections.append(Section("What cannot be decided from these data", tuple(_cannot_tell(found))))
     sections.append(Section("The data", tuple(_data(found))))
-    verdict = f"{_SAYS[found.verdict]}: {found.reason}."
+    verdict = f"{_HEADINGS[found.verdict]}: {found.reason}."
     name = str(found.baseline.get("name", "a baseline"))
     return Page(f"Diagnosis of {name}", verdict, mark, _facts(found, extended), _caveats(found),
                 tuple(sections))
@@ -127,13 +128,13 @@ def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
 def _caveats(found: Diagnosis) -> tuple[str, ...]:
     stated = [f"Held out: {found.held_out}."]
     if not found.complete:
-        stated.insert(0, "The diagnosis was interrupted: no cause was judged.")
+        stated.insert(0, "The diagnosis was interrupted: no cause was assessed.")
     if found.noise_floor is None and found.causes:
         stated.append("Nothing in these data repeats, so that the noise level is not known and the share explained is "
                     "a bound.")
     if found.rivals:
         stated.append("The extended model contains one of several rivals that do equally well here: it simulates these "
-                    "conditions, and does not show which rival is at work.")
+                    "conditions, but does not show which rival is the cause.")
     if found.stand_ins:
         stated.append(f"The extended model also contains {', '.join(found.stand_ins)}. The error on data that the fit "
                       "has not seen is lower with it; as a cause it is too uncertain to be named.")
@@ -195,7 +196,7 @@ def _cause_row(c: Cause) -> list[tuple[str, ...]]:
     rows = []
     for k, p in enumerate(c.parameters):
         interval = "a choice" if p.choice is not None else "at a bound" if p.std is None else \
-            f"{number(p.value - NORMAL * p.std)} … {number(p.value + NORMAL * p.std)}"
+            f"{number(p.value - QUANTILE * p.std)} … {number(p.value + QUANTILE * p.std)}"
         head = (c.name,) if k == 0 else ("",)
         tail = (_p_text(c.p_value), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
                 percent(c.share_given_others)) if k == 0 else ("",) * 5
@@ -288,7 +289,7 @@ def _lpv_table(lpv: LpvExtension) -> PageTable:
                  + ". Free run on records or last thirds that its fit has not seen.", (1, 2, 3, 4, 5))
 
 
-def _suspects(found: Diagnosis) -> list[Item]:
+def _candidates(found: Diagnosis) -> list[Item]:
     named, rivals = {n for c in found.causes for n in (c.name, c.form)}, {n for r in found.rivals for n in r.names}
     refused = {r.name for r in found.rejected}
 
@@ -306,8 +307,8 @@ def _suspects(found: Diagnosis) -> list[Item]:
     items: list[Item] = [
         PageFigure.of(
             drawn,
-            "Every candidate by itself. Not needed: it follows the error as well, but "
-            "nothing is left for it once the named causes are in.",
+            "Every candidate by itself. Not needed: alone it explains a part of the error, "
+            "but none beyond the named causes.",
         ),
         PageTable(
             ("candidate", "likelihood ratio", "p", "smallest detectable strength", "what became of it"),

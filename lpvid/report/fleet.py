@@ -1,4 +1,4 @@
-"""Report of `lpvid fleet`: who differs, by which cause, how strongly; links to the reports of each file."""
+"""Report of `lpvid fleet`: which files differ, by which cause, how strongly; links to the reports of each file."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def fleet_page(found: FleetResult) -> Page:
     if found.differing is not None and np.isfinite(found.differing.centre):
         sections.append(Section("Which files differ", tuple(_who(found))))
     elif found.differing is not None:
-        few = Paragraph("No file is named: a spread between fewer than eight files is no more than a guess.")
+        few = Paragraph("No file is named: the spread between fewer than eight files is too uncertain.")
         sections.append(Section("Which files differ", (few,)))
     sections.append(Section("All files", (_all(found),)))
     if found.failed or found.left_out:

@@ -66,7 +66,7 @@ def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:
     if found.held_out is None:
         steps.append(
             NextStep(
-                "Keep data out of the fit: only then do the figures show what the model is worth elsewhere. "
+                "Keep data out of the fit: only then do the figures show how good the model is on other data. "
                 "Add --hold-out 1/3, or name other files with --held-out."
             )
         )
@@ -86,7 +86,7 @@ def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:
     steps += [NextStep("Try the model on data of another day or another excitation.",
                    f"lpvid validate {OUT}/model.json NEW.csv --out checked"),
               NextStep("See how far it is stable while the scheduling moves." if found.model.box.names else
-                   "See its poles and how sure they are.", f"lpvid stability {OUT}/model.json --out stability"),
+                   "See its poles and their uncertainty.", f"lpvid stability {OUT}/model.json --out stability"),
               NextStep("Use it elsewhere: C, FMU, MATLAB, python-control.", f"lpvid export {OUT}/model.json --to c "
                    "--out exported")]
     return tuple(steps)
@@ -102,7 +102,8 @@ def _facts(found: Identification, best: Validation) -> tuple[tuple[str, str], ..
 def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
-        lines.append("All figures are on training data: nothing was held out. They show little of other data.")
+        lines.append("All figures are on training data: nothing was held out. They give little information on "
+                     "other data.")
     lines += [f"{n[:1].upper()}{n[1:]}." for n in (*found.notes, *found.held_out_notes) if isinstance(n, Caveat)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):

@@ -45,17 +45,17 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
 
 
 def _steps(audit: Audit) -> tuple[NextStep, ...]:
-    """The gravest mends, then a model."""
-    grave = [f for f in audit.findings if f.severity != "note" and f.mend]
-    said = (f"use {f.mend}" if f.mend.startswith("--") else f.mend for f in grave)
-    mends = dict.fromkeys(f"{m[:1].upper()}{m[1:].rstrip('.')}." for m in said)
+    """The mends of the most severe findings, then a model."""
+    severe = [f for f in audit.findings if f.severity != "note" and f.mend]
+    advice = (f"use {f.mend}" if f.mend.startswith("--") else f.mend for f in severe)
+    mends = dict.fromkeys(f"{m[:1].upper()}{m[1:].rstrip('.')}." for m in advice)
     return (*(NextStep(m) for m in list(mends)[:3]),
             NextStep("Fit a model, with data kept out of the fit to judge it on.",
                  "lpvid identify DATA --input VELOCITY --output FORCE --schedule CURRENT --hold-out 1/3 --out model"))
 
 
 def findings_table(audit: Audit) -> Item:
-    """Findings with their evidence and mend, gravest first; of one kind at most `SHOWN_ALIKE` are spelled out.
+    """Findings with their evidence and mend, the most severe first; of one kind at most `SHOWN_ALIKE` are spelled out.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ def cost_lines(found: Identification) -> list[str]:
     if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
             and not getattr(found.structure, "balanced", True):
         lines.append(f"training record '{worst.name}' is simulated no better than by its mean (free-run ESR "
-                     f"{worst.free_run.esr:.3g}): --balanced weighs records by their own variance")
+                     f"{worst.free_run.esr:.3g}): --balanced divides each record's squared error by its variance")
     return lines
 
 

@@ -18,13 +18,13 @@ from lpvid.plot.responses import FrozenResponse
 from lpvid.report.formatting import number
 from lpvid.report.page import Item, PageFigure
 from lpvid.scheduling import Scheduling
+from lpvid.validation.trust import LEVEL
 
 Linear = LPVTransferFunction | LPVStateSpace
 DRAWS = 100
 """Models drawn."""
 POINTS = 120
 """Frequencies."""
-LEVEL = 0.95
 SHARES = (0.05, 0.5, 0.95)
 """Where in the data's scheduling responses are shown: quantiles of the first variable."""
 INPUTS = 3

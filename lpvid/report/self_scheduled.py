@@ -68,8 +68,8 @@ class SelfScheduledStudy:
         if self.certified:
             return (f"Bounded for every bounded input: {self.why}, and that model is "
                     f"{self.embedded.certificate.verdict}: {self.embedded.certificate.claim}.")
-        return ("Not certified: with its own scheduling variable moving freely in the clamped range, the model is "
-                "stable by no proof. What it does by itself may still be bounded; that is open. With na = 0 it would "
+        return ("Not certified: no proof of stability was found with its own scheduling variable moving freely in the "
+                "clamped range. By itself the model may still be bounded; that is not decided. With na = 0 it would "
                 "be bounded by construction.")
 
     def to_dict(self) -> dict:

@@ -29,7 +29,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
     name : str
         What to call the model.
     more : sequence of Section
-        What else there is to say, e.g. of other models on the same records.
+        Further sections, e.g. on other models on the same records.
 
     Returns
     -------

@@ -75,7 +75,7 @@ class FourierFamily(BasisFamily):
         p = (np.arange(wide.size) * wide.period / wide.size)[:, None]
         pairs = np.einsum("ni,nj->nij", a.evaluate(p), b.evaluate(p)).reshape(wide.size, -1)
         table = np.linalg.solve(wide.evaluate(p), pairs).T.reshape(a.size, b.size, wide.size)
-        return wide, np.round(2 * table) / 2  # cos a cos b = ½ cos(a − b) + ½ cos(a + b) and its kin
+        return wide, np.round(2 * table) / 2  # cos a cos b = ½ cos(a − b) + ½ cos(a + b) and the like
 
 
 class SplineFamily(BasisFamily):

@@ -1,4 +1,4 @@
-"""Scheduling variables by name: the box they live in, and how fast they may move."""
+"""Scheduling variables by name: their box, and how fast they may move."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lpvid.errors import InputError
 
 @dataclass(frozen=True)
 class Scheduling(Coded):
-    """Named scheduling variables with the box they live in and how fast they may move.
+    """Named scheduling variables with their box and how fast they may move.
 
     Parameters
     ----------

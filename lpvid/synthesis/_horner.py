@@ -16,7 +16,7 @@ def fractional(coefficients: np.ndarray, exponents: np.ndarray) -> tuple[np.ndar
 
     In every order of the variables, row by row and column by column, Horner's scheme
     S = T_0 + L_1 δ (B_1 + L_2 δ (B_2 + …)) takes [T_1 … T_d] = L_1 [B …] at its rank. What no input reaches
-    or no output sees is then removed (Cockburn & Morton 1997), and the smallest form is returned.
+    or no output depends on is then removed (Cockburn & Morton 1997), and the smallest form is returned.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.design_grid import columns, design_axes, finer, is_affine, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.saturated import Limits, SaturatedController, saturate
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 
 RISES = (1.001, 1.01, 1.05, 1.2)
 """Factors above the solver's bound at which the numpy check is tried."""
@@ -26,7 +26,7 @@ LARGEST = 1e3
 
 @dataclass(frozen=True, eq=False)
 class AntiWindup:
-    """An anti-windup gain and what the limited loop was shown to do.
+    """An anti-windup gain and the verified figures of the limited loop.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class _Limited:
                 tall = [[LARGEST * u, part.T], [part, (LARGEST * trace(u)).times(np.eye(nk))]]
                 program.require(block(tall))
         program.minimise(level)
-        for found in program.solve(solvers=PATIENT):
+        for found in program.solve(solvers=INTERIOR_POINT):
             yield max(float(found[level][0, 0]), 1e-12), {
                 "Q": found[q], "U": found[u], "Z": np.array([found[m] for m in z]),
                 "Y": np.zeros((nu, n)) if y is None else found[y]}

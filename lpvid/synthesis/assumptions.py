@@ -68,7 +68,7 @@ def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
                              mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
     for j, name in enumerate(plant.measurements):
         if not seen[:, :, j].any():
-            raise InputError(f"the measurement '{name}' sees no state and no disturbance",
+            raise InputError(f"the measurement '{name}' depends on no state and no disturbance",
                              mend=f"remove '{name}' from the measurements, or connect it")
         if _turns_over(seen[:, :, j]):
             raise InputError(f"the measurement '{name}' changes its sign within the scheduling box",
@@ -110,10 +110,10 @@ def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray, *, 
         controls, sensors = ", ".join(plant.controls), ", ".join(plant.measurements)
         for a, b, verdict, text, remedy in (
                 (p.A, p.B2, "unstabilisable", f"no control ({controls}) reaches", "an actuator that moves"),
-                (p.A.T, p.C2.T, "undetectable", f"no measurement ({sensors}) shows", "a sensor that sees")):
+                (p.A.T, p.C2.T, "undetectable", f"no measurement ({sensors}) shows", "a sensor for")):
             pole = _out_of_reach(a, b, discrete)
             if pole is not None:
-                return Fault(verdict, f"{where}{text} the mode with pole {_say(pole)}, which does not decay",
+                return Fault(verdict, f"{where}{text} the mode with pole {_pole_text(pole)}, which does not decay",
                              f"add {remedy} it; if it belongs to a weight, make the weight stable (a slow pole in "
                              "place of an integrator)")
     return None
@@ -176,7 +176,7 @@ def slow_mode_out_of_reach(plant: GeneralizedPlant, points: np.ndarray, decay: f
     if not found:
         return ""
     _, text, pole = min(found, key=lambda f: f[0])
-    return f"{text} the mode with pole {_say(pole)}, which decays slowly and makes up the gain there"
+    return f"{text} the mode with pole {_pole_text(pole)}, which decays slowly and makes up the gain there"
 
 
 def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool, decay: float = 0.0) -> complex | None:
@@ -233,5 +233,5 @@ def _where(box: Scheduling, point: np.ndarray) -> str:
     return f"at {text}, " if text else ""
 
 
-def _say(pole: complex) -> str:
+def _pole_text(pole: complex) -> str:
     return f"{pole.real:.4g}" + (f"{pole.imag:+.4g}j" if abs(pole.imag) > 1e-9 * abs(pole) else "")

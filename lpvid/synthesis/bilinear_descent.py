@@ -23,7 +23,7 @@ import numpy as np
 from lpvid.lmi.affine import Affine, block, combined, given, he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import PlantMatrices
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 
 STRICT = 1e-7
 """margin of the inequalities, in scaled units"""
@@ -173,7 +173,7 @@ class BilinearDescent:
                 matrix = self._inequality(at, now, then, known, before, gain, gamma, weight)
                 program.require(matrix + level.times(np.eye(matrix.shape[0])) if slack else matrix, margin=STRICT)
         program.minimise(level)
-        for found in program.solve(solvers=PATIENT):
+        for found in program.solve(solvers=INTERIOR_POINT):
             least = float(found[level][0, 0])
             if least > 0 or slack:
                 new = gains if moved is None else np.array([found[g] for g in moved])

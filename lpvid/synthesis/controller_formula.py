@@ -21,7 +21,7 @@ from lpvid.synthesis.reconstruction import (
     controller_at,
     dual,
     feedthrough,
-    gentlest,
+    with_largest_noise,
 )
 from lpvid.synthesis.scaling import Matrices
 
@@ -59,7 +59,7 @@ class Variations:
 
     @property
     def rated(self) -> bool:
-        """X and Y both move, so that the controller needs to know how fast."""
+        """X and Y both move, so that the controller needs the rate of the scheduling."""
         return self.varying == "both" and bool(self.moving)
 
     def at(self, points: np.ndarray, time: float) -> tuple[Variation, Variation]:
@@ -213,8 +213,8 @@ class ControllerFormula:
             at = closed_through(at, feedthrough(at, gamma))
         except np.linalg.LinAlgError:
             return None
-        noise = gentlest(at, v.y, v.y_slope, gamma)
-        effort = gentlest(dual(at), v.x, -v.x_slope, gamma)
+        noise = with_largest_noise(at, v.y, v.y_slope, gamma)
+        effort = with_largest_noise(dual(at), v.x, -v.x_slope, gamma)
         if noise is None or effort is None:
             return None
         return cls(plant, variations, pair, inner, gamma, (effort[1], noise[1]),

@@ -18,7 +18,7 @@ from lpvid.synthesis._gramians import frozen_matrices
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.reduction import Reduction, reduce_order
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 
 STRICT = 1e-7
 """margin of the inequality that stabilises the factors, in units where its largest matrix is one"""
@@ -147,7 +147,7 @@ def _common(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray | None:
     for x, y, z in zip(a, b, c, strict=True):
         program.require(block([[z.T @ z - he(x.T @ r), -(r @ y)], [-(r @ y).T, np.eye(m)]]), margin=STRICT)
     program.minimise(t)
-    for found in program.solve(solvers=PATIENT):
+    for found in program.solve(solvers=INTERIOR_POINT):
         values = found[r]
         if np.linalg.eigvalsh(values)[0] > 0:
             return np.linalg.inv(values)

@@ -184,7 +184,7 @@ gain = 0.02
 # The design may stand here or in a file of its own (--design DESIGN.toml, the same keys without [design]).
 [design]
 design = "output-feedback"     # NAMES
-back_off = 0.02                # how far above the least gain to stop, for a tame controller
+back_off = 0.02                # how far above the least gain to stop, for moderate controller gains
 # lyapunov_degree = 1          # a Lyapunov matrix that moves with the scheduling; in continuous time it needs rates
 # structure = "low-order"      # of the design "fixed-structure": STRUCTURES
 # order = 2                    # of low-order; filter = 0.01 (s) adds a derivative to pid; gain_degree = 1

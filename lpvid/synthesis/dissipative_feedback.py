@@ -25,7 +25,7 @@ from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.plant_functions import named, written
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Units
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 from lpvid.synthesis.state_feedback import state_reading
 
 SHARE = "given_share"
@@ -203,7 +203,7 @@ def _least(scaled: PlantMatrices, spread: np.ndarray) -> Iterator[tuple[float, n
     level = program.unknowns.scalar()
     _bounded(program, p, scaled, level)
     program.minimise(level + TIE * trace(p, spread))
-    for found in program.solve(solvers=PATIENT):
+    for found in program.solve(solvers=INTERIOR_POINT):
         value = float(found[level][0, 0])
         if value > 0:
             yield float(np.sqrt(value)), 0.5 * (found[p] + found[p].T)
@@ -214,7 +214,7 @@ def _tightest(scaled: PlantMatrices, gamma: float, spread: np.ndarray) -> Iterat
     program, p = _program(scaled)
     _bounded(program, p, scaled, gamma**2 * np.eye(scaled.B1.shape[2]))
     program.minimise(trace(p, spread))
-    for found in program.solve(solvers=PATIENT):
+    for found in program.solve(solvers=INTERIOR_POINT):
         yield 0.5 * (found[p] + found[p].T), found.solver
 
 

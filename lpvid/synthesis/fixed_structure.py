@@ -29,7 +29,7 @@ from lpvid.synthesis.output_feedback import OutputFeedback, Rate, _rated
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import SignalCoordinates
-from lpvid.synthesis.structure_starts import drawn, imitated, observed, shortened
+from lpvid.synthesis.structure_starts import approximated, drawn, observed, shortened
 
 KEPT = 1.12
 """verified over promised gain up to which a design counts as solved"""
@@ -61,7 +61,7 @@ class FixedStructure:
     rate : float, sequence or mapping of name to float, optional
         In place of the plant's rate bounds.
     start : Synthesis or LPVStateSpace, optional
-        A controller of any order to imitate; left out, the full-order one for the middle of the box.
+        A controller of any order to approximate; left out, the full-order one for the middle of the box.
     starts : int
         Further starts, drawn at random after zero.
     points : int
@@ -188,7 +188,7 @@ class FixedStructure:
         return min(found, key=lambda x: x[0].upper) if found else None
 
     def _model(self, plant: GeneralizedPlant) -> tuple[LPVStateSpace | None, float | None]:
-        """The controller to imitate, and its gain."""
+        """The controller to approximate, and its gain."""
         if isinstance(self.start, LPVStateSpace):
             return self.start, None
         found = self.start if self.start is not None else OutputFeedback().solve(_middle(plant))
@@ -200,7 +200,7 @@ class FixedStructure:
         if model is not None and isinstance(self.structure, LowOrder):
             tables += shortened(self.structure, problem.attached, model, plant, problem.points)
         elif model is not None:
-            tables.append(imitated(self.structure, problem.attached, plant, model, problem.points))
+            tables.append(approximated(self.structure, problem.attached, plant, model, problem.points))
         if isinstance(self.structure, ObserverBased):
             tables.append(observed(plant, problem.points))
         for table in tables:

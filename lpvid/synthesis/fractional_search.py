@@ -16,7 +16,7 @@ from lpvid.synthesis.fractional_plant import FractionalController, FractionalPla
 from lpvid.synthesis.fractional_recovery import by_feedback
 from lpvid.synthesis.preconditioning import balancing
 from lpvid.synthesis.scaled_gain import commuting, scaled_form
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 
 STRICT = 1e-9
 APART = 4.0
@@ -33,7 +33,7 @@ SETTLED = 1e-3
 
 def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: float = 1.0
                   ) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
-    """Solve for R, S and the scalings J, L: the lowest γ, or at a given γ the tamest matrices.
+    """Solve for R, S and the scalings J, L: the lowest γ, or at a given γ the matrices of least size.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: flo
             if matrix.shape[0]:
                 program.require(t.times(np.eye(matrix.shape[0])) - matrix)
         program.minimise((1 / scale) * t - apart)
-    for found in program.solve(solvers=PATIENT):
+    for found in program.solve(solvers=INTERIOR_POINT):
         yield (float(found[level][0, 0]) if gamma is None else gamma,
                {"R": found[r], "S": found[s], "J": found[j], "L": found[l_]})
 
@@ -171,7 +171,7 @@ def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
     m, k = unknown.shape
     program.require(block([[t.times(np.eye(m)), unknown], [unknown.T, t.times(np.eye(k))]]))
     program.minimise(t)
-    for answer in program.solve(solvers=PATIENT):
+    for answer in program.solve(solvers=INTERIOR_POINT):
         yield FractionalController(answer[unknown], n, plant.repetitions), answer.solver
     for omega in _central(q, b, c):
         yield FractionalController(omega, n, plant.repetitions), "closed form"

@@ -87,7 +87,7 @@ def _slowly_refuted(problem: ProjectedInequalities, half: Half, root: np.ndarray
 
 
 def hopeless(problem: ProjectedInequalities) -> bool:
-    """That one side cannot be had is shown.
+    """Proof that one side is infeasible.
 
     Parameters
     ----------

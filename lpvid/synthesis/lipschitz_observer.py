@@ -22,7 +22,7 @@ from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.shaped_loop import moves
-from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, tame
+from lpvid.synthesis.shaped_program import INTERIOR_POINT, SignalCoordinates, size_and_condition
 
 STRICT = 1e-7
 """margin of the inequalities, in scaled coordinates"""
@@ -30,7 +30,7 @@ STRICT = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class LipschitzEstimate:
-    """An observer with what its error was shown to do for every nonlinearity of the class.
+    """An observer with a verified bound of its error for every nonlinearity of the class.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class LipschitzObserver:
             return LipschitzEstimate(None, None, None, None, method, f"a smaller constant than {self.constant:g}, or "
                                      f"more measurements than {', '.join(plant.measurements)}",
                                      time.perf_counter() - started)
-        gamma, law = problem.solved(self, self.back_off * least[0]) or least  # the tamest a little above the least
+        gamma, law = problem.solved(self, self.back_off * least[0]) or least  # of least size, a little above the least
         observer, error = problem.built(law)
         blocks = Lipschitz(tuple(f"{n}_difference" for n in problem.phi), tuple(f"{n}_error" for n in problem.q),
                            bound=self.constant)
@@ -188,7 +188,7 @@ class _Parts:
         return cls(plant, phi, q, lyapunov, gain, tensor(design_axes(plant.box, design.points, affine)))
 
     def solved(self, design: LipschitzObserver, bound: float | None) -> tuple[float, MatrixFunction] | None:
-        """(γ, L) of least γ, or of the tamest P and Y at a bound."""
+        """(γ, L) of least γ, or of P and Y of least size at a bound."""
         raw = self.plant.at(self.points)
         c = SignalCoordinates.of(raw, False)
         m, root = c.scaled(raw), np.sqrt(c.pace)
@@ -223,9 +223,9 @@ class _Parts:
         if bound is None:
             program.minimise(level)
         else:
-            program.minimise(tame(program, above=[combined(p, x) for x in psi],
+            program.minimise(size_and_condition(program, above=[combined(p, x) for x in psi],
                                   below=[combined(y, x) for x in weights]))
-        for found in program.solve(solvers=PATIENT):
+        for found in program.solve(solvers=INTERIOR_POINT):
             gamma = float(found[level][0, 0]) if bound is None else bound
             values = np.array([found[x] for x in p])
             here = np.tensordot(psi, values, axes=1)

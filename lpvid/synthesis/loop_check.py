@@ -136,7 +136,7 @@ def frozen_gain(loop: Matrices, *, discrete: bool = False) -> float:
 
 
 def _sampled(system: tuple[np.ndarray, ...], poles: np.ndarray, discrete: bool) -> float:
-    """Gain at a dozen frequencies, by the modes: enough to know which points to look at."""
+    """Gain at a dozen frequencies, by the modes: enough to choose the points to look at."""
     a, b, c, d = system
     if not len(a):
         return float(np.linalg.norm(d))

@@ -51,7 +51,7 @@ from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Matrices
 from lpvid.synthesis.shaped_design import KEPT, ShapedProblem, Values, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, moves
-from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
+from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, size_and_condition
 
 ABOVE = 1.05
 """Factor by which the proven gain may lie above the promise: between the points of a grid (1) misses it by 1 to 2 % for
@@ -61,7 +61,7 @@ two variables, less for one. With the back-off it stays within the tenth that `O
 def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...], *, turned: bool = False,
                     strictly_proper: bool = False, bound: float | None = None, back_off: float = 0.01,
                     criteria: Sequence[Criterion] = ()) -> Synthesis:
-    """The controller of inequality (1) for a discrete plant, with what its closed loop was shown to do.
+    """The controller of inequality (1) for a discrete plant, with the verified figures of its closed loop.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ class _Moving(ShapedProblem):
                 first, second = (now, later) if self.turned else (later, now)
                 loops.append(_loop(design.point(k), combined(x, psi[k]), z, here, slack + slack.T - second, first,
                                    self.turned))
-        return Shaping(tuple(loops), tame(program, above=above, below=below), {
+        return Shaping(tuple(loops), size_and_condition(program, above=above, below=below), {
             "lyapunov": tuple(p), "X": tuple(x), "S": tuple(s), "Z": (z,), **{k: tuple(h) for k, h in hats.items()}})
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:

@@ -27,7 +27,7 @@ from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, moves
-from lpvid.synthesis.shaped_program import Shaped, Shaping, tame
+from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ class _ObserverProblem(GainProblem):
             front = hk.T if discrete else pk
             loops += [ShapedLoop(pk, move, front @ m.A - yk @ m.C2, front @ m.B1 - yk @ m.D21, m.C1, m.D11, discrete,
                                  self.coordinates.pace) for move in away]
-        size = tame(program, above=[combined(p, w) for w in psi], below=[combined(y, w) for w in phi])
+        size = size_and_condition(program, above=[combined(p, w) for w in psi], below=[combined(y, w) for w in phi])
         return Shaping(tuple(loops), size, {"front": tuple(h), "gain": tuple(y)})
 
     def observer_gain(self, shaped: Shaped) -> MatrixFunction:

@@ -46,7 +46,7 @@ _FOLLOWER: ContextVar[Report | None] = ContextVar("lpvid_synthesis_follower", de
 
 @contextmanager
 def followed(report_progress: Report) -> Iterator[None]:
-    """Follow every synthesis inside that nobody follows by its own argument, each for itself.
+    """Follow every synthesis inside that is not followed by its own argument, each for itself.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ from lpvid.synthesis.loop_certificate import fits, own_and_richer
 from lpvid.synthesis.loop_check import SAFETY, LoopStorage, frozen_gain, gain_bounds
 from lpvid.synthesis.scaling import Matrices
 from lpvid.synthesis.shaped_loop import ShapedLoop
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 
 SEARCHED = {1: 41, 2: 6}
 """Points per variable at which a storage function is looked for, 3 for more variables; it is verified on a finer grid.
@@ -129,7 +129,7 @@ class RatedLoop:
         eyes = np.eye(corners[0][1].shape[2]), np.eye(corners[0][2].shape[1])
         criterion.require(program, loops, level, eyes, squared=isinstance(criterion, CovarianceCriterion))
         program.minimise(level)
-        solved = next(iter(program.solve(solvers=PATIENT)), None)
+        solved = next(iter(program.solve(solvers=INTERIOR_POINT)), None)
         if solved is None:
             return None
         return basis, np.array([root.T @ solved[m] @ root for m in unknown])

@@ -1,9 +1,9 @@
 """From the Lyapunov matrices X(p), Y(p) to the controller, in closed form at every point.
 
 Gahinet, Automatica 32 (1996) 1007-1014, extended to matrices that vary. Where controls are free or measurements exact
-his equations are singular; fictitious effort and noise make them regular, and the largest that keep the bound are the
-gentlest controller: ε² in every direction, and δ² ≥ ε² in those where there is none, which costs far less. Symbols as
-in the equations sheet, 5.4 (there R = X, S = Y).
+his equations are singular; fictitious effort and noise make them regular, and the largest that keep the bound give
+the controller of least gains: ε² in every direction, and δ² ≥ ε² in those where there is none, which costs far less.
+Symbols as in the equations sheet, 5.4 (there R = X, S = Y).
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ def _half_norm(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gain: np.
     return float(np.linalg.eigvalsh(0.5 * (matrix + matrix.swapaxes(2, 3)))[..., -1].max())
 
 
-def gentlest(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: float
+def with_largest_noise(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: float
              ) -> tuple[np.ndarray, np.ndarray] | None:
     """B̂ with the largest fictitious noise that keeps the observer's inequality, and its covariance; None if none does.
 

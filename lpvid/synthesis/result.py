@@ -29,12 +29,12 @@ _CERTIFICATES = {
     "lpvid/robust-certificate/1": ("lpvid.analysis.robust_certificate", "RobustCertificate"),
     "lpvid/stability-certificate/1": ("lpvid.analysis.stability_certificate", "StabilityCertificate"),
 }
-"""Where a stored certificate's class lives, by its schema."""
+"""Module and class of a stored certificate, by its schema."""
 
 
 @dataclass(frozen=True, eq=False)
 class Synthesis(Coded, Shown):
-    """A controller with what its closed loop was shown to do, or why there is none.
+    """A controller with the verified figures of its closed loop, or why there is none.
 
     Parameters
     ----------

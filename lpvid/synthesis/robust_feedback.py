@@ -32,7 +32,7 @@ STRICT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class RobustDesign:
-    """A controller with what its loop was shown to do for every uncertainty of the given kinds.
+    """A controller with the verified figures of its loop for every uncertainty of the given kinds.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class RobustFeedback:
         if best is None:
             return RobustDesign(None, None, None, nominal, tuple(bounds), "no controller of any turn has a loop that "
                                 "is certified for all of the uncertainty", "smaller bounds, further poles of the "
-                                "multipliers, more turns, or a lower wish for performance", seconds)
+                                "multipliers, more turns, or a lower performance requirement", seconds)
         return RobustDesign(*best, nominal, tuple(bounds), seconds=seconds)
 
     def _analysed(self, loop: LPVStateSpace) -> tuple[float, RobustGain | None]:

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.lmi.affine import Affine, block, block_diagonal, given, he
 from lpvid.lmi.program import Program
 from lpvid.model.lft import LFTModel
-from lpvid.synthesis.shaped_program import PATIENT
+from lpvid.synthesis.shaped_program import INTERIOR_POINT
 
 RISE = 1e-3
 """Relative amount above the solver's γ at which its matrices are checked; from a tenth of it up to a hundredfold."""
@@ -74,7 +74,7 @@ def scaled_gain(model: LFTModel) -> ScaledGain:
         program.require(s, margin=1e-9)
     program.require(_inequality(model, p, s, t, level), margin=1e-9)
     program.minimise(level)
-    for found in program.solve(solvers=PATIENT):
+    for found in program.solve(solvers=INTERIOR_POINT):
         values = found[p], found[s], found[t]
         least = float(found[level][0, 0])
         for k in range(4):

@@ -1,4 +1,4 @@
-"""Two solves behind every shaped design: the lowest levels, then the tamest matrices at levels a little above."""
+"""Two solves behind every shaped design: the lowest levels, then matrices of least size at levels a little above."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.progress import stop_at
 from lpvid.synthesis.shaped_loop import ShapedLoop
 
-PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
-"""Interior-point methods; a first-order one takes minutes to find nothing."""
+INTERIOR_POINT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
+"""Interior-point methods; a first-order one takes minutes and finds no solution."""
 APART = 4.0
 """How far the coupling [X, sI; sI, Y] ⪰ 0 is pushed from its limit s = 1, if that costs nothing."""
 NOTHING = 1e-6
@@ -113,20 +113,20 @@ class ShapedProgram:
         Yields
         ------
         Shaped
-            For every solver the tame answers, then the one of the lowest levels itself.
+            For every solver the answers of least size, then the one of the lowest levels itself.
         """
         bounds = [c.bound for c in self.criteria]
         program, shaping, levels = self._program(bounds)
-        for rough in program.solve(solvers=PATIENT):
+        for rough in program.solve(solvers=INTERIOR_POINT):
             lowest = [b if b is not None else max(float(rough[level][0, 0]), 0.0) ** (1 / power)
                       for b, level, power in zip(bounds, levels, self.powers, strict=True)]
             raised = [low if c.bound is not None else self._raised(c, low, back_off)
                       for c, low in zip(self.criteria, lowest, strict=True)]
-            second, tamed, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
+            second, moderate, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
             try:
-                for solution in second.solve(solvers=PATIENT):
-                    yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
-            except KeyboardInterrupt as error:  # the lowest levels have an answer, if not the tamest
+                for solution in second.solve(solvers=INTERIOR_POINT):
+                    yield Shaped(solution, moderate, tuple(raised), tuple(lowest))
+            except KeyboardInterrupt as error:  # the lowest levels have an answer, if not that of least size
                 stop_at(error)
             yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
 
@@ -171,7 +171,7 @@ def _size(plant: GeneralizedPlant, criterion: Criterion) -> float:
         c.pace if isinstance(criterion, HInfinity) else np.sqrt(c.pace))
 
 
-def tame(program: Program, *, above: Sequence[Affine] = (), below: Sequence[Affine] = ()) -> Affine:
+def size_and_condition(program: Program, *, above: Sequence[Affine] = (), below: Sequence[Affine] = ()) -> Affine:
     """(1, 1) t with M ⪰ I/t for the matrices of `above` and ‖M‖ ≤ t for those of `below`.
 
     Parameters

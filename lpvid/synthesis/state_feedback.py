@@ -26,7 +26,7 @@ from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Values, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, moves
-from lpvid.synthesis.shaped_program import Shaped, Shaping, tame
+from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class _StateFeedbackProblem(GainProblem):
                                          for step in moves(plant.box, self.lyapunov, point, plant.sample_time)]
             loops += [ShapedLoop(tail, move, m.A @ gk + m.B2 @ fk, m.B1, m.C1 @ gk + m.D12 @ fk, m.D11, discrete,
                                  self.coordinates.pace) for move in away or [xk if discrete else None]]
-        size = tame(program, above=[combined(x, w) for w in psi], below=[combined(f, w) for w in phi])
+        size = size_and_condition(program, above=[combined(x, w) for w in psi], below=[combined(f, w) for w in phi])
         return Shaping(tuple(loops), size, {"inner": tuple(g), "gain": tuple(f), "lyapunov": tuple(x)})
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:

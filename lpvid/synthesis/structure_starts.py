@@ -20,10 +20,10 @@ from lpvid.synthesis.reduction import reduce_order
 from lpvid.synthesis.scaling import Matrices
 
 FREQUENCIES = 40
-"""at which a controller is imitated, from a third of the slowest to three times the fastest mode of its loop"""
+"""at which a controller is approximated, from a third of the slowest to three times the fastest mode of its loop"""
 
 
-def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, model: LPVStateSpace,
+def approximated(structure: Structure, attached: Attached, plant: GeneralizedPlant, model: LPVStateSpace,
              points: np.ndarray) -> np.ndarray | None:
     """(N, n_v, n_ξ) gains with which the structure comes close to a controller of any order; None where it cannot.
 

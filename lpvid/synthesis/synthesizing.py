@@ -14,7 +14,7 @@ from lpvid.synthesis.result import Synthesis
 
 @runtime_checkable
 class Design(Protocol):
-    """Settings that know how to find a controller: `OutputFeedback`, `StateFeedback` and others with `solve`."""
+    """Settings of a search for a controller: `OutputFeedback`, `StateFeedback` and others with `solve`."""
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, or why there is none.

@@ -18,7 +18,7 @@ from lpvid.synthesis.design_grid import columns, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.preconditioning import Preconditioned, balancing, turned, unconditioned
 from lpvid.synthesis.scaling import Units
-from lpvid.synthesis.shaped_program import PATIENT, Shaped, Shaping, SignalCoordinates
+from lpvid.synthesis.shaped_program import INTERIOR_POINT, Shaped, Shaping, SignalCoordinates
 from lpvid.synthesis.variance_search import ROOM, VarianceAnswer, VarianceProblem, regulated
 
 
@@ -82,11 +82,11 @@ class VarianceFeedback:
         part = replace(b, B1=b.B1 @ into, C1=out @ b.C1, D11=out @ b.D11 @ into, D12=out @ b.D12, D21=b.D21 @ into)
         problem = VarianceProblem(part, columns(self.plant.box, self.plant.system.basis, self.points))
         root, asked = np.sqrt(units.time), self.criterion.bound
-        least = problem.least(PATIENT)
+        least = problem.least(INTERIOR_POINT)
         if least is None or (asked is not None and asked < least.level * root):
             return
         level = least.level * back_off if asked is None else asked / root
-        for found in reversed([*problem.gentle(least, level, PATIENT)]):
+        for found in reversed([*problem.gentle(least, level, INTERIOR_POINT)]):
             try:
                 yield self._moved(units, found, problem.dynamics(found), least)
             except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""What figures speak for where a model's inputs moved together in its training data."""
+"""What figures hold for where a model's inputs moved together in its training data."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def independence_remark(model: Any, records: Sequence[Record], label: str) -> st
     if coherence is None:
         return None
     if coherence.separable:
-        return f"the {label} inputs move independently: the {label} figures speak for each of them"
+        return f"the {label} inputs move independently: the {label} figures hold for each of them"
     share = 100 * float(1 - np.min(coherence.share))
     return Caveat(f"the {label} inputs move together as in training ({share:.4g} % explained by the others): the "
-                  f"{label} figures do not speak for independent inputs")
+                  f"{label} figures do not hold for independent inputs")

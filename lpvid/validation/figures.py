@@ -88,7 +88,7 @@ class RecordFigures(Encoded):
         Of the whole record.
     free_run, one_step : Figures
     extrapolation_share : float
-        Share of the samples whose scheduling the model does not know, as in `Validation`.
+        Share of the samples whose scheduling lies outside the training range, as in `Validation`.
     """
 
     name: str

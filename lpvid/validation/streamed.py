@@ -16,7 +16,7 @@ from lpvid.model.scheduling_stage import SchedulingStage, memory
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Channel, Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import SAMPLES, seen_records, seen_remark
+from lpvid.training_fingerprint import SAMPLES, RangeComparison, seen_records, seen_remark
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
 from lpvid.validation.residuals import LAGS, OTHER_LAGS, ResidualTest, independence, whiteness
 from lpvid.validation.result import Validation
@@ -276,8 +276,8 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     """Figures of a model on records that arrive one after the other; memory does not grow with their number.
 
     The free run goes on across the pieces of a record. Figures per record and pooled, and the tests of whiteness and of
-    independence from the first input, are those of `validate` for the whole records. Where the run is wrong (regimes)
-    is not looked for.
+    independence from the first input, are those of `validate` for the whole records, and so are the remarks on inputs
+    beyond the training range and on units. Where the run is wrong (regimes) is not looked for.
 
     Parameters
     ----------
@@ -318,6 +318,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     assert model.sample_time is not None
     cutter, seen, outside, familiar_to = Cutter(model.sample_time), 0, 0.0, []
     found: list[tuple[str, int, _Sums, _Sums, float]] = []
+    compared = RangeComparison(model.metadata)
 
     for chunk in chunks:
         for piece, continues in cutter.cut(chunk, runs.channels):
@@ -330,6 +331,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
             beyond = outside_share(model, piece.matrix(list(model.box.names))) * piece.n_samples
             found[-1] = (name, length + piece.n_samples, free, one, share + beyond)
             seen, outside = seen + piece.n_samples, outside + beyond
+            compared.add(piece)
             ran = runs.run(piece)
             if ran is None:
                 continue
@@ -348,6 +350,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
         known = list(dict.fromkeys(familiar_to))
         notes += (seen_remark(known),)
         label = "training" if len(familiar_to) == len(kept) else "partly training"
+    notes += compared.beyond([s.name for s in model.inputs]) + compared.doubts(runs.channels)
     unit, start, several = model.outputs[0].unit, model.start, Counter(row[0] for row in kept)
     numbers: Counter[str] = Counter()
     rows = []

@@ -10,6 +10,8 @@ from lpvid.validation.figures import Figures
 
 LEVEL = 0.95
 """of the interval of a held-out fit, the level of every interval that is printed."""
+QUANTILE = 1.96
+"""standard errors on either side of a normal estimate that make an interval of `LEVEL`: the 97.5 % quantile."""
 QUIET = 10
 """lags in a row within their band that end the correlation, as for the standard errors (`residual_memory`)."""
 
@@ -108,7 +110,7 @@ NO_BETTER = "free run no better than the mean of the measured output"
 
 
 def held_out_doubt(figures: Figures, count: float | None) -> str | None:
-    """Why the free run of data that the model has not seen cannot be trusted, or None.
+    """Why the free run on held-out data is not reliable, or None.
 
     It is where the model is no better than the mean of the data (ESR 1, fit 0 %), and where the interval of one that
     seems better includes that mean.
@@ -136,7 +138,7 @@ def held_out_doubt(figures: Figures, count: float | None) -> str | None:
 
 
 def training_doubt(samples: int, parameters: float) -> str | None:
-    """Why a fit on training data cannot be trusted, or None.
+    """Why a fit on training data is not reliable, or None.
 
     With n samples and k parameters least squares leaves the error σ²(1 − k/n) on the data it is fitted to and
     σ²(1 + k/n) on others of their kind: (n + k)/(n − k) times as much (Akaike's final prediction error, 1969; Ljung

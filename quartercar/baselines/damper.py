@@ -153,5 +153,5 @@ def _within_reach(parameter: Parameter, value: float, sizes: Sizes) -> tuple[flo
 
 
 def _least(parameter: Parameter, sizes: Sizes) -> float:
-    """Change of a parameter that matters where neither its value nor its typical one says so, in its unit."""
+    """Change of a parameter that matters where neither its value nor its typical one gives a scale, in its unit."""
     return 1e-6 * sizes.factor(parameter.unit)

@@ -43,7 +43,7 @@ class QuarterCarBaseline(Coded, Baseline):
     """A quarter car simulated from the measured road and actuator force.
 
     Motions are the same for a car whose masses, stiffnesses and dampings are all twice as large; only an actuator's
-    force, which is a suspect itself, sets the scale. The sprung mass is therefore held unless it is requested, the
+    force, which may be wrong itself, sets the scale. The sprung mass is therefore held unless it is requested, the
     others stay within physical reach of the given car, and a fit holds what the records do not determine.
 
     Attributes
@@ -178,7 +178,7 @@ def _reach(given: CarParameters, name: str) -> tuple[float, float]:
 
 def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
               ) -> tuple[QuarterCarBaseline, np.ndarray, float]:
-    """The fit inside the bounds, the standard error of every parameter (infinite where blind), the squared error."""
+    """The fit inside the bounds, standard errors (infinite where not identifiable), the squared error."""
     if not baseline.free:
         core = baseline.core(baseline.vector)
         return baseline, np.empty(0), float(sum(np.sum((core(s) - s.output) ** 2) for s in signals))
@@ -200,7 +200,7 @@ def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
 
 
 def _spread(jacobian: np.ndarray, errors: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
-    """(P,) standard errors in sandwich form over blocks of `BLOCK` seconds, blind directions infinite."""
+    """(P,) standard errors in sandwich form over blocks of `BLOCK` seconds, infinite where not identifiable."""
     block = np.concatenate([k + np.arange(s.n_samples) * s.sample_time // BLOCK for k, s in
                             zip(np.cumsum([0, *(1 + s.n_samples * s.sample_time // BLOCK for s in signals)])[:-1],
                                 signals, strict=True)]).astype(int)

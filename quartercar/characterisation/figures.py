@@ -13,7 +13,7 @@ from lpvid.plot.style import look, panels
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.points import DIRECTIONS, peak_point
 from quartercar.characterisation.readings import Readings
-from quartercar.characterisation.wording import amps, shortened, speed_said, test_said
+from quartercar.characterisation.wording import amps, label_of, shortened, speed_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -174,7 +174,7 @@ def _last_cycles(found: Readings, name: str, across: str, pick: Any, title: str,
     figure, ax = _chart()
     for n, block in enumerate(chosen):
         key = (block.run.specimen, block.run.level)
-        label = f"{_label(found, key)}, {speed_said(block.peak)}" if several else test_said(
+        label = f"{_label(found, key)}, {speed_text(block.peak)}" if several else label_of(
             found, block.run.name, block.label)
         c = block.last
         x, force = pick(c), sign * block.run.force[c.span]
@@ -225,7 +225,7 @@ def _static_line(found: Readings) -> Drawn:
     where = "" if slow.current is None and not slow.specimen else f"{_label(found, (slow.specimen, slow.current))}, "
     figure, ax = _chart()
     ax.plot(x, sign * block.run.force[c.span], color=CYCLE[0],
-            label=f"{where}{test_said(found, slow.record, slow.test)} ({speed_said(slow.speed)})")
+            label=f"{where}{label_of(found, slow.record, slow.test)} ({speed_text(slow.speed)})")
     reach = np.array([x.min(), x.max()])
     ax.plot(reach, sign * (-slow.gas + slow.rate * 1e-3 * reach), color=VERMILION, linestyle="--",
             label="mean of both directions")

@@ -17,7 +17,7 @@ CURVED = 2.0
 APART = 3.0
 """standard errors above which a difference from a smaller window states so: about ten of these are looked at"""
 ENOUGH = 24
-"""samples from which a smaller window's standard error is good to 15 %, so that it can speak against a larger one"""
+"""samples from which a smaller window's standard error is good to 15 %, so that it can reject a larger one"""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
-from quartercar.characterisation.wording import amps, newtons, shortened, test_said, verdict
+from quartercar.characterisation.wording import amps, label_of, newtons, shortened, verdict
 
 OPEN = 12
 """Rows above which a table of tests is folded."""
@@ -68,7 +68,7 @@ def _steps(found: Readings) -> tuple[NextStep, ...]:
             NextStep("Find what such a law leaves out.", "lpvid diagnose DATA --baseline guo --out diagnosis"))
 
 
-def _said(value: float | None, std: float | None, digits: int = 4) -> str:
+def _value(value: float | None, std: float | None, digits: int = 4) -> str:
     """A value with its standard error: to the error's second digit, but no more than one digit beyond `digits`."""
     if value is None or not np.isfinite(value):
         return "–"
@@ -149,7 +149,7 @@ def _forces(found: Readings) -> list[Item]:
                            f"{found.model} (free run) less measured [N], by the same estimator.",
                            tuple(range(2, 2 + len(speeds)))))
     detail = tuple((_where(found, f.specimen, f.current), DIRECTIONS[f.direction], f"{f.speed:g}",
-                    _said(sign * (f.force or 0.0), f.std), "–" if f.last is None else newtons(sign * f.last),
+                    _value(sign * (f.force or 0.0), f.std), "–" if f.last is None else newtons(sign * f.last),
                     number(f.hysteresis, 3), str(f.cycles or "–"), f.source) for f in found.given)
     items.append(PageTable(
         (_first(found), "direction", "speed [m/s]", "force [N]", "last cycle [N]", "branch difference [N]", "cycles",
@@ -161,7 +161,7 @@ def _forces(found: Readings) -> list[Item]:
 def _ratio(found: Readings) -> list[Item]:
     gas = any(r.without_gas is not None for r in found.ratios)
     pushed = any(r.pushed for r in found.ratios)
-    rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", "–" if r.pushed else _said(r.ratio, r.std, 3),
+    rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", "–" if r.pushed else _value(r.ratio, r.std, 3),
                   *((number(r.without_gas, 3),) if gas else ())) for r in found.ratios)
     return [PageTable((_first(found), "speed [m/s]", "rebound / compression", *(("without gas force",) if gas else ())),
                   rows,
@@ -174,8 +174,8 @@ def _ratio(found: Readings) -> list[Item]:
 def _peaks(found: Readings) -> list[Item]:
     sign = found.settings.sign
     rows = tuple((_where(found, p.block.run.specimen, p.block.run.level),
-                  _test(test_said(found, p.block.run.name, p.block.label)), DIRECTIONS[p.direction],
-                  f"{1e3 * p.speed:.4g}", _said(sign * p.force, p.std), number(p.spread, 2),
+                  _test(label_of(found, p.block.run.name, p.block.label)), DIRECTIONS[p.direction],
+                  f"{1e3 * p.speed:.4g}", _value(sign * p.force, p.std), number(p.spread, 2),
                   str(len(p.block.settled))) for p in sorted(found.peaks, key=lambda p: (
                       p.block.run.specimen, -np.inf if p.block.run.level is None else p.block.run.level, p.speed)))
     return [PageTable((_first(found), "test", "direction", "speed [mm/s]", "force [N]", "between cycles [N]", "cycles"),
@@ -187,10 +187,10 @@ def _peaks(found: Readings) -> list[Item]:
 def _static(found: Readings) -> list[Item]:
     rows, marks = [], []
     for s in found.static:
-        rows.append((_where(found, s.specimen, s.current), _test(test_said(found, s.record, s.test)),
+        rows.append((_where(found, s.specimen, s.current), _test(label_of(found, s.record, s.test)),
                      f"{1e3 * s.speed:.3g}",
-                     _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
-                     ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
+                     _value(s.gas, s.gas_std), _value(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
+                     ("" if s.creep else "≤ ") + _value(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
     items: list[Item] = [PageTable(
         (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
@@ -205,8 +205,8 @@ def _static(found: Readings) -> list[Item]:
 
 
 def _loops(found: Readings) -> list[Item]:
-    rows = tuple((_where(found, x.specimen, x.current), _test(test_said(found, x.record, x.test)),
-                  _said(x.energy, x.energy_std, 3),
+    rows = tuple((_where(found, x.specimen, x.current), _test(label_of(found, x.record, x.test)),
+                  _value(x.energy, x.energy_std, 3),
                   "–" if x.loss_angle is None else f"{np.degrees(x.loss_angle):.1f}",
                   number(None if x.dynamic_stiffness is None else 1e-3 * x.dynamic_stiffness, 3),
                   number(None if x.elastic_stiffness is None else 1e-3 * x.elastic_stiffness, 3),
@@ -249,7 +249,7 @@ def _spreads(found: Readings) -> list[Item]:
 def _switching(found: Readings) -> list[Item]:
     unit = found.data.current_unit
     rows = tuple((f"{amps(s.low, unit)} → {amps(s.high, unit)}", DIRECTIONS[s.direction], f"{1e3 * s.speed:.3g}",
-                  _said(1e3 * s.time, 1e3 * s.time_std), number(1e3 * s.spread, 2),
+                  _value(1e3 * s.time, 1e3 * s.time_std), number(1e3 * s.spread, 2),
                   number(None if s.settling is None else 1e3 * s.settling, 3), f"{100 * s.dip:.1f}",
                   f"{100 * s.overshoot:.1f}", number(s.step, 4), str(s.events)) for s in found.switching)
     return [PageTable(("step", "direction", "speed [mm/s]", "t(F90) − t(I10) [ms]", "between steps [ms]",
@@ -260,12 +260,12 @@ def _switching(found: Readings) -> list[Item]:
 
 
 def _drift(found: Readings) -> list[Item]:
-    rows = tuple((_where(found, d.specimen, d.current), _test(test_said(found, d.record, d.test)),
+    rows = tuple((_where(found, d.specimen, d.current), _test(label_of(found, d.record, d.test)),
                   DIRECTIONS[d.direction], str(d.cycles),
-                  number(d.duration, 3), _said(100 * d.change, 100 * d.change_std, 2),
+                  number(d.duration, 3), _value(100 * d.change, 100 * d.change_std, 2),
                   "–" if d.coolest is None or d.warmest is None else
                   f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
-                  _said(None if d.per_kelvin is None else 100 * d.per_kelvin,
+                  _value(None if d.per_kelvin is None else 100 * d.per_kelvin,
                         None if d.per_kelvin_std is None else 100 * d.per_kelvin_std, 2)) for d in found.drifts)
     return [PageTable((_first(found), "test", "direction", "cycles", "over [s]", "change of |F| [%]",
                        "temperature [°C]", "per kelvin [%/K]"), rows,
@@ -288,7 +288,7 @@ def _tolerance(found: Readings) -> list[Item]:
                                                   None: ("undecided", "warn")}
     ordered = sorted(found.checks, key=lambda c: {False: 0, None: 1, True: 2}[c.inside])
     rows = tuple((_where(found, c.force.specimen, c.force.current), DIRECTIONS[c.force.direction], f"{c.force.speed:g}",
-                  _said(sign * (c.force.force or 0.0), c.force.std), number(c.nominal), number(c.lower),
+                  _value(sign * (c.force.force or 0.0), c.force.std), number(c.nominal), number(c.lower),
                   number(c.upper), words[c.inside][0]) for c in ordered)
     return [PageTable(("specimen, current", "direction", "speed [m/s]", "force [N]", "nominal [N]", "lower [N]",
                    "upper [N]", "verdict"), rows, "Undecided: within two standard errors of a limit.", (2, 3, 4, 5, 6),

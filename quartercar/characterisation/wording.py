@@ -82,7 +82,7 @@ def shortened(name: str, most: int = 20) -> str:
     return name if len(name) <= most else f"{name[: most // 2]}…{name[len(name) - most + most // 2 + 1:]}"
 
 
-def speed_said(speed: float) -> str:
+def speed_text(speed: float) -> str:
     """A speed in mm/s, whole from 100 on.
 
     Parameters
@@ -96,14 +96,14 @@ def speed_said(speed: float) -> str:
 
     Examples
     --------
-    >>> speed_said(1.0499), speed_said(0.0023)
+    >>> speed_text(1.0499), speed_text(0.0023)
     ('1050 mm/s', '2.3 mm/s')
     """
     mm = 1e3 * speed
     return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
 
 
-def test_said(found: Readings, record: str, label: str) -> str:
+def label_of(found: Readings, record: str, label: str) -> str:
     """A test's label, with its record where another record holds a test of the same label, specimen and current.
 
     Parameters
@@ -124,7 +124,7 @@ def test_said(found: Readings, record: str, label: str) -> str:
     return f"{label}, {shortened(record)}" if others else label
 
 
-def _currents_said(data: RecordPieces) -> str:
+def _currents_text(data: RecordPieces) -> str:
     """Which currents were held."""
     if not data.levels:
         return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
@@ -152,11 +152,11 @@ def verdict(found: Readings) -> str:
     if specimens > 1:
         count += f" of {specimens} specimens"
     if not given:
-        text = f"{count}, {_currents_said(found.data)}: none of the standard speeds is reached at constant current."
+        text = f"{count}, {_currents_text(found.data)}: none of the standard speeds is reached at constant current."
     else:
         low, high = min(f.speed for f in given), max(f.speed for f in given)
         range_ = f"{high:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
-        text = (f"{count}, {_currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
+        text = (f"{count}, {_currents_text(found.data)}: forces at {len({f.speed for f in given})} of "
                 f"{len(found.settings.speeds)} standard speeds, {range_}." + _key_figures(found))
     if found.checks:
         out = sum(c.inside is False for c in found.checks)

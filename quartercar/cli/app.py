@@ -29,7 +29,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_version, is_eager=True,
                                                   help="Print the version and stop.")] = False) -> None:
-    """Dampers and quarter cars: a virtual test rig, damper models fitted and compared, and the road to stability.
+    """Dampers and quarter cars: a virtual test rig, damper models fitted and compared, controllers and rides.
 
     Exit codes: 0 done; 2 the input is at fault (one line, nothing is written); 3 a numerical outcome short of
     the request, with the result written.
@@ -48,7 +48,8 @@ EXAMPLES = {
          "--tolerance 10%+20N --out page"),
     ),
     fit: (
-        ("every damper law, judged on records kept back", "quartercar fit run*.csv --held-out new.csv --out fit"),
+        ("every damper law, validated on records kept out of the fit",
+         "quartercar fit run*.csv --held-out new.csv --out fit"),
         ("two laws only", "quartercar fit run*.csv --models guo,kwok --out fit"),
     ),
     design: (

@@ -56,7 +56,7 @@ def characterise(
     from quartercar.characterisation import characterise as characterised
     from quartercar.dampers import load_damper
 
-    results = Results(out)
+    results = Results(out, "characterisation.json", "report.html")
     settings = _settings(speeds, rebound, specimen, delay, asked_rate(sample_rate))
     band = _band(tolerance, nominal, Tolerance)
     model: Damper | None = None if damper is None else load_damper(damper)

@@ -1,4 +1,4 @@
-"""`quartercar demo`: the whole road on embedded data."""
+"""`quartercar demo`: the whole chain on embedded data."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ DEMO_FOLDER = Path("quartercar-demo")
 def demo(out: options.Out = DEMO_FOLDER,
          seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the virtual rig.")] = 0,
          json: options.Json = False) -> None:
-    """The whole road on embedded data: rig, identification, stability, diagnosis, a controller and its ride, report."""
+    """The whole chain on embedded data: rig, identification, stability, diagnosis, controller, ride and report."""
     from quartercar.demo.run import run_demo
 
-    results = Results(out)
+    results = Results(out, "demo.json", "report.html")
     with working("starting") as report_progress:
-        found = run_demo(seed, report_progress, (lambda stage, result: None) if json else _Teller(report_progress).tell)
+        report_stage = (lambda stage, result: None) if json else _StagePrinter(report_progress).show
+        found = run_demo(seed, report_progress, report_stage)
         report_progress("drawing")
         _deliver(results, found)
     conclude(results, found.to_dict(), _closing(found, out), json)
@@ -53,7 +54,7 @@ def _deliver(results: Results, found: Demo) -> None:
         results.save("controller.json", found.ride.design.controller)
     results.json("ride.json", found.ride.rides.to_dict())
     sample = next(r for r in found.held_out if r.name.startswith("test-1-"))
-    results.add(f"{sample.name}.csv", writer(write_csv, sample))
+    results.add(f"{sample.name}.csv", writer(write_csv, sample), data=True)
     figures = {"experiments.png": plot.experiments([(e.name, e.esr, e.plain_esr) for e in found.experiments], TARGET),
                "overview.png": plot.overview(next(c for c in shown if c.record.name == sample.name),
                                              [c for c in shown if c.record.name.startswith("test-7-")])}
@@ -70,7 +71,7 @@ def _closing(found: Demo, out: Path | None) -> str:
             f"Look at {where}report.html; try: lpvid validate {where}model.json {where}{sample}.csv")
 
 
-class _Teller:
+class _StagePrinter:
     """Prints each stage as it is ready, with the time since the last one."""
 
     def __init__(self, report_progress: Callable[[str], None]) -> None:
@@ -82,7 +83,7 @@ class _Teller:
         self.clock = time.perf_counter
         self.since = self.clock()
 
-    def tell(self, stage: str, result: object) -> None:
+    def show(self, stage: str, result: object) -> None:
         """Print one stage in about ten lines."""
         from rich.rule import Rule
         from rich.text import Text

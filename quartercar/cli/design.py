@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from quartercar.design.nominal import Design
 
 ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
-                                                   "count before it.", show_default=False)]
+                                                   "take precedence over it.", show_default=False)]
 
 
 @command
@@ -42,7 +42,7 @@ def design(
     """An LPV H-infinity controller for a semi-active damper, from weights; its gain verified.
 
     Writes controller.json, which `quartercar ride --controller` takes, synthesis.json, closed_loop.json and
-    certificate.json, which `lpvid verify` takes, report.html and its figures. Ctrl-C writes down the best controller so
+    certificate.json, which `lpvid verify` takes, report.html and its figures. Ctrl-C writes the best controller so
     far and ends with 130; a second one stops at once.
     Without CONFIG: the default weights, for --car and --damper or the embedded damper in the default car.
     """
@@ -56,7 +56,7 @@ def design(
         return
     from lpvid.synthesis.progress import followed, was_interrupted
 
-    results = Results(out)
+    results = Results(out, "synthesis.json", "report.html")
     with working("reading") as report_progress, solver_output_suppressed():
         if config is None:
             given = {k: str(v) for k, v in (("car", car), ("damper", damper), ("plant", plant)) if v is not None}

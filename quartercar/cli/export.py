@@ -37,8 +37,8 @@ def export(
 ) -> None:
     """One control law with its observer and inverse damper model, as `quartercar ride` runs it, for other tools.
 
-    Readings of the sensors at a sample go in, the current to command until the next comes out. Dampers and laws alone
-    are exported by `lpvid export`. Forms, checks and exit codes are those of `lpvid export`.
+    Input: the sensors' readings at a sample; output: the current to command until the next. Dampers and laws alone are
+    exported by `lpvid export`. Forms, checks and exit codes are those of `lpvid export`.
     """
     from lpvid.export.exportable import Options
     from lpvid.export.exporting import content

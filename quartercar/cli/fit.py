@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ def fit(
                                            "long it takes.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="Fit lpv-arx so that it never gives energy, certified; the "
                                           "other models' passivity is checked as ever.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Leave out the fits that "
-                                                 "are not done by then; cheap models come first.")] = None,
-    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes that fit (one a core).")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time after which fits "
+                                                 "not yet done are left out; cheap models come first.")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes that fit (one per core).")] = None,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -54,7 +54,8 @@ def fit(
     """Fit damper models and rank them by their free run on data that no fit has seen.
 
     Channels are found by their names velocity, displacement, current, force; --input, --schedule and --output name them
-    otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
+    otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures. Exits with 3 where the
+    free run of every fitted model on its training data diverges or is no better than their mean.
     """
     from lpvid.auditing import record_remarks
     from lpvid.cli.data import asked_rate, split_names
@@ -62,7 +63,7 @@ def fit(
     from lpvid.condition.preparing import common_rate
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
-    results = Results(out)
+    results = Results(out, "comparison.json", "report.html")
     with working("reading") as report_progress:
         asked, raw = asked_rate(sample_rate)
         training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
@@ -82,6 +83,8 @@ def fit(
     conclude(results, found.to_dict(), str(found), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)
+    if found.fails:
+        raise typer.Exit(SHORTFALL)
 
 
 def _listed(value: bool) -> None:

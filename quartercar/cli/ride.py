@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from quartercar.vehicle.nonlinear import QuarterCar
 
 ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
-                                                   "count before it.", show_default=False)]
+                                                   "take precedence over it.", show_default=False)]
 
 
 @command
@@ -36,17 +36,18 @@ def ride(
                                                          "controller.json; repeat, or with commas.")] = None,
     measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "
                                                      "stroke-body-wheel or ideal.")] = None,
-    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="Number of roads and noises.")] = None,
+    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="Number of random roads, each "
+                                              "with its own sensor noise.")] = None,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune every law first, with N "
                                              "evaluations each, on other seeds.")] = None,
     preview: Annotated[str | None, typer.Option("--preview", metavar="AHEAD", help="The car as a rear axle: "
                                                 "wheelbase=2.7 [m] or time=0.1 [s], with ,front=known for the profile "
-                                                "itself or ,sensors=SET for the front axle; none for none.")] = None,
+                                                "itself or ,sensors=SET for the front axle; none: no preview.")] = None,
     bound: Annotated[bool | None, typer.Option("--bound/--no-bound", help="Also the clairvoyant bound: the best "
                                                "current for the known road, and each law as a share of it.",
                                                show_default=False)] = None,
-    bound_seeds: Annotated[int | None, typer.Option("--bound-seeds", min=1, metavar="N", help="For how many of the "
-                                                    "seeds (2).")] = None,
+    bound_seeds: Annotated[int | None, typer.Option("--bound-seeds", min=1, metavar="N", help="Number of seeds for "
+                                                    "which the bound is computed (2).")] = None,
     template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
     out: options.Out = None,
     json: options.Json = False,
@@ -62,7 +63,7 @@ def ride(
     if template:
         typer.echo(ride_template(), nl=False)
         return
-    results = Results(out)
+    results = Results(out, "ride.json", "report.html")
     with working("reading") as report_progress:
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune, preview)
         chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)

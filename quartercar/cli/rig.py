@@ -33,7 +33,7 @@ def rig(plan: PlanFile = None,
         raise InputError("rig needs a plan", mend="quartercar rig --template > plan.toml")
     if out is None:
         raise InputError("rig needs a folder for its records", mend="add --out DIR")
-    results, loaded = Results(out), load_plan(plan)
+    results, loaded = Results(out, "report.html"), load_plan(plan)
     records: list[Record] = []
     with working("running the rig") as report_progress:
         for record in iterate_plan(loaded):
@@ -43,7 +43,7 @@ def rig(plan: PlanFile = None,
         from quartercar.report.rig import rig_page
 
         for record in records:
-            results.add(f"{record.name}.csv", writer(write_csv, record))
+            results.add(f"{record.name}.csv", writer(write_csv, record), data=True)
         report_progress("auditing and drawing")
         found = audit(records)
         results.report(rig_page(loaded, found, records))

@@ -1,4 +1,4 @@
-"""Controllers in files: what `lpvid.save` and `lpvid.load` know of them, by the entry-point group ``lpvid.kinds``."""
+"""Controllers in files: their part in `lpvid.save` and `lpvid.load`, by the entry-point group ``lpvid.kinds``."""
 
 from __future__ import annotations
 

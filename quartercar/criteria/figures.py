@@ -28,7 +28,7 @@ BANDS: dict[str, tuple[str, float, float]] = {
 RUNNING = 1.0
 """Time over which the running rms of MTVV is taken [s]."""
 SETTLED = 10.0
-"""Zeros put after a signal so that the weighting's slowest pole (0.4 Hz) has died out before it wraps around [s]."""
+"""Zeros put after a signal so that the weighting's slowest pole (0.4 Hz) has decayed before it wraps around [s]."""
 SAMPLES = 200
 """Samples per period of a sine, linear in between: its gain is then right to (2π/200)²/12 = 8e-5."""
 LOWEST_RATE = 200.0

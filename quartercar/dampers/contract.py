@@ -66,7 +66,7 @@ class Damper(SimulatedDamper, Adaptable, Shown):
     """A damper model: a law with named parameters, from motion and current to force.
 
     Extension and tension are positive: a passive damper has mean(F·v) > 0 and a gas preload is a negative force.
-    `force`, `response` and `static_force` speak of the damper; `simulate` speaks of the record, so that it turns the
+    `force`, `response` and `static_force` have the damper's sign; `simulate` has the record's, so that it turns the
     sign of a model that was fitted to a record of reversed polarity.
 
     Attributes
@@ -155,7 +155,7 @@ class Damper(SimulatedDamper, Adaptable, Shown):
         """
         period = self.period
         if period is None:
-            raise InputError(f"'{self.name}' does not know the rate of its records", why="a parameter set has none",
+            raise InputError(f"'{self.name}' has no sampling rate", why="a parameter set has none",
                              mend="fit it: quartercar fit DATA writes a damper that does")
         return self.to_lpv(period)
 
@@ -187,7 +187,7 @@ class Damper(SimulatedDamper, Adaptable, Shown):
         InputError
             A kind that cannot be stepped, or a clock that is not the step.
         """
-        raise InputError(f"a car does not know how to carry a '{self.name}' damper along", got=type(self).__name__,
+        raise InputError(f"a car cannot simulate a '{self.name}' damper", got=type(self).__name__,
                          mend="a static, dynamic, semi-active or sampled damper of quartercar.dampers")
 
     def tanh_form(self) -> Callable[[np.ndarray], np.ndarray] | None:

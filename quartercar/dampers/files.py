@@ -1,4 +1,4 @@
-"""Dampers in files: what `lpvid.save` and `lpvid.load` know of them, by the entry-point group ``lpvid.kinds``."""
+"""Dampers in files: their part in `lpvid.save` and `lpvid.load`, by the entry-point group ``lpvid.kinds``."""
 
 from __future__ import annotations
 

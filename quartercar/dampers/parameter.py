@@ -200,8 +200,8 @@ class Parametrised(ReadOnlyState, ABC):
         Raises
         ------
         InputError
-            A law that no step in closed form exists for; a control law that must know its car or is to be designed
-            first; another period than the law's own.
+            A law that no step in closed form exists for; a control law that needs its car's parameters or is to be
+            designed first; another period than the law's own.
         """
         from lpvid.export.control_file import to_control
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lpvid.caveat import Caveat
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
@@ -26,7 +27,7 @@ class Prepared:
     polarity : {1, −1}
         −1 where the force is measured against the velocity, in all records.
     notes : tuple of str
-        What was derived, resampled, left out; the gravest first.
+        What was derived, resampled, left out; a `Caveat` where it qualifies every figure.
     """
 
     training: tuple[Record, ...]
@@ -146,9 +147,10 @@ def sense_of(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:
     """
     sense = common_polarity(records)
     if sense < 0:
-        return -1, ("reversed polarity: the force opposes the velocity in these records (mean F·v < 0). Parameters are "
-                    "those of the damper, tension positive; simulated forces have the sign of the records. "
-                    "--flip force turns the records",)
+        return -1, (Caveat("reversed polarity: the force opposes the velocity in these records (mean F·v < 0). "
+                           "Parameters are those of the damper, tension positive; simulated forces have the sign of "
+                           "the records. --flip force turns the records"),)
     if sense == 0:
-        return 1, ("the polarity cannot be determined: mean F·v is too close to zero; taken as tension positive",)
+        return 1, (Caveat("the polarity cannot be determined: mean F·v is too close to zero; taken as tension "
+                          "positive"),)
     return 1, ()

@@ -91,7 +91,7 @@ class HiddenCause(Encoded):
 
 
 def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None) -> HiddenCause:
-    """Hide a cause in a damper that Guo's law describes otherwise, and ask the diagnosis for it.
+    """Hide a cause in a damper that otherwise follows Guo's law, and diagnose it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The whole road on the virtual rig's data: one model is identified as a passive one, certified, put into the quarter
+"""The whole chain on the virtual rig's data: one model is identified as a passive one, certified, put into the quarter
 car, designed for and ridden; beside it a cause is hidden and found."""
 
 from __future__ import annotations
@@ -279,7 +279,7 @@ EXPERIMENT_WORDS: Mapping[str, str] = {
 
 
 def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None,
-             tell: Callable[[str, object], None] = lambda stage, result: None) -> Demo:
+             report_stage: Callable[[str, object], None] = lambda stage, result: None) -> Demo:
     """Every stage; the audit, the hidden cause and the design run in processes of their own, one after the other.
 
     Parameters
@@ -288,8 +288,8 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
         Seed of the rig.
     report_progress : callable
         Receives what is being done.
-    tell : callable
-        Given each stage's name and result as it is ready.
+    report_stage : callable
+        Receives each stage's name and result as it is ready.
 
     Returns
     -------
@@ -300,25 +300,25 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     from quartercar.demo.ride import DemoRide, design_and_ride, ride_known
     from quartercar.rides.comparison import joined
 
-    training, held_out, audited, found, figures, diagnosis = _identified(seed, report_progress, tell)
+    training, held_out, audited, found, figures, diagnosis = _identified(seed, report_progress, report_stage)
     with Beside(design_and_ride, (found.model, seed)) as designing:
-        gaps, study = _studied(found, training, report_progress, tell)
-        tell("diagnosis", diagnosis)
+        gaps, study = _studied(found, training, report_progress, report_stage)
+        report_stage("diagnosis", diagnosis)
         report_progress("designing a controller for the identified plant, and driving it")
         known = ride_known(found.model, seed)
         drawn = Drawn.of(found.model, held_out, EXPERIMENT_WORDS, diagnosis)
         design, driven = designing.result()
     rides = DemoRide(design, known if driven is None else joined(known, driven))
-    tell("ride", rides)
+    report_stage("ride", rides)
     return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides,
                 drawn)
 
 
-Say = Callable[[str], None]
-Tell = Callable[[str, object], None]
+ReportProgress = Callable[[str], None]
+ReportStage = Callable[[str, object], None]
 
 
-def _identified(seed: int, report_progress: Say, tell: Tell,
+def _identified(seed: int, report_progress: ReportProgress, report_stage: ReportStage,
                 ) -> tuple[list[Record], list[Record], Audit, Identification, tuple[ExperimentFigures, ...],
                            HiddenCause]:
     """Records, their audit, the passive model and the figures of every experiment; beside it, the hidden cause.
@@ -331,20 +331,20 @@ def _identified(seed: int, report_progress: Say, tell: Tell,
 
     report_progress("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
-    tell("rig", (training, held_out))
+    report_stage("rig", (training, held_out))
     with Beside(_audited, training) as auditing:
         report_progress("auditing the training records; identifying the LPV transfer function")
         free = identify(training, structure(), held_out=held_out)
         plain = identify(training, _plain_structure(), held_out=held_out)
         audited = auditing.result()
-        tell("audit", audited)
+        report_stage("audit", audited)
     with Beside(hide_and_find, seed) as hidden:
         report_progress("constraining it to be passive; looking for a hidden cause")
         found = identify(training, _passive_structure(free), held_out=held_out)
-        tell("identification", found)
+        report_stage("identification", found)
         assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
         figures = experiment_figures(found.held_out, free.held_out, plain.held_out)
-        tell("experiments", figures)
+        report_stage("experiments", figures)
         return training, held_out, audited, found, figures, hidden.result()
 
 
@@ -354,18 +354,18 @@ def _audited(training: list[Record]) -> Audit:
     return audit(training, scheduling=("current",))
 
 
-def _studied(found: Identification, training: Sequence[Record], report_progress: Say,
-             tell: Tell) -> tuple[tuple[FormGap, ...], StabilityStudy]:
+def _studied(found: Identification, training: Sequence[Record], report_progress: ReportProgress,
+             report_stage: ReportStage) -> tuple[tuple[FormGap, ...], StabilityStudy]:
     """What the state-space forms cost, and the stability of the model."""
     from lpvid.report.forms import form_gaps
     from lpvid.report.stability import study_stability
 
     report_progress("state-space forms")
     gaps = tuple(form_gaps(found.model, training))
-    tell("forms", gaps)
+    report_stage("forms", gaps)
     report_progress("stability")
     study = study_stability(found.model, report_progress=report_progress)
     if study.frozen.stable and not study.certificate.verified:
         study = study_stability(found.model, rate=CURRENT_RATE, report_progress=report_progress)
-    tell("stability", study)
+    report_stage("stability", study)
     return gaps, study

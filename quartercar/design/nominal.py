@@ -110,7 +110,7 @@ class Design(SuspensionDesign):
         if self.law.measured == "observed":
             lines.append("The gain is that of the loop with the car's own states; the observer is not in it.")
         if self.task.least_share is None:
-            lines.append("The design knows nothing of the damper's limits; the bound holds while no demand is clipped.")
+            lines.append("The design does not include the damper's limits; the bound holds while no demand is clipped.")
         elif self.task.least_share > 0:
             lines.append(f"The bound holds while the damper gives at least {self.task.least_share:.0%} of each demand.")
         return tuple(lines)

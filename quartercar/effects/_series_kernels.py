@@ -292,7 +292,7 @@ def _carried(right, stiff, least, element):
     """Force F ≥ 0 beyond that at rest with stiff F + D(F) = right, D of play and air; it is `least` at least.
 
     The left side rises and is concave, so that Newton's rule from below comes up to the root without passing it. Below
-    lie the tangent at no force and the line of what has given way altogether.
+    lie the tangent at no force and the line of an element that has yielded altogether.
     """
     soft = _given(0.0, element)[1]
     force = max(right / (stiff + soft), (right - element[3] - element[1]) / stiff, least)

@@ -19,7 +19,7 @@ TURNED = 0.01
 
 
 class CubicSpring(ParallelForce):
-    """A spring that hardens or softens with the way: the next terms of its characteristic (Duffing 1918)."""
+    """A spring that hardens or softens with the displacement: the next terms of its characteristic (Duffing 1918)."""
 
     name: ClassVar[str] = "cubic-spring"
     title: ClassVar[str] = "a spring that hardens or softens with the way"

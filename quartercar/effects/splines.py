@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 END = 12
-"""samples put before and behind a channel, over which what its end does to the spline dies away (0.27 a sample)"""
+"""samples put before and behind a channel, over which the effect of its end on the spline decays (0.27 a sample)"""
 
 
 def glided(values: np.ndarray, samples: float) -> np.ndarray:

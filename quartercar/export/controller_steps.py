@@ -49,7 +49,7 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
     Raises
     ------
     InputError
-        A law that must know its car, or is to be designed first, with what can be exported instead.
+        A law that needs its car's parameters, or is to be designed first, with what can be exported instead.
     """
     refuse_looking_ahead(controller)
     if isinstance(controller, (LpvHinf, LpvHinfClipped)):
@@ -136,7 +136,7 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
     seen : mapping of str to Expr
         Signals by the names of `contract.SIGNALS`, SI.
     setting : Setting or None
-        For its car, which some laws have to know; None for a law by itself.
+        For its car, whose parameters some laws need; None for a law by itself.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
     Raises
     ------
     InputError
-        A law without an exported step, or one that has to know its car where there is no setting.
+        A law without an exported step, or one that needs its car's parameters where there is no setting.
     """
     if isinstance(controller, ScheduledController):
         return _scheduled(b, controller, seen)

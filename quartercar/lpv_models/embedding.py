@@ -37,7 +37,7 @@ class Embedding(ABC):
     """A quarter car with a semi-active damper as an LPV system, exact along every trajectory inside its region.
 
     What is nonlinear in the car is put into scheduling variables that are signals of the car itself. Bump stops and
-    lift-off are left out: an embedding speaks of a car between its stops with the tyre on the road.
+    lift-off are left out: an embedding holds for a car between its stops with the tyre on the road.
     """
 
     number: ClassVar[str]

@@ -145,7 +145,7 @@ class LimitedForce(Embedding):
         return np.clip(np.where(small, 1.0, given / np.where(small, 1.0, demand)), self.least, 1.0)
 
     def along(self, run: CarRun) -> Trajectory:
-        """As the base class; the demand is the force itself wherever that is all there is to know: ρ = 1."""
+        """As the base class; the demand is the force itself where nothing else is given: ρ = 1."""
         x = car_states(run)
         u = run["damper_force"] - run.car.preload - self.nominal_damping * (x @ SPEED)
         return Trajectory(x, np.column_stack([road_velocity(run), u]), np.ones((len(x), 1)))

@@ -50,7 +50,7 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
     items.append(PageTable(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
                        "How far a law comes from the car at the lowest current (0 %) to the bound at the least "
                        "objective (100 %), nonlinear car, same roads, ± half of the 95 % interval. Above 100 %: the "
-                       "law gives up the other criterion.", (2, 3, 4)))
+                       "law is worse in the other criterion.", (2, 3, 4)))
     return tuple(items)
 
 

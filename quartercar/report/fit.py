@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.caveat import Caveat
 from lpvid.export.exportable import has_step
 from lpvid.plot import passivity
 from lpvid.report.courses import OTHERS, channel_panels
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from lpvid.plot.style import Drawn as Drawing
     from quartercar.dampers.contract import Damper
 
-GRAVE = ("reversed polarity", "the polarity", "no channel 'current'")
-"""Beginnings of notes that stand at the head of the page."""
 FANS = 3
 """Models whose law is drawn by current, the best ones."""
 
@@ -187,7 +186,7 @@ def _facts(found: Comparison) -> tuple[tuple[str, str], ...]:
 
 
 def _caveats(found: Comparison) -> tuple[str, ...]:
-    lines = [n[0].upper() + n[1:] + "." for n in found.notes if n.startswith(GRAVE)]
+    lines = [n[0].upper() + n[1:] + "." for n in found.notes if isinstance(n, Caveat)]
     lines += [] if found.complete else ["Interrupted: not all models were fitted."]
     lines += [f"{found.best.name}: {FLAGS[flag]}." for flag in found.best.flags if flag != "reversed-polarity"]
     return tuple(lines)
@@ -235,18 +234,23 @@ def _parameter_table(row: Compared, caption: str, folded: str) -> PageTable:
     rows = tuple((description[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
                   _with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))
                  for p in row.parameters)
-    marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held else "plain" for p in row.parameters)
+    marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held or p["value"] is None else "plain"
+                                    for p in row.parameters)
     return PageTable(("what it is", "name", "value ± std. error", "unit", "± %"), rows, caption, (2, 4), marks, folded)
 
 
-def _with_error(value: float, std: float | None) -> str:
+def _with_error(value: float | None, std: float | None) -> str:
     """A value with as many digits as its standard error allows, that with two; powers of ten in common.
+
+    None is a value that is not identifiable from the data.
 
     Examples
     --------
     >>> _with_error(1234.567, 12.3), _with_error(0.000123456, 0.0000021), _with_error(5.0, None), _with_error(2e6, 3e4)
     ('1235 ± 12', '(1.235 ± 0.021)·10⁻⁴', '5', '(2.000 ± 0.030)·10⁶')
     """
+    if value is None:
+        return "not identifiable"
     if not np.isfinite(value):
         return "–"
     power = int(np.floor(np.log10(abs(value)))) if value else 0
@@ -263,7 +267,7 @@ def _raised(power: int) -> str:
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def _share(value: float, std: float | None) -> str:
+def _share(value: float | None, std: float | None) -> str:
     return "–" if std is None or not value or not np.isfinite(std) else number(100 * std / abs(value), 2)
 
 
@@ -274,7 +278,7 @@ def _remarks(found: Comparison) -> list[Item]:
         head = "sample" if found.first == 1 else f"{found.first} samples"
         stated += (f" No figure includes the first {head} of a record, from which the model with the longest past "
                    "starts.")
-    lines = [n for n in found.notes if not n.startswith(GRAVE)]
+    lines = [n for n in found.notes if not isinstance(n, Caveat)]
     for row in found.rows:
         if row.fit is not None:
             lines += [f"{row.name}: {text}" for text in (*row.fit.undetermined[:2], *row.fit.estimate.notes[:2])]

@@ -42,7 +42,7 @@ def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[D
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
     marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
               "either end (comfort at the reference's tyre load, tyre load at its comfort); no law can "
-              "reach them, as none knows the road.")
+              "reach them, as none has the road in advance.")
     drawn = [Drawn("pareto", plot.trade_offs(found, bounds), "Weighted acceleration against tyre load and against "
                    f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws "
                    f"that no other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
@@ -136,7 +136,7 @@ def _steps(found: RideComparison, bounded: bool, tuned: bool) -> tuple[NextStep,
         steps.append(NextStep("More roads and noises make the intervals narrower: add --seeds 10."))
     if not tuned:
         steps.append(
-            NextStep("The laws have their default parameters: tune them before you judge them, with --tune 40.")
+            NextStep("The laws have their default parameters: tune them before you compare them, with --tune 40.")
         )
     if not bounded:
         steps.append(NextStep("See what this damper could have reached at best on these roads: add --bound."))
@@ -169,12 +169,12 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
                    for r in found.rows if r.name == name)
         if left:
             lines.append(f"{name}: its scheduling left the box of its design in {percent(left)} of the samples and was "
-                         "held at the edge; what the design promises does not hold there.")
+                         "held at the edge; the bound of the design does not hold there.")
     bad = sorted({r.name for r in found.rows if r.passive is False})
     if bad:
         lines.append(f"The damper's model gave out more energy than it had taken in under {', '.join(bad)}.")
     if any(r.passive is None for r in found.rows):
-        lines.append("No storage function of this damper model is known: passivity is judged by the share of samples "
+        lines.append("No storage function of this damper model is known: passivity is assessed by the share of samples "
                      "with F·v < 0 and their energy.")
     return tuple(lines)
 

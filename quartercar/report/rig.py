@@ -60,14 +60,14 @@ def _experiments(plan: Plan) -> PageTable:
 
 def _signal(pattern: Any) -> str:
     """What a signal is, with its numbers."""
-    said = []
+    settings = []
     for f in fields(pattern):
         value, unit = getattr(pattern, f.name), f.metadata.get("unit", "")
         values = value if isinstance(value, tuple) else (value,)
         shown = ", ".join(number(v, 4) if isinstance(v, float) else ("no", "yes")[v] if isinstance(v, bool) else str(v)
                           for v in values)
-        said.append(f"{f.name.replace('_', ' ')} {shown} {unit}".rstrip())
-    return f"{pattern.kind}: {'; '.join(said)}" if said else str(pattern.kind)
+        settings.append(f"{f.name.replace('_', ' ')} {shown} {unit}".rstrip())
+    return f"{pattern.kind}: {'; '.join(settings)}" if settings else str(pattern.kind)
 
 
 def _effects(plan: Plan) -> list[Item]:

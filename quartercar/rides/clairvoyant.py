@@ -323,7 +323,7 @@ def replay(car: QuarterCar, elevation: np.ndarray, sample_time: float, command: 
 def energy_limit(passivity: RidePassivity) -> float:
     """Energy that the best current may have the damper give, from that given under a reference law [J].
 
-    A model that gives energy where its records did not show it would otherwise be paid for giving it. A reference that
+    A model that gives energy where its records did not show it would otherwise be rewarded for it. A reference that
     gives none allows a millionth of what it takes.
 
     Parameters

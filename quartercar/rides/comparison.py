@@ -1,4 +1,4 @@
-"""compare_rides: control laws on the same roads with the same seeds, their figures with intervals, who leads."""
+"""compare_rides: control laws on the same roads with the same seeds, their figures with intervals, the best ones."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ FIGURES: Mapping[str, tuple[str, Callable[[Ride], float]]] = {
     "stroke": ("m", lambda r: r.figures.stroke),
     "largest_stroke": ("m", lambda r: r.figures.largest_stroke),
     "dissipated": ("J", lambda r: r.passivity.dissipated),
-    "at_limits": ("", lambda r: r.at_limits),
+    "at_limits": ("", lambda r: np.nan if r.at_limits is None else r.at_limits),
     "out_of_reach": ("", lambda r: r.out_of_reach),
     "negative_share": ("", lambda r: r.passivity.negative_share),
     "negative_energy": ("J", lambda r: r.passivity.negative_energy),
     "returned": ("J", lambda r: r.passivity.returned),
 }
-"""Figures of a ride by name: unit, and where they are found."""
+"""Figures of a ride by name: unit, and where they are found; NaN where a ride has none of the kind."""
 _ROUNDING = 1e-12
 """relative difference of a figure that is the order of a sum over 1e4 samples and nothing else"""
 AXES = ("comfort", "tyre_load", "stroke")
@@ -84,7 +84,7 @@ class Interval(Encoded):
         from scipy.stats import t
 
         if np.ptp(values) <= values.size * np.finfo(float).eps * np.abs(values).max():
-            return cls(mean, None, None)  # the seeds change nothing but the rounding: there is no spread to speak of
+            return cls(mean, None, None)  # the seeds change nothing but the rounding: there is no spread
         half = float(t.ppf(0.5 + share / 2, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size))
         return cls(mean, mean - half, mean + half)
 
@@ -332,8 +332,10 @@ def _line(row: LawRow) -> str:
         half = "" if i.high is None else f" ± {number(scale * (i.high - i.mean), 2):<7}"
         return f"{scale * i.mean:8.4g}{half}"
 
+    share = row.interval("at_limits").mean
+    limits = f"  at limits {share:4.0%}" if np.isfinite(share) else ""
     return (f"  {row.name:<20}comfort {described('comfort')} m/s^2  tyre {described('tyre_load')} N  stroke "
-            f"{described('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
+            f"{described('stroke', 1e3)} mm{limits}")
 
 
 def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
@@ -504,8 +506,8 @@ def _unmoved(car: CarAssembly) -> Iterator[str]:
     if damper is not None and "current" not in damper.reads:
         mend = ("identify it with --schedule current" if isinstance(damper, Identified) else
                 "fit a law that follows the current to records in which it varies")
-        yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
-               f"{mend}.")
+        yield ("The damper's force does not depend on the command, so that every law gives the ride of the passive "
+               f"car: {mend}.")
 
 
 def _estimating(rows: Sequence[LawRow]) -> Iterator[str]:

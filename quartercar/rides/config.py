@@ -406,7 +406,7 @@ TEMPLATE = '''\
 
 car = "megane"                 # a set (megane, savaresi, sh-add, motorcycle), or a table [car] of set and changes
 # damper = "model.json"        # written by `lpvid identify` or `quartercar fit`; left out: the embedded damper
-# known_damper = "guo.json"    # the damper as inverse and observer know it; left out: as it is
+# known_damper = "guo.json"    # the damper model of inverse and observer; left out: the car's own
 measurements = "stroke-body"   # stroke-body, stroke-body-wheel or ideal
 seeds = 5                      # roads and noise of the comparison: the same for every law
 tune = 0                       # evaluations for each law before the comparison, on other seeds; 0: values as given

@@ -17,7 +17,7 @@ frequencies that its data do not reach, it gives energy to the wheel"""
 
 @cache
 def identified_damper() -> Damper:
-    """The damper of the virtual rig as `identify_damper` found it, without the half minute that takes.
+    """The damper of the virtual rig as stored by `identify_damper`, whose fit takes half a minute.
 
     Returns
     -------

@@ -159,7 +159,7 @@ def look_ahead(car: QuarterCar, road: RideRoad, preview: Preview | None, setting
     car : QuarterCar
     road : RideRoad
     preview : Preview or None
-        None for cars that know nothing of the road ahead.
+        None for cars without preview.
     setting : Setting
         Of the laws.
     settings : ChainSettings

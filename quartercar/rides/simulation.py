@@ -22,7 +22,7 @@ from quartercar.rides.front_axle import EstimateError, look_ahead
 from quartercar.rides.preview import Preview
 from quartercar.roads.ride_roads import RideRoad
 from quartercar.vehicle.batch import Log, start_fleet, true_signals
-from quartercar.vehicle.nonlinear import QuarterCar
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 from quartercar.vehicle.passivity_balance import RidePassivity, ride_passivity
 from quartercar.vehicle.result import CarRun
 
@@ -43,9 +43,9 @@ class RideSettings:
     sample_time : float or None
         Of the loop [s]; None for the damper's own, or 2 ms.
     model : Damper or None
-        The damper as the inverse and the observer know it; None for the car's own.
+        The damper in the inverse and the observer; None for the car's own.
     parameters : CarParameters or None
-        The car as laws and observer know it; None for its own.
+        The car in laws and observer; None for its own.
     preview : Preview or None
         What the car has of the road ahead: it is then a rear axle behind a front one.
     """
@@ -98,8 +98,27 @@ class RideSettings:
         Setting
             Without preview.
         """
+        coil = self.coil_of(car)
         return Setting(self.period(car), cars, self.parameters or car.parameters, self.model or car.damper,
-                       (car.coil.lowest, car.coil.highest), car.coil)
+                       (coil.lowest, coil.highest), coil)
+
+    def coil_of(self, car: QuarterCar) -> Coil:
+        """The coil of a car; of one whose damper follows no current, and is not known as one that does, with limits.
+
+        A command then changes nothing, so that any range serves: 1 where the coil has no highest current.
+
+        Parameters
+        ----------
+        car : QuarterCar
+
+        Returns
+        -------
+        Coil
+        """
+        dampers = [d for d in (car.damper, self.model) if d is not None]
+        if np.isfinite(car.coil.highest) or any("current" in d.reads for d in dampers):
+            return car.coil
+        return replace(car.coil, highest=car.coil.lowest + 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +135,10 @@ class Ride:
     figures : RideFigures
         Comfort, tyre load, stroke, the start left out.
     passivity : RidePassivity
-    at_limits, out_of_reach : float
-        Share of the samples whose command stood at a limit of the current; whose demand the damper could not meet.
+    at_limits : float or None
+        Share of the samples whose command stood at a limit of the current; None where the damper follows no current.
+    out_of_reach : float
+        Share of the samples whose demand the damper could not meet.
     counts : mapping of str to float
         What the law counted, as a share of the samples.
     extrapolation : mapping of str to float
@@ -134,7 +155,7 @@ class Ride:
     run: CarRun
     figures: Figures
     passivity: RidePassivity
-    at_limits: float
+    at_limits: float | None
     out_of_reach: float
     counts: Mapping[str, float]
     extrapolation: Mapping[str, float] = field(default_factory=dict)
@@ -145,9 +166,11 @@ class Ride:
         counted += "".join(f", {n} outside the damper's records {v:.1%}" for n, v in self.extrapolation.items() if v)
         if self.road_ahead_error is not None:
             counted += f", road ahead estimated to {1e3 * self.road_ahead_error:.2g} mm rms"
+        share = self.at_limits
+        current = "the damper follows none" if share is None else f"at a limit {share:.0%} of the time"
         return (f"Ride of {self.controller.name} on {self.road}, seed {self.seed}\n{self.figures}\n"
-                f"current    at a limit {self.at_limits:.0%} of the time, demand out of reach "
-                f"{self.out_of_reach:.0%}{counted}\nenergy     {self.passivity}")
+                f"current    {current}, demand out of reach {self.out_of_reach:.0%}{counted}\n"
+                f"energy     {self.passivity}")
 
 
 def ride(car: QuarterCar, road: RideRoad, controller: Controller, seed: int = 0,
@@ -157,7 +180,7 @@ def ride(car: QuarterCar, road: RideRoad, controller: Controller, seed: int = 0,
     Parameters
     ----------
     car : QuarterCar
-        With a coil whose limits are finite.
+        With a coil whose limits are finite where its damper follows a current.
     road : RideRoad
     controller : Controller
     seed : int
@@ -256,13 +279,14 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     profiles = {seed: road.profile(step, seed) for seed in dict.fromkeys(seeds)}
     elevation = np.column_stack([profiles[s] for s in seeds])
     n, cars = elevation.shape
+    _long_enough(road, n, step)
     setting = settings.setting(car, cars)
     ahead = look_ahead(car, road, settings.preview, setting, settings.chain, seeds, elevation)
     setting = replace(setting, preview=ahead.samples, road_error=ahead.road_error)
     missed, settled = EstimateError(elevation, ahead.samples), int(np.ceil(road.settle / step))
     limits = setting.currents
     noise = [np.random.default_rng([s, 2631]) for s in seeds]
-    chain = ControllerChain(controllers, setting, car.coil, settings.chain, noise, n)
+    chain = ControllerChain(controllers, setting, setting.coil, settings.chain, noise, n)
     fleet = start_fleet(car, step, elevation[0], np.full(cars, limits[0]))
     log = Log(fleet, elevation)
     try:
@@ -285,11 +309,20 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     return rides
 
 
+def _long_enough(road: RideRoad, samples: int, step: float) -> None:
+    """Refuse a road that leaves no two samples after the start that no figure counts."""
+    counted = samples - int(np.ceil(road.settle / step - 1e-9))
+    if counted < 2:
+        raise InputError(f"the ride on {road.name} is too short", got=f"{max(counted, 0)} samples of {step:.4g} s that "
+                         "count", why="figures need at least 2", mend=road.longer)
+
+
 def _ride(run: CarRun, controller: Controller, road: RideRoad, seed: int, limits: tuple[float, float],
           at_limits: float, out_of_reach: float, counts: Mapping[str, float]) -> Ride:
     counted = run.after(road.settle) if road.settle else run
+    follows = run.car.damper is not None and "current" in run.car.damper.reads
     return Ride(controller, road.name, seed, run, judge(run, road.settle), ride_passivity(counted, limits),
-                float(at_limits), float(out_of_reach), counts, extrapolation(run))
+                float(at_limits) if follows else None, float(out_of_reach), counts, extrapolation(run))
 
 
 @lru_cache(maxsize=64)

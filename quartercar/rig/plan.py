@@ -313,7 +313,8 @@ def plan_template() -> str:
 
 
 def _settings(cls: type) -> list[str]:
-    return [_setting(f.name, f.default, f.metadata.get("unit", ""), f.metadata.get("says", "")) for f in fields(cls)]
+    return [_setting(f.name, f.default, f.metadata.get("unit", ""), f.metadata.get("description", ""))
+            for f in fields(cls)]
 
 
 def _setting(name: str, value: object, unit: str = "", description: str = "") -> str:

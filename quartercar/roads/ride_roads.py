@@ -25,6 +25,8 @@ class RideRoad(Encoded, ABC):
     """A road at a speed."""
 
     JSON = ("kind", ...)
+    longer: ClassVar[str] = "give a longer duration"
+    """What makes a ride over it longer, in words."""
 
     @property
     @abstractmethod
@@ -197,6 +199,7 @@ class MeasuredRoad(RideRoad):
     speed: float = 10.0
     laps: int = 1
     settle: ClassVar[float] = 0.0
+    longer: ClassVar[str] = "give a longer track, more laps, or a lower speed"
 
     def __post_init__(self) -> None:
         checks.positive(self.speed, "speed", "m/s")

@@ -1,4 +1,4 @@
-"""LinearCar: the quarter car with springs and a viscous damper, its responses and its answer to a random road."""
+"""LinearCar: the quarter car with springs and a viscous damper, its responses, those to a random road too."""
 
 from __future__ import annotations
 

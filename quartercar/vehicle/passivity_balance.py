@@ -24,7 +24,7 @@ POINTS = 41
 
 @dataclass(frozen=True)
 class RidePassivity(Encoded):
-    """Whether a damper gave more than it had.
+    """Whether a damper gave more energy than it had stored.
 
     Attributes
     ----------

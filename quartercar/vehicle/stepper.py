@@ -67,7 +67,7 @@ class CarStepper:
         damper = car.damper
         self._plain = car.damper_is_linear
         self._form = None if self._plain else tanh_form(damper)
-        self._said_outside = False
+        self._warned_outside = False
         clock = None if damper is None else damper.clock
         self._parts = self._divided(clock)
         self.step = sample_time / self._parts
@@ -111,9 +111,9 @@ class CarStepper:
             To whom called the method that calls this one.
         """
         damper = self.car.damper
-        outside = 0.0 if damper is None or self._said_outside else damper.outside(self.car.coil.limited(command))
+        outside = 0.0 if damper is None or self._warned_outside else damper.outside(self.car.coil.limited(command))
         if damper is not None and outside:
-            self._said_outside = True
+            self._warned_outside = True
             low, high = damper.current_range or (0.0, 0.0)
             warnings.warn(f"{damper.name}: {outside:.0%} of the commands lie outside the fitted {low:g} to {high:g} "
                           f"{damper.current_unit}", ExtrapolationWarning, stacklevel=3)

@@ -29,8 +29,8 @@ from lpvid.cli.automatic import choose
 from lpvid.cli.structures import Request
 from lpvid.condition.preparing import decimation
 from lpvid.errors import LpvError
+from lpvid.identification.selection.hasty import in_full
 from lpvid.identification.selection.result import CandidateRow
-from lpvid.identification.selection.rounds import in_full
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 

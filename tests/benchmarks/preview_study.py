@@ -114,9 +114,9 @@ def conditions(dampers: Mapping[str, QuarterCar]) -> list[Condition]:
     if track is not None and track.exists():
         found.append(Condition("Belgian blocks at 8 m/s", MeasuredRoad.read(track, 8.0, 0), car))
     soft = MEGANE.replace(tyre_stiffness=0.9 * MEGANE.tyre_stiffness)
-    found += [Condition("ISO C, loaded, laws have it empty", road, heavy, MEGANE), iso["A"], iso["E"],
+    found += [Condition("ISO C, loaded, laws designed for the empty car", road, heavy, MEGANE), iso["A"], iso["E"],
               Condition("ISO C, loaded", road, heavy),
-              Condition("ISO C, tyre 10 % softer than laws have it", road, replace(car, parameters=soft), MEGANE)]
+              Condition("ISO C, tyre 10 % softer than in the laws", road, replace(car, parameters=soft), MEGANE)]
     found += [Condition(f"ISO C at {v:g} m/s", IsoRoad("C", v, 10.0), car) for v in (10.0, 30.0)]
     return [Condition(f"ISO C, damper {n}", road, c) for n, c in dampers.items()] + found
 

@@ -14,6 +14,7 @@ from lpvid.diagnosis.evidence.priors import SHAPE, determined, inclusion, of_sha
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
 from lpvid.diagnosis.signals import Signals
+from lpvid.validation.trust import QUANTILE
 
 ROOM = 10.0
 """scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
@@ -23,8 +24,6 @@ ABSENT = 1e-6
 """change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
 TINY = 1e-300
 """curvature, of parameters in their own units, below which nothing answers to one"""
-NORMAL = 1.96
-"""standard errors on either side of a 95 % interval"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +106,7 @@ class Weighed:
         low, high = self.fit.composition.bounds
         scales = self.fit.composition.scales
         for e, place in zip(self.effects, self.fit.composition.places, strict=True):
-            clock = NORMAL * e.clock_errors(self.fit.vector[place], self.data.problem.signals)
+            clock = QUANTILE * e.clock_errors(self.fit.vector[place], self.data.problem.signals)
             for k, p in enumerate(e.parameters[: e.strengths]):
                 v, j = float(self.fit.vector[place][k]), place.start + k
                 slack = float(clock[k]) + AT_BOUND * scales[j]

@@ -25,10 +25,10 @@ SEGMENTS = (4, 6)
 def auto(records: Record | Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],
          scheduling: str | Sequence[str] = (), *, sample_rate: float | None = None, folds: int = 5,
          held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
-         budget: float | None = None) -> Selection:
+         budget: float | None = None, begun: float | None = None) -> Selection:
     """Choose a structure for these channels from candidates that fit their kind.
 
-    One cheap structure of every kind comes first, outside the budget (`every_kind`); then ARX structures are
+    One cheap structure of every kind comes first (`every_kind`); then ARX structures are
     screened. A damper (one input in m/s, output in N) gets input stages and, with a scheduling
     variable, a scheduling filter; without one its coefficients may depend on the velocity, or on its own simulated
     force (`QuasiLPV`). Everything else gets the full range of affine terms. Output error at several orders, subspace,
@@ -42,7 +42,7 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
         Training data.
     input, output, scheduling : str or sequence of str
         Channel names; no scheduling makes the model time-invariant.
-    sample_rate, folds, held_out, progress, budget
+    sample_rate, folds, held_out, progress, budget, begun
         As for `select`.
 
     Returns
@@ -56,7 +56,8 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     damper = _is_damper(listed, inputs, outputs)
     return select(listed, candidates, sample_rate=sample_rate, folds=folds, held_out=held_out,
                   first=lambda pieces: every_kind(pieces, inputs, outputs, variables, damper),
-                  rounds=lambda search: rounds(search, damper, bool(scheduling)), progress=progress, budget=budget)
+                  rounds=lambda search: rounds(search, damper, bool(scheduling)), progress=progress, budget=budget,
+                  begun=begun)
 
 
 def _automatic_candidates(records: Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],

@@ -1,4 +1,4 @@
-"""Which of the structures that cross-validation cannot tell apart is taken."""
+"""Which of the structures that cross-validation cannot distinguish is taken."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def close_to_least(trials: Sequence[Trial]) -> list[int]:
 
 
 def least_unstable(shares: Sequence[float | None]) -> list[int]:
-    """Places of the shares that the points of the range cannot tell from the least.
+    """Places of the shares that the points of the range cannot distinguish from the least.
 
     A share s counted on n points has the binomial standard error √(s(1 − s)/n), and one point of n is the least
     difference there is: a share up to the larger of the two above the least is as good as the least.
@@ -78,7 +78,7 @@ def least_unstable(shares: Sequence[float | None]) -> list[int]:
 
 
 def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int:
-    """Place of the choice: the simplest within one standard error of the least that all data do not speak against.
+    """Place of the choice: the simplest within one standard error of the least that AIC on all data admits.
 
     Of those within one standard error, the ones that compete are those whose frozen poles are unstable in the smallest
     part of the range as far as its points resolve it (`unstable_share_of_range`, `least_unstable`). Along the training
@@ -87,7 +87,7 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     competes and throws no other out.
 
     Five folds see a difference only from about their standard error on, and each fits to four fifths of the data. What
-    they leave open is asked of all training data::
+    they leave open is decided on all training data::
 
         N ln(E_simple / E_least) <= 2 (k_least − k_simple),        N = n / Σ_j ρ_j²
 
@@ -142,7 +142,7 @@ def _dominant(tried: Sequence[Tried], choice: int, records: Sequence[Record]) ->
 
 
 def _simplest_near(tried: Sequence[Tried], records: Sequence[Record]) -> int:
-    """Place of the simplest of the structures that the folds cannot tell apart, of those that all data support."""
+    """Place of the simplest of the structures that the folds cannot distinguish, of those that all data support."""
     near = close_to_least([t.trial for t in tried])
     if len(near) < 2:
         return 0

@@ -70,4 +70,4 @@ def _conclusion(search: StructureSearch, ceiling: Ceiling | None, looked: bool) 
     more = "richer structures were tried too" if looked else "the time did not allow richer structures"
     return [f"the best stays {gap:.1f} points below what the noise leaves possible on training data "
             f"({fit_percent(best[1]):.1f} % in cross-validation against about {ceiling.fit_percent:.1f} %); {more}: "
-            "what is missing is in none of them, or the inputs and scheduling named do not hold it"]
+            "none of them has the missing part, or the inputs and scheduling named do not contain it"]

@@ -1,4 +1,4 @@
-"""One cheap structure of every kind, tried before a search looks further, whatever its budget."""
+"""One cheap structure of every kind, tried before a search looks further."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.refined_iv import RefinedIV
-from lpvid.identification.selection.rounds import INPUT_LAGS, SEGMENTS, TRIALS, hasty, output_error
+from lpvid.identification.selection.hasty import hasty
+from lpvid.identification.selection.rounds import INPUT_LAGS, SEGMENTS, TRIALS, output_error
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
 from lpvid.record import Record
@@ -26,8 +27,8 @@ def every_kind(records: Sequence[Record], input: tuple[str, ...], output: tuple[
 
     Least squares of one step may give a model that does not run freely where the noise is on the output, and from
     a search that ends among the ARX such a model would be taken. Output error, instruments and subspace do not share
-    that bias, so that one of each stands beside the ARX before the time counts. (A state space by prediction error
-    is not cheap: with three scheduling variables it takes ten times as long as the rest together.) A damper is
+    that bias, so that one of each stands beside the ARX before the search looks further. (A state space by prediction
+    error is not cheap: with three scheduling variables it takes ten times as long as the rest together.) A damper is
     scheduled on its own trial force, anything else on its last output.
 
     Parameters

@@ -165,7 +165,7 @@ def make_folds(records: Sequence[Record], count: int, start: int,
     share = leaks(*usable[0], channel)
     if share is not None and share > 0.01:
         notes.append(f"{100 * share:.0f} % of the first held-out block's '{channel}' also occurs in its training "
-                     "part: cross-validation flatters every candidate")
+                     "part: cross-validation underestimates every candidate's error")
     return usable, notes
 
 

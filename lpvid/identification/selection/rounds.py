@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 from lpvid import _checks
 from lpvid.errors import InputError
@@ -12,6 +11,7 @@ from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.refined_iv import RefinedIV
+from lpvid.identification.selection.hasty import hasty, in_full
 from lpvid.identification.selection.search import StructureSearch
 from lpvid.identification.state_space_error import StateSpaceError
 from lpvid.identification.structure import Structure
@@ -29,9 +29,6 @@ SEGMENTS = 10
 """hat functions of the output, for a quasi-LPV structure."""
 NEARLY_ODD = 900.0
 """samples that a damper's departure from y(−u) = −y(u) must be worth, in the candidates that expect symmetry."""
-HASTY: Mapping[str, Any] = {"starts": 1, "tolerance": 1e-4, "max_iterations": 40}
-"""settings of an output-error search that only serves a comparison: on the measured quarter car it takes a third of the
-time, and its free-run error out of fold is within a quarter of that of the whole search at orders 2 to 8."""
 IN_FULL = 2
 """output errors that are compared again after the whole search."""
 STATES_TRIED = 2
@@ -94,39 +91,6 @@ def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[R
     # the dearest: two of them take 186 of the 275 s of a search of the measured gyroscope
     yield Round("state space by prediction error", _state_spaces(search))
     yield Round("state space by prediction error at other orders", _more_states(search), True)
-
-
-def hasty(structure: OutputError) -> OutputError:
-    """The same with a short search, to be compared with others.
-
-    Parameters
-    ----------
-    structure : OutputError
-
-    Returns
-    -------
-    OutputError
-        With the settings `HASTY`.
-    """
-    return replace(structure, **HASTY)
-
-
-def in_full(structure: Structure) -> Structure:
-    """The same with the whole search, to be reported.
-
-    Parameters
-    ----------
-    structure : Structure
-        Any.
-
-    Returns
-    -------
-    Structure
-        Of output error with the default settings in place of `HASTY`; others as they are.
-    """
-    if not isinstance(structure, OutputError):
-        return structure
-    return replace(structure, **{n: getattr(OutputError, n) for n in HASTY})
 
 
 def output_error(arx: ARX) -> OutputError:

@@ -79,7 +79,7 @@ class Refused:
 
 
 def screen(records: Sequence[Record], structures: Sequence[ARX],
-           tell: Callable[[str], None]) -> Iterator[Screened | Refused]:
+           report_progress: Callable[[str], None]) -> Iterator[Screened | Refused]:
     """Information criteria of every structure, all on the same rows.
 
     ::
@@ -95,7 +95,7 @@ def screen(records: Sequence[Record], structures: Sequence[ARX],
     records : sequence of Record
         Uniform and finite.
     structures : sequence of ARX
-    tell : callable
+    report_progress : callable
         Receives a line before every family.
 
     Yields
@@ -110,7 +110,7 @@ def screen(records: Sequence[Record], structures: Sequence[ARX],
         families.setdefault((s.input, s.output, s.basis, s.stage, s.schedule_filter, s.lagged, s.weight), []).append(s)
     fitted: dict[tuple, ARX | str] = {}
     for key, members in families.items():
-        tell(f"screening {len(members)} structures")
+        report_progress(f"screening {len(members)} structures")
         stages = (*key[:5], key[6])
         if stages not in fitted:
             alike = [s for k, group in families.items() if (*k[:5], k[6]) == stages for s in group]

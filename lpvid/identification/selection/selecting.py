@@ -16,8 +16,9 @@ from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
 from lpvid.identification.selection.competing import NEAR, compete
 from lpvid.identification.selection.free_run import make_folds, unstable_share
+from lpvid.identification.selection.hasty import in_full
 from lpvid.identification.selection.result import Selection
-from lpvid.identification.selection.rounds import Round, in_full
+from lpvid.identification.selection.rounds import Round
 from lpvid.identification.selection.search import Progress, StructureSearch
 from lpvid.identification.selection.starting import fit_from_measured_samples
 from lpvid.identification.structure import Structure
@@ -34,14 +35,14 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
            rounds: Callable[[StructureSearch], Iterable[Round]] | None = None,
            first: Callable[[Sequence[Record]], Iterable[Structure]] | None = None,
            held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
-           budget: float | None = None) -> Selection:
+           budget: float | None = None, begun: float | None = None) -> Selection:
     """Choose a structure by what it does in free run on training data it was not fitted to.
 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
     (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
     the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. Of those within
     one standard error, the ones whose frozen poles lie outside in the smallest part of the range remain; of these the
-    simplest wins, unless all training data speak against it by AIC (`choosing`). One that runs worse
+    simplest wins, unless AIC on all training data is against it (`choosing`). One that runs worse
     there than the mean of the output is taken only if all do. Other structures go to cross-validation directly. Stages
     requested by name are fitted once for every basis and held while orders are compared; the choice is refitted with
     them.
@@ -66,15 +67,17 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         Further structures round by round, given the search with all its trials. Rounds that are marked as further are
         entered only while the fit is more than half a point below what the noise leaves possible.
     first : callable, optional
-        Structures to cross-validate before all others, given the records: the budget counts from their end.
+        Structures to cross-validate before all others, given the records; the first of them whatever the budget.
     held_out : Record or sequence of Record, optional
         Data that are not used in the choice; the final model's figures on them are reported.
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
     budget : float, optional
-        Processor time for the search [s]: no further fit is begun after it, once there is a candidate to take. `first`
-        and the refit of the choice come on top. The order of the search does not depend on it, nor on what else the
-        machine does; `Selection.left_out` names what it did not allow.
+        Processor time [s] of the search and of the refit of its choice: no further fit is begun once what is left of it
+        is what the refit of the best takes. The first fit that can be taken always stays. The order of the search does
+        not depend on it, nor on what else the machine does; `Selection.left_out` names what it did not allow.
+    begun : float, optional
+        Processor time of the process from which the budget counts [s], where work before the call belongs to it.
 
     Returns
     -------
@@ -106,7 +109,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
-        search = StructureSearch(sample, parts, outside, PLACES, progress, budget)
+        search = StructureSearch(sample, parts, outside, PLACES, progress, budget, begun)
         complete = True
         try:
             if first is not None:
@@ -130,7 +133,7 @@ Refits = dict[Structure, tuple[Identification, str]]
 
 
 def _settled(search: StructureSearch, pieces: Sequence[Record]) -> Refits:
-    """Refits on all data of those that led the race, down to the first that can be taken.
+    """Refits on all data of those that were ever the best, down to the first that can be taken.
 
     One that cannot has ended the trials of others before their last fold, which continue then.
     """
@@ -168,8 +171,7 @@ def _concluded(
                          mend=f"{mend} orders, bases or longer records")
     left_out = _left_out(search)
     if left_out:
-        before = f", counted after one of every kind ({search.first_seconds:.3g} s)," if search.first_seconds else ""
-        notes.append(f"the search ended at its budget of {search.budget:.4g} s of processor time{before} and left out "
+        notes.append(f"the search ended at its budget of {search.budget:.4g} s of processor time and left out "
                      f"{'; '.join(left_out)}: a longer one may find better")
     if tested and all(table[i].diverges for i in tested):
         notes.append("every candidate that was cross-validated runs worse than the mean of the output (the best has a "
@@ -181,8 +183,8 @@ def _concluded(
         for i in [i for i in tested if not table[i].diverges] or tested:
             own, first_of_all = table[i].fit_percent, table[tested[0]].fit_percent
             assert own is not None and first_of_all is not None
-            expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been judged there
-            if expected < highest + NEAR:
+            expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been counted there
+            if expected < highest + NEAR or (final is not None and search.late()):
                 break
             found, fault = refits.get(ranked[i][0]) or _refit(search, in_full(ranked[i][0]), pieces)
             if fault:
@@ -214,7 +216,8 @@ def _concluded(
 
 def _left_out(search: StructureSearch) -> tuple[str, ...]:
     """What the budget did not allow, in the order in which it would have been tried."""
-    first = [(search.unscreened, "ARX not screened"), (len(search.unreached), "ARX of the short list"),
+    first = [(search.unfinished(search.first), f"of {len(search.first)} kinds that come first"),
+             (search.unscreened, "ARX not screened"), (len(search.unreached), "ARX of the short list"),
              (search.unfinished(search.direct), "other candidates")]
     return (*(f"{count} {name}" for count, name in first if count), *dict.fromkeys(search.left_out))
 
@@ -240,10 +243,11 @@ def _fault(search: StructureSearch, found: Identification, pieces: Sequence[Reco
 
 
 def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -> Identification:
-    from lpvid.identification.separation import spoken_for
+    from lpvid.identification.separation import independence_remarked
     from lpvid.validation import validate
 
-    return spoken_for(found.replace(held_out=validate(found.model, held_out, label="held-out")), held_out)
+    checked = found.replace(held_out=validate(found.model, held_out, label="held-out"))
+    return independence_remarked(checked, held_out)
 
 
 def _driving(structures: Sequence[Structure]) -> tuple[str, ...]:

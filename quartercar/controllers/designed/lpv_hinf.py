@@ -158,7 +158,7 @@ def known_damper(setting: Setting) -> Damper:
         A viscous car.
     """
     if setting.damper is None:
-        raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
+        raise InputError("an H-infinity suspension law needs a damper model", got="a viscous car",
                          mend="give the car a damper model")
     return setting.damper
 

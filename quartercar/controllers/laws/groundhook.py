@@ -12,7 +12,7 @@ from quartercar.dampers.parameter import Parameter
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Groundhook(Controller):
-    """c = c_max while −ż_us v_d > 0, else c_min: hard while the damper can hold the wheel back."""
+    """c = c_max while −ż_us v_d > 0, else c_min: hard while the damper's force opposes the wheel's motion."""
 
     name: ClassVar[str] = "groundhook"
     title: ClassVar[str] = "Groundhook, two-state"

@@ -1,7 +1,7 @@
 """What is not known of state and road over a horizon, and what the damper's current makes it cost.
 
 The cost of a horizon is quadratic in the car's motion. With the motion the expected one and a deviation δ from it that
-nobody knows, its mean is the cost of the expected motion and that of δ. The first is what
+is unknown, its mean is the cost of the expected motion and that of δ. The first is what
 `quartercar.controllers.laws.horizon` predicts. The second depends on the current too, by the damping that δ meets::
 
     δ(k+1) = A(c) δ(k) + b w(k)      δ = (z_d, ż_s, z_t, ż_us, states of W_k), w the road's velocity, white
@@ -9,7 +9,7 @@ nobody knows, its mean is the cost of the expected motion and that of δ. The fi
     E(k, i) = tr[(C(c)ᵀ W C(c) + A(c)ᵀ P A(c)) D(k)]    c the dashpot of current i, P what follows then
 
 E(k, i) is exact for a change of the current at one sample, and added over the samples to first order. Without it the
-sequence trusts a course of the deflection's velocity that the next samples of the road refute.
+sequence relies on a course of the deflection's velocity that the next samples do not confirm.
 """
 
 from __future__ import annotations

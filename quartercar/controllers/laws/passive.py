@@ -11,7 +11,7 @@ from quartercar.dampers.parameter import Parameter
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Passive(Controller):
-    """i = constant, whatever the car does: what every other law is measured against.
+    """i = constant, whatever the car does: the reference of every other law.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from quartercar.dampers.parameter import Parameter
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Skyhook(Controller):
-    """c = c_max while ż_s v_d > 0, else c_min: hard while the damper can hold the body back."""
+    """c = c_max while ż_s v_d > 0, else c_min: hard while the damper's force opposes the body's motion."""
 
     name: ClassVar[str] = "skyhook"
     title: ClassVar[str] = "Skyhook, two-state"

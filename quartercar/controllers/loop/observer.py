@@ -22,7 +22,7 @@ READINGS = ("suspension_deflection", "body_acceleration", "wheel_acceleration")
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """What the filter takes for granted.
+    """Assumptions of the filter.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class ObserverMatrices:
 
 
 def times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """rows @ matrix.T, to the last bit the same for a car whatever stands beside it, which BLAS does not promise.
+    """rows @ matrix.T, to the last bit the same for a car whatever stands beside it, which BLAS does not guarantee.
 
     Parameters
     ----------

@@ -158,8 +158,8 @@ class WorkTable:
             f"deviates by {rows[2].deviation:+.0%}.",
             f"C_n = 0.0002 has one digit (±25 %). The measured works want {self.refitted():.3g}, by relative deviation "
             f"{self.refitted(relative=True):.3g} N/(mm/s)^n: refit rather than copy.",
-            "Work per cycle is blind to gas force, gas stiffness and the shape of hysteresis, which do none: it cannot "
-            "show that hysteresis alone is missing. Force errors at every instant can.",
+            "Work per cycle is insensitive to gas force, gas stiffness and the shape of hysteresis, which do none: it "
+            "cannot show that hysteresis alone is missing. Force errors at every instant can.",
         ]
         return tuple(lines)
 

@@ -87,7 +87,7 @@ def fit_ramps(records: Sequence[Record], polarity: int = 1) -> RampFit:
     """Weighted least squares for F_c, F_gst, K_gas and C_1, P, n of both directions on the steady points of ramps.
 
     Slow ramps (creep runs) among the records separate friction from linear damping, which the seed's two steps
-    (creep first, then a fit of what is left) leave mixed. A direction keeps its power term only where that pays for its
+    (creep first, then a fit of what is left) leave mixed. A direction keeps its power term only where that is worth its
     two parameters (BIC); otherwise it is linear, as the seed's compression.
 
     Parameters

@@ -49,7 +49,7 @@ class SlopeDiagnosis:
 
     def __repr__(self) -> str:
         a, b, c = (f"{s:.2f} ± {e:.2f}" for s, e in zip(self.ends, self.ends_std, strict=True))
-        points = f", {self.points_left_out} slow point(s) drowned in friction" if self.points_left_out else ""
+        points = f", {self.points_left_out} slow point(s) below the friction's error" if self.points_left_out else ""
         return f"slope d ln(F − F_c)/d ln v {a} slow, {b} mid, {c} fast: {self.trend}{points}"
 
 

@@ -197,7 +197,7 @@ def _point(record: Record, x: np.ndarray, line: tuple[float, float, float], a: i
 
 
 def _fault(window: SteadyWindow, spikes: float, change: float, settings: WindowSettings, place: str) -> str:
-    """What speaks against a window that has settled."""
+    """Why a settled window cannot be used; empty where it can."""
     if spikes > SPIKES:
         return f"{place}: {spikes:.0%} of the force samples are spikes"
     if change > settings.drift:

@@ -184,7 +184,7 @@ def choose_network(characteristic: StaticCharacteristic, direction: int | None =
     best = fits[verdict] if verdict in fits else min(fits.values(), key=lambda f: f.aicc)
     slopes = log_slopes(points, float(best.theta[3]), best.std["friction"])
     if verdict in ("series", "parallel") and slopes.network not in (None, verdict):
-        notes.append(f"caution: the slopes are {slopes.trend}, which speaks for {slopes.network}")
+        notes.append(f"caution: the slopes are {slopes.trend}, which supports {slopes.network}")
     if verdict in ("series", "parallel") and ratios[verdict, "mixed"].p_value < 0.1:
         notes.append(f"a mixed network is not excluded (p {ratios[verdict, 'mixed'].p_value:.1g})")
     notes += _misfit(best, points)

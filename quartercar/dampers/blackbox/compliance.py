@@ -224,7 +224,7 @@ class QuasiLpv(SampledDamper):
         oddness, more = _chosen(records, prices, lambda o: self.structure(lags, trial, o, moving, SHORT))
         found = identify(records, self.structure(lags, trial, oddness, moving))
         notes = (*(f"lags of velocity and of trial force, {m}" for m in stated),
-                 *(f"price of an asymmetry in samples, {m}" for m in more))
+                 *(f"weight of the symmetry in samples, {m}" for m in more))
         return self.replace(lags=lags, trial=trial, oddness=oddness), found, notes
 
     def to_lpv(self, sample_time: float) -> Any:

@@ -30,7 +30,7 @@ COMMANDS = ("A", "V", "")
 class Identified(SampledDamper):
     """A model that `lpvid identify` found, as a damper: F from velocity or displacement and at most one command.
 
-    Its signals are named by their roles and it speaks in the damper's own sense: tension positive, zero displacement
+    Its signals are named by their roles and they have the damper's own sign: tension positive, zero displacement
     where the car rests. What the file held comes back along records (`to_model`).
     """
 

@@ -181,7 +181,7 @@ class _StateSpaceStepper(_ModelStepper):
     def __init__(self, model: LPVStateSpace) -> None:
         low, memory = model.basis.lags
         if low < 0:
-            raise InputError(f"this state space reads the current {-low} samples ahead", why="a car does not know it",
+            raise InputError(f"this state space reads the current {-low} samples ahead", why="a car has none",
                              mend="--form augmented or --form observable instead of shifted")
         super().__init__(model, memory + 1)
         assert model.state_offset is not None and model.output_offset is not None

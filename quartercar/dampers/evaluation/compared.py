@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+from lpvid.caveat import Caveat
 from lpvid.codec import encode
 from lpvid.errors import InputError
 from lpvid.toolkit import Shown
@@ -26,7 +27,7 @@ FLAGS: Mapping[str, str] = {
     "extrapolates": "held-out currents lie outside those of the fit",
 }
 """What each flag means."""
-SAID = "reversed-polarity"
+HEADED = "reversed-polarity"
 """Flag that stands above the table, not in each of its rows."""
 
 
@@ -74,10 +75,10 @@ class Compared:
 
     @property
     def parameters(self) -> list[dict[str, Any]]:
-        """Name, value, standard error and unit of each."""
-        spread = {} if self.fit is None else self.fit.std
-        return [{"name": p.name, "value": self.damper.values[p.name], "std": spread.get(p.name), "unit": p.unit}
-                for p in self.damper.parameters]
+        """Name, value, standard error and unit of each; no value where it is not identifiable from the data."""
+        spread, lost = ({}, ()) if self.fit is None else (self.fit.std, self.fit.unidentified)
+        return [{"name": p.name, "value": None if p.name in lost else self.damper.values[p.name],
+                 "std": spread.get(p.name), "unit": p.unit} for p in self.damper.parameters]
 
     def to_dict(self, rank: int) -> dict:
         """Plain data for JSON.
@@ -101,6 +102,7 @@ class Compared:
                 "settings": encode(self.damper.settings), "flags": list(self.flags),
                 "passivity": self.passivity.to_dict(), "at_bounds": [] if found is None else list(found.at_bounds),
                 "undetermined": [] if found is None else list(found.undetermined),
+                "unidentified": [] if found is None else list(found.unidentified),
                 "notes": [] if found is None else list(found.notes),
                 "fit_seconds": None if found is None else found.seconds,
                 "fit_samples": None if found is None else found.n_samples}
@@ -161,8 +163,14 @@ class Comparison(Shown):
         return replace(self, notes=(*self.notes, *notes))
 
     @property
+    def fails(self) -> bool:
+        """Whether no fitted model simulates the data that it was fitted to better than their mean does."""
+        errors = [row.training.total.esr for row in self.rows if row.fit is not None]
+        return bool(errors) and all(e is None or e >= 1 for e in errors)
+
+    @property
     def verdict(self) -> str:
-        """One sentence."""
+        """One sentence, or two where no fitted model can be used."""
         best, run = self.best, self.best.held_out.total
         if run.esr is None:
             return "No model simulates the held-out data: every free run diverges, or the force does not move."
@@ -171,6 +179,8 @@ class Comparison(Shown):
                 f"{run.fit_percent:.1f} %, rmse {run.rmse:.4g} N)")
         if len(self.rows) > 1 and (second := self.rows[1].held_out.total.esr) is not None:
             stated += f", before {self.rows[1].title} with {second:.4g}"
+        if self.fails:
+            stated += ". No fitted model simulates the data that it was fitted to better than their mean"
         return f"{stated}{'' if self.complete else '. INTERRUPTED: not all models were fitted'}."
 
     def to_dict(self) -> dict:
@@ -194,8 +204,8 @@ class Comparison(Shown):
 
     def __str__(self) -> str:
         total, count = self.best.held_out.total.n_samples, len(self.data.held_out)
-        grave = [n for n in self.notes if n.startswith("reversed polarity")]
-        lines = [*(n[0].upper() + n[1:] + "." for n in grave), self.verdict, "",
+        caveats = [n for n in self.notes if isinstance(n, Caveat)]
+        lines = [*(n[0].upper() + n[1:] + "." for n in caveats), self.verdict, "",
                  f"  {'free run, held-out':<28}{'ESR':>9}{'fit %':>7}{'√SSE N':>11}{'rmse N':>9}{'energy':>9}"
                  f"{'training':>10}{'par.':>5}{'ms/s':>8}  flags"]
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
@@ -203,7 +213,7 @@ class Comparison(Shown):
                      "'training' is the ESR on training data, ms/s the time to simulate a second")
         lines += [f"  {line}" for row in self.rows for line in (*energy_lines(row.damper), *_costs(row))]
         lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
-        lines += [f"  note: {n}" for n in self.notes if n not in grave]
+        lines += [f"  note: {n}" for n in self.notes if n not in caveats]
         return "\n".join(lines)
 
     def _refusals(self) -> dict[str, list[str]]:
@@ -255,4 +265,4 @@ def _row(row: Compared) -> str:
     return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
             f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>9}"
             f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
-            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != SAID)}".rstrip())
+            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != HEADED)}".rstrip())

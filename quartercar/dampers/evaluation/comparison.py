@@ -43,7 +43,7 @@ STIFF = FitSettings(starts=4, polished=1, evaluations=30, short_evaluations=8, s
 
 @dataclass(frozen=True)
 class CompareSettings:
-    """How much work a comparison is worth.
+    """How much computation a comparison takes.
 
     Attributes
     ----------

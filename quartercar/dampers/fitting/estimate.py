@@ -48,6 +48,8 @@ class Estimate(Generic[D]):
         Parameters that ended at a bound and were held there.
     undetermined : tuple of str
         A sentence for each combination of parameters that the data do not determine.
+    unidentified : tuple of str
+        Parameters not identifiable from the data: neither value nor standard error is a statement on the damper.
     notes : tuple of str
     starts : Starts or None
         None where the estimate needs no starting values.
@@ -59,6 +61,7 @@ class Estimate(Generic[D]):
     covariance: np.ndarray | None = None
     at_bounds: tuple[str, ...] = ()
     undetermined: tuple[str, ...] = ()
+    unidentified: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     starts: Starts | None = None
     condition: float | None = None

@@ -72,7 +72,8 @@ class DamperFit(Shown):
             return dict.fromkeys(names)
         with np.errstate(invalid="ignore"):
             spread = np.sqrt(np.diag(self.covariance))
-        return {n: float(s) if np.isfinite(s) else None for n, s in zip(names, spread, strict=True)}
+        return {n: float(s) if np.isfinite(s) and n not in self.unidentified else None
+                for n, s in zip(names, spread, strict=True)}
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
@@ -83,6 +84,11 @@ class DamperFit(Shown):
     def undetermined(self) -> tuple[str, ...]:
         """A sentence for each combination that the data leave open."""
         return self.estimate.undetermined
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Parameters not identifiable from the data; their values only serve to run the model."""
+        return self.estimate.unidentified
 
     @property
     def n_samples(self) -> int:
@@ -102,7 +108,8 @@ class DamperFit(Shown):
                 "training": self.training_score.to_dict(),
                 "held_out": None if self.held_out_score is None else self.held_out_score.to_dict(),
                 "standard_errors": self.std, "covariance": encode(self.covariance), "at_bounds": list(self.at_bounds),
-                "undetermined": list(self.undetermined), "condition": encode(self.estimate.condition),
+                "undetermined": list(self.undetermined), "unidentified": list(self.unidentified),
+                "condition": encode(self.estimate.condition),
                 "starts": None if starts is None else {"searched": starts.searched, "polished": starts.polished,
                                                        "agreed": starts.agreed},
                 "passivity": self.passivity.to_dict(), "flags": list(self.flags), "notes": list(self.notes),
@@ -128,6 +135,9 @@ def _line(label: str, score: Score) -> str:
 def _parameters(found: DamperFit) -> list[str]:
     spread, out = found.std, []
     for p in found.damper.parameters:
+        if p.name in found.unidentified:
+            out.append(f"{p.name} [{p.unit or '1'}] not identifiable")
+            continue
         error = spread[p.name]
         held = " (at its bound)" if p.name in found.at_bounds else ""
         known = "" if error is None else f" ± {error:.2g}"

@@ -75,12 +75,12 @@ def estimate_law(damper: FittedLaw, drives: Sequence[Drive], settings: FitSettin
         jacobian = problem.jacobian(theta)
         left = residual_of(problem.measured, problem.measured + found.trial.residual)
         spread = estimate_covariance(jacobian, left, problem.lengths, ~held)
-        open_, condition = _identifiability(problem, theta, jacobian, spread.covariance, ~held)
+        open_, lost, condition = _identifiability(problem, theta, jacobian, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
         notes.append(f"the search stopped at its limit of {settings.evaluations} evaluations before it had settled")
     return Estimate(damper.with_vector(theta), spread.covariance,
-                    tuple(n for n, h in zip(damper.names, held, strict=True) if h), open_, tuple(notes),
+                    tuple(n for n, h in zip(damper.names, held, strict=True) if h), open_, lost, tuple(notes),
                     starts if len(damper.linear) < len(damper.names) else None, condition)
 
 
@@ -342,6 +342,8 @@ def at_bounds(parameters: Sequence[Parameter], theta: np.ndarray) -> np.ndarray:
 
 OPEN = 0.5
 """relative standard error of a combination above which the data do not determine it."""
+LIMITLESS = 100.0
+"""relative standard error from which nothing is known: of an error so large a linear estimate gives no size."""
 SINGULAR = 1e-7
 """share of the largest singular value below which a direction is open whatever the noise."""
 NEGLIGIBLE = 0.05
@@ -351,7 +353,7 @@ NAMED = 0.3
 
 
 def _identifiability(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.ndarray, covariance: np.ndarray,
-                     free: np.ndarray) -> tuple[tuple[str, ...], float]:
+                     free: np.ndarray) -> tuple[tuple[str, ...], tuple[str, ...], float]:
     """Singular directions of the sensitivities to relative changes of the free parameters.
 
     A direction v of relative changes is open where √(vᵀ D⁻¹ C D⁻¹ v) > ½ with C the covariance and D the natural sizes,
@@ -370,13 +372,15 @@ def _identifiability(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.
     -------
     undetermined : tuple of str
         A sentence for each open direction.
+    unidentified : tuple of str
+        Parameters without effect, or with a standard error of `LIMITLESS` times their natural size.
     condition : float
         Largest over smallest singular value of the scaled sensitivities.
     """
     parameters = problem.parameters
     names = [n for n, f in zip(problem.damper.names, free, strict=True) if f]
     if not names:
-        return (), 1.0
+        return (), (), 1.0
     sizes = _natural_sizes(problem, theta, jacobian)[free]
     units = [p.unit for p, f in zip(parameters, free, strict=True) if f]
     of = ["" if size == abs(value) else f"{size:.3g} {unit}".strip()
@@ -386,7 +390,7 @@ def _identifiability(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.
     out = [f"{n}: has no effect on these data" for n, gone in zip(names, lost, strict=True) if gone]
     kept = np.flatnonzero(~lost)
     if not kept.size:
-        return tuple(out), float("inf")
+        return tuple(out), tuple(names), float("inf")
     scaled = np.linalg.qr(jacobian[:, free][:, kept] * sizes[kept], mode="r")
     _, s, vt = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).max(), full_matrices=False)
     relative = covariance[np.ix_(free, free)][np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
@@ -396,7 +400,9 @@ def _identifiability(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.
             out.append(_sentence([names[i] for i in kept], [of[i] for i in kept], vt[k], error,
                                  s[k] < SINGULAR * s[0]))
     condition = float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
-    return tuple(out), float("inf") if lost.any() else condition
+    lost[kept] = np.sqrt(np.maximum(np.diag(relative), 0.0)) >= LIMITLESS
+    unidentified = tuple(n for n, gone in zip(names, lost, strict=True) if gone)
+    return tuple(out), unidentified, float("inf") if len(kept) < len(names) else condition
 
 
 def _natural_sizes(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
@@ -413,7 +419,8 @@ def _sentence(names: list[str], of: list[str], direction: np.ndarray, error: flo
     """What is open, in per cent of each parameter's value, or of the size in `of` where it has another."""
     order = np.argsort(-np.abs(direction))
     leading = [int(i) for i in order[:3] if abs(direction[i]) >= NAMED * abs(direction[order[0]])]
-    known = "no bound to it" if singular else f"uncertain by {100 * error:.0f} %" if error < 100 else "without limit"
+    limit = f"uncertain by {100 * error:.0f} %" if error < LIMITLESS else "without limit"
+    known = "no bound to it" if singular else limit
     if len(leading) == 1:
         size = of[leading[0]]
         base = "" if not known.endswith("%") else f" of {size}, which moves the force by a twentieth" if size else \

@@ -25,7 +25,7 @@ class FitSettings:
     short_evaluations, short_samples : int
         Simulations of one search on shortened data, and its samples, at most.
     tolerance : float
-        Relative decrease of the cost that a step must promise.
+        Least predicted decrease of the cost by a step, relative.
     sample_rate : float or None
         Resample to this rate [Hz] first; needed for jittered or mixed clocks.
     polarity : {1, −1} or None

@@ -90,7 +90,7 @@ class SearchCoordinates:
 
 
 ROUNDING = 1e-13
-"""a promised decrease below this share of the cost cannot be separated from rounding."""
+"""a predicted decrease below this share of the cost cannot be separated from rounding."""
 
 DamperSearchEnd = SearchEnd[Trial, Any]
 
@@ -119,7 +119,8 @@ def search_law(problem: SearchResiduals, start: np.ndarray, evaluations: int, to
     -------
     SearchEnd or None
     """
-    stop = StopRule(tolerance, evaluations=evaluations, promise=max(ROUNDING, 0.01 * tolerance), refused=tolerance)
+    stop = StopRule(tolerance, evaluations=evaluations, least_decrease=max(ROUNDING, 0.01 * tolerance),
+                    refused=tolerance)
     place = problem.coordinates
     reach = np.where(place.log, -np.log(np.finfo(float).eps), np.inf)  # farther, a number adds nothing to its equals
     bounds = np.maximum(place.lower, start - reach), np.minimum(place.upper, start + reach)

@@ -313,9 +313,9 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
     if rest:
         damper, found, esr = _joint(damper, [drives[i] for i in rest], missing, joint, bool(kinds.switching), settings)
         step("lag" if not missing else "lag and rows", rest, found, esr)
-        blind = unseen(damper, [drives[i] for i in rest], found)
-        if blind:
-            notes.append(f"these records show nothing of {', '.join(blind)}: they stay as they were")
+        undetermined = unseen(damper, [drives[i] for i in rest], found)
+        if undetermined:
+            notes.append(f"{', '.join(undetermined)} not identifiable from these records: kept as before")
     return Stepwise(damper, tuple(steps), tuple(notes))
 
 

@@ -105,7 +105,7 @@ def force_slopes(y, z, x, v, c0, k0, c1, alpha, out):
 
 @njit()
 def spencer_tangents(x, v, current, h, substeps, theta, state):
-    """Derivatives of `spencer_run`, which says what it takes, in theta and in the first state: (15, N)."""
+    """Derivatives of `spencer_run` (arguments as there) in theta and in the first state: (15, N)."""
     c0a, c0b, k0, c1a, c1b, aa, ab, beta, gamma, delta, n, eta = theta
     out, tangents = np.zeros((15, x.size)), np.zeros((15, 2))
     tangents[12, 0] = tangents[13, 1] = 1.0

@@ -43,7 +43,7 @@ class Kwok(StaticDamper):
     """F = c v + k x + α tanh(β v + δ sign x) + f_0; c, k, α, δ, f_0 affine in the current where it varies.
 
     Kwok, Ha, Nguyen, Li, Samali (2006), as (2.5) of source 004. sign x makes the force jump at mid stroke; here it is
-    tanh(x/ε). δ does not know the amplitude, so that one δ serves one kind of motion.
+    tanh(x/ε). δ does not depend on the amplitude, so that one δ fits one kind of motion.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ def test_noise_that_overtones_could_be_is_called_either(rng):
     (noise,) = [f for f in audit(noisy).of("noise-level") if f.channel == "force"]
     assert noise.severity == "note"
     assert noise.evidence.startswith("noise at most")
-    assert "to tell" in noise.mend and "may as well be noise" in noise.mend
+    assert "to decide" in noise.mend and "may as well be noise" in noise.mend
 
 
 def test_noise_of_a_slow_force_is_still_a_warning(rng):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -318,7 +319,7 @@ def test_existing_folder_keeps_its_other_files(run1, tmp_path):
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
     (folder / "mine.txt").write_text("keep")
-    (folder / "audit.json").write_text("old")
+    run("inspect", run1, "--out", folder)
     run("inspect", run1, "--out", folder)
     assert sorted(p.name for p in folder.iterdir()) == [".results.json", "audit.json", "mine.txt", "report.html"]
     assert json.loads((folder / "audit.json").read_text())["schema"] == "lpvid/audit/1"
@@ -338,6 +339,47 @@ def test_a_second_run_leaves_nothing_of_the_first(run1, tmp_path):
     left = {p.name for p in folder.iterdir()}
     assert "state_space.json" not in left
     assert {"model.json", "audit.json", "state_space.csv"} <= left
+
+
+def test_a_folder_may_hold_the_data_and_the_results(run1, tmp_path):
+    """Results that lie in the folder of the data are no data, with a pattern either; named by themselves they are."""
+    data = shutil.copy(run1, tmp_path / "run.csv")
+    run("identify", data, "--nk", 0, "--na", 1, "--nb", 1, "--out", tmp_path)
+    words = ("validate", tmp_path / "model.json")
+    for given in (tmp_path, tmp_path, tmp_path / "*.csv"):
+        run(*words, given, "--out", tmp_path)
+        assert [r["name"] for r in json.loads((tmp_path / "validation.json").read_text())["records"]] == ["run"]
+    assert "no channel" in run(*words, tmp_path / "simulation.csv", code=2).stderr
+    shutil.copy(data, tmp_path / "simulation.csv")  # the user's now, whatever the list names
+    assert len(json.loads(run(*words, tmp_path, "--json").stdout)["records"]) == 2
+
+
+@pytest.mark.parametrize("name", ["audit.json", "report.html"])
+def test_a_file_of_the_users_is_not_replaced(run1, tmp_path, monkeypatch, name):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / name).write_text("mine")
+    with monkeypatch.context() as patch:
+        patch.setattr("lpvid.files.read", lambda *_, **__: pytest.fail("data were read"))
+        shown = run("inspect", run1, "--out", folder, code=2).stderr
+    assert f"its result {name} would replace a file of that name that this program did not write" in shown
+    assert [p.name for p in folder.iterdir()] == [name] and (folder / name).read_text() == "mine"
+    (folder / name).unlink()
+    run("inspect", run1, "--out", folder)
+    (folder / name).write_text("mine again")
+    assert "or that was changed since" in run("inspect", run1, "--out", folder, code=2).stderr
+    assert (folder / name).read_text() == "mine again"
+
+
+def test_a_result_that_is_not_written_deletes_no_file_of_the_users(run1, tmp_path):
+    run("identify", run1, "--nk", 0, "--out", tmp_path / "m")
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "certificate.json").write_text("mine")
+    unstable = lpv.LPVTransferFunction.siso([[-1.5]], [[0.0], [1.0]], lpv.Polynomial(), 0.1)
+    lpv.save(unstable, tmp_path / "u.json")
+    CliRunner().invoke(app, ["stability", str(tmp_path / "u.json"), "--out", str(tmp_path / "s")])
+    assert (tmp_path / "s" / "stability.json").exists()
+    assert (tmp_path / "s" / "certificate.json").read_text() == "mine"
 
 
 def test_an_output_folder_that_cannot_be_made_is_refused_before_the_work(run1, tmp_path, monkeypatch):

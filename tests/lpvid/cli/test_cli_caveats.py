@@ -116,6 +116,18 @@ def test_units_of_later_files_count_in_parts_too(folder):
     assert "not held-out: run begins with samples that the model was fitted to" in again
 
 
+def test_data_in_parts_get_the_remarks_of_whole_ones(folder, tmp_path):
+    """On ranges and units: the same lines, whatever the parts."""
+    large = write(tmp_path / "large.csv", 5, size=1000.0, units=("velocity", "force [N]"))
+    for file, words in ((folder / "wide.csv", ("lies outside the range of the training data",)),
+                        (large, ("lies outside the range", "about 1000 times the"))):
+        whole = run("validate", folder / "plain/model.json", file).output
+        parts = run("validate", folder / "plain/model.json", file, "--chunk", 300).output
+        for word in words:
+            lines = [[line for line in shown.splitlines() if word in line] for shown in (whole, parts)]
+            assert lines[0] and lines[0] == lines[1]
+
+
 @pytest.mark.parametrize(("size", "doubted"), [(1000.0, True), (10.0, False)])
 def test_a_channel_without_unit_that_is_a_thousand_times_as_large_is_doubted(folder, tmp_path, size, doubted):
     other = write(tmp_path / "mm.csv", 5, size=size, units=("velocity", "force [N]"))
@@ -197,14 +209,15 @@ def test_an_unstable_identified_model_is_exported_with_a_warning(folder, tmp_pat
         assert ("this model is NOT stable: largest frozen pole modulus 1.05" in shown) == words
 
 
-def test_a_free_run_that_diverges_on_training_data_is_a_shortfall(folder, tmp_path, monkeypatch):
+@pytest.mark.parametrize("run_of_it", [Figures("free-run", None, None, None, "N", 1200, diverged_at=772),
+                                       Figures("free-run", 1.2, -9.5, 80.0, "N", 1200)])
+def test_a_free_run_that_is_none_of_the_training_data_is_a_shortfall(folder, tmp_path, monkeypatch, run_of_it):
     whole = modelling.fit
 
     def fit(*arguments):
         reported = whole(*arguments)
         training = reported.found.training
-        run = Figures("free-run", None, None, None, "N", 1200, diverged_at=772)
-        worse = replace(training, overall=replace(training.overall, free_run=run))
+        worse = replace(training, overall=replace(training.overall, free_run=run_of_it))
         return replace(reported, found=reported.found.replace(training=worse))
 
     monkeypatch.setattr(modelling, "fit", fit)

@@ -117,6 +117,6 @@ def test_far_ahead_the_prediction_is_the_free_run_but_for_the_first_innovations(
 
 def test_without_noise_orders_it_is_least_squares(rng):
     record = system(rng, 600)
-    one, two = identify(record, ARMAX(**SETTINGS, nc=0)), ARX(**SETTINGS).estimate([record])  # both for white errors
+    one, two = (identify(record, s) for s in (ARMAX(**SETTINGS, nc=0), ARX(**SETTINGS)))  # coloured: both sandwiches
     np.testing.assert_allclose(one.parameters, two.parameters, atol=1e-8)
     np.testing.assert_allclose(one.standard_errors, two.standard_errors, rtol=1e-4)

@@ -10,11 +10,13 @@ from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid import _threads
-from lpvid._forks import in_forks
+from lpvid._forks import in_forks, processor_time
 from lpvid.condition import folds
 from lpvid.identification.selection import auto
+from lpvid.identification.selection import search as search_module
 from lpvid.identification.selection.every_kind import every_kind
 from lpvid.identification.selection.free_run import Trial, cross_validate, make_folds
+from lpvid.identification.selection.hasty import hasty, in_full
 from lpvid.identification.selection.rounds import output_error
 from lpvid.identification.selection.search import StructureSearch, _above
 from lpvid.identification.subspace_order import FOLDS, GAP, free_run_errors
@@ -109,16 +111,56 @@ def test_a_leader_that_cannot_be_taken_lets_the_others_go_on() -> None:
 KINDS = {"ARX", "OutputError", "Subspace", "RefinedIV", "QuasiLPV"}
 
 
-@pytest.mark.seconds
-def test_one_of_every_kind_comes_before_the_budget_counts() -> None:
+def test_the_first_fit_stays_whatever_the_budget_and_the_rest_is_named() -> None:
+    """The budget counts from the beginning: of one of every kind, the cheapest alone is done."""
     found = auto(lightly_damped(4), "u", "y", budget=1e-3)
     assert found.identification is not None and found.complete
-    done = [row for row in found.table if row.esr is not None or row.reason.startswith("left after")]
-    assert {type(row.structure).__name__ for row in done} == KINDS and len(done) == len(KINDS)
-    assert found.left_out[0].endswith("ARX not screened")
-    assert "output error at several orders" in found.left_out[1]
+    done = [row for row in found.table if row.esr is not None]
+    assert [type(row.structure).__name__ for row in done] == ["ARX"] and isinstance(found.best, lpv.ARX)
+    assert found.left_out[0] == f"{len(KINDS) - 1} of {len(KINDS)} kinds that come first"
+    assert found.left_out[1].endswith("ARX not screened")
+    assert "output error at several orders" in found.left_out[2]
     assert found.to_dict()["left_out"] == list(found.left_out)
-    assert any("ended at its budget of 0.001 s" in n and "counted after one of every kind" in n for n in found.notes)
+    assert any("ended at its budget of 0.001 s of processor time and left out" in n for n in found.notes)
+
+
+def test_a_budget_keeps_what_the_refit_of_the_best_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its seconds are those of the estimate on all records, which counts the whole search of an output error."""
+    record = lightly_damped(14)
+    search = StructureSearch([record], make_folds([record], 5, 8, ["u"])[0], 0.0, 4, None, budget=1000.0)
+    search.try_others([hasty(lpv.OutputError(na=2, nb=2, nk=1, input="u", output="y", frozen_poles="inside"))])
+    assert search.best is not None
+    taken = search.refit_seconds[search.best[0]]
+    assert taken > 0 and not search.late()
+    monkeypatch.setattr(StructureSearch, "seconds", 1000.0 - 0.5 * taken)
+    assert search.late()
+
+
+def test_what_comes_before_the_search_counts_where_it_belongs_to_the_budget() -> None:
+    record = lightly_damped(14)
+    parts = make_folds([record], 5, 8, ["u"])[0]
+    search = StructureSearch([record], parts, 0.0, 4, None, 50.0, processor_time() - 60.0)
+    assert not search.late()  # nothing could be taken yet
+    search.try_first([lpv.ARX(na=2, nb=2, nk=1, input="u", output="y"), lpv.ARX(na=1, nb=1, input="u", output="y")])
+    assert search.late() and search.unfinished(search.first) == 1
+
+
+def test_further_structures_are_built_on_one_that_could_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Least in cross-validation, but worse than the mean from measured samples: the whole search's end counts."""
+    record = lightly_damped(15)
+    search = StructureSearch([record], make_folds([record], 5, 8, ["u"])[0], 0.0, 4, None)
+    robust, fragile = (hasty(lpv.OutputError(na=n, nb=n, nk=1, input="u", output="y", frozen_poles="inside"))
+                       for n in (1, 2))
+    starts = {True: -50.0, False: 100.0}
+    monkeypatch.setattr(search_module, "fit_from_measured_samples", lambda model, *_: starts[model.na == 2])
+    asked = []
+    original = search_module.estimated
+    monkeypatch.setattr(search_module, "estimated", lambda s, *rest: asked.append(s) or original(s, *rest))
+    search.try_others([robust, fragile])
+    assert in_full(fragile) in asked  # what would be taken, not the short search, is run from measured samples
+    assert [s for s, _ in search.ranked_among(lpv.OutputError)] == [robust, fragile]
+    assert search.others[1][1].mean < search.others[0][1].mean
+    assert search.simplest(lpv.OutputError) == robust and search.best is not None and search.best[0] == robust
 
 
 def test_a_damper_scheduled_on_its_own_force_is_tried_at_both_lengths_of_memory_first() -> None:
@@ -131,9 +173,10 @@ def test_a_damper_scheduled_on_its_own_force_is_tried_at_both_lengths_of_memory_
 
 
 @pytest.mark.seconds
-def test_the_shortest_search_runs_freely_where_least_squares_does_not() -> None:
+def test_one_of_every_kind_runs_freely_where_least_squares_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """Oracle: the true equation. White noise on the output makes the poles of least squares far too fast."""
     record, later = lightly_damped(11, noise=0.5), lightly_damped(12, noise=0.5)
+    monkeypatch.setattr(StructureSearch, "late", lambda search: len(search.others) >= len(KINDS))
     found = auto(record, "u", "y", held_out=later, budget=1e-3)
     arx = lpv.identify(record, lpv.ARX(na=2, nb=3, nk=0, input="u", output="y", affine=1), held_out=later)
     fit = found.identification.held_out.overall.free_run.fit_percent

@@ -18,6 +18,8 @@ from lpvid.identification.covariance import (
     vague_inverse,
 )
 
+SECOND_ORDER: dict = {"na": 2, "nb": 2, "nk": 1, "input": "u", "output": "y"}
+
 
 def fir_record(rng: np.random.Generator, n: int = 12_000, pole: float = 0.9) -> lpv.Record:
     """y = u(k-1) + 0.5 u(k-2) + v with slow u and AR(1) v: least squares is unbiased, its white covariance wrong."""
@@ -117,3 +119,32 @@ def test_a_short_record_with_a_coloured_residual_has_no_white_standard_errors() 
     found = np.array([static_gain(seed) for seed in range(40)])
     assert found[:, 2].all()
     assert 0.5 < found[:, 1].mean() / found[:, 0].std() < 1.5
+
+
+@pytest.mark.seconds
+@pytest.mark.parametrize(("structure", "noise"), [
+    pytest.param(lpv.BoxJenkins(nc=0, nd=1, starts=1, **SECOND_ORDER), ([1.0], [1, -1.6, 0.8]), id="box-jenkins"),
+    pytest.param(lpv.ARMAX(nc=1, starts=1, **SECOND_ORDER), ([1.0], [1.0]), id="armax"),
+    pytest.param(lpv.RefinedIV(noise="box-jenkins", nc=0, nd=1, **SECOND_ORDER), ([1.0], [1, -1.6, 0.8]), id="refined"),
+])
+def test_standard_errors_match_the_spread_where_the_noise_model_is_too_small(structure, noise) -> None:
+    """Noise of two poles beside a model of one, output noise beside one lag: white ones are off by 30 %."""
+    found = [lpv.identify(second_order(np.random.default_rng(seed), *noise), structure) for seed in range(200)]
+    assert all("coloured" in f.covariance_kind or "correlated" in f.covariance_kind for f in found)
+    spread = np.std([f.parameters for f in found], axis=0, ddof=1)
+    ratio = np.median([f.standard_errors for f in found], axis=0) / spread
+    assert ratio.min() > 0.85, ratio  # the spread of 200 runs is known to 5 %
+    assert ratio.max() < 1.15, ratio
+
+
+def second_order(rng: np.random.Generator, numerator: list, denominator: list, n: int = 2000) -> lpv.Record:
+    """y = B/A u + C/D e with slow u, A of two complex poles."""
+    u = lfilter([1.0], [1, -0.9], rng.normal(size=n))
+    y = lfilter([0, 1.0, 0.5], [1, -1.2, 0.5], u) + lfilter(numerator, denominator, 0.3 * rng.normal(size=n))
+    return lpv.Record({"u": u, "y": y}, sample_time=1.0)
+
+
+def test_noise_models_that_suffice_keep_the_covariance_of_white_innovations(rng: np.random.Generator) -> None:
+    record = second_order(rng, [1.0], [1, -1.6, 0.8])
+    kind = lpv.identify(record, lpv.BoxJenkins(nc=0, nd=2, starts=1, **SECOND_ORDER)).covariance_kind
+    assert kind == "Gauss-Newton, white innovations"

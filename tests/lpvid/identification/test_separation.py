@@ -117,8 +117,8 @@ def test_held_out_figures_say_what_they_speak_for() -> None:
     whole, fresh = system(6)
     training, likewise = whole.slice(0, 2000), whole.slice(2000, N)
     same = lpv.identify(training, structure("oe"), held_out=likewise)
-    assert any("do not speak for independent inputs" in n for n in same.notes)
-    assert any("do not speak for independent inputs" in n for n in same.held_out.notes)
+    assert any("do not hold for independent inputs" in n for n in same.notes)
+    assert any("do not hold for independent inputs" in n for n in same.held_out.notes)
     other = lpv.identify(training, structure("oe"), held_out=fresh)
     assert any("held-out inputs move independently" in n for n in other.notes)
 

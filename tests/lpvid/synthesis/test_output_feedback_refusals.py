@@ -125,7 +125,7 @@ def test_reversed_polarity():
 def test_dead_signals():
     with pytest.raises(lpv.InputError, match="'force' has no effect"):
         lpv.synthesize(_named(B=[[0, 0, 0], [1, 0, 0]], D=[[0, 0, 0], [0, 0, 0], [0, 0.1, 0]]), lpv.OutputFeedback())
-    with pytest.raises(lpv.InputError, match="'stroke' sees no state"):
+    with pytest.raises(lpv.InputError, match="'stroke' depends on no state"):
         lpv.synthesize(_named(C=[[1, 0], [0, 0], [0, 0]], D=[[0, 0, 0], [0, 0, 0.3], [0, 0, 0]]), lpv.OutputFeedback())
 
 

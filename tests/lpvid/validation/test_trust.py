@@ -6,14 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from typer.testing import CliRunner
 
 import lpvid as lpv
+import quartercar
 from lpvid.cli.app import app
 from lpvid.record import Record
 from lpvid.report.figures import grade, verdict_grade
 from lpvid.report.validation import verdict
-from lpvid.validation.trust import esr_interval, independent_samples, training_doubt
+from lpvid.validation.trust import LEVEL, QUANTILE, esr_interval, independent_samples, training_doubt
 
 
 def linear(n: int, seed: int = 0) -> Record:
@@ -111,3 +113,10 @@ def test_a_free_run_no_better_than_the_mean_stands_in_the_first_line():
     assert fitted.doubt is None
     assert repr(fitted.replace(held_out=wrong)).startswith("Identification (held-out free run no better than the mean")
     assert repr(poor).startswith("Identification (the model cannot simulate the data that it was fitted to")
+
+
+def test_the_quantile_of_intervals_is_that_of_their_level_and_stands_in_one_place():
+    assert round(float(norm.ppf((1 + LEVEL) / 2)), 2) == QUANTILE
+    packages = [Path(p.__file__).parent for p in (lpv, quartercar)]
+    places = [f.name for p in packages for f in p.rglob("*.py") if "= 1.96" in f.read_text(encoding="utf8")]
+    assert places == ["trust.py"]

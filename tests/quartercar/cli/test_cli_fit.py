@@ -100,6 +100,14 @@ def test_hold_out_and_seed(files):
     assert again["models"][0]["parameters"] == described["models"][0]["parameters"]
 
 
+def test_models_that_are_none_of_their_training_data_are_a_shortfall(files, tmp_path, monkeypatch):
+    """Every free run as bad as the mean: the files are written all the same."""
+    monkeypatch.setattr("quartercar.dampers.evaluation.compared.Comparison.fails", True)
+    shown = run(files[0], "--models", "linear", "--out", tmp_path / "out", code=3).stdout
+    assert "No fitted model simulates the data that it was fitted to better than their mean." in shown.splitlines()[0]
+    assert (tmp_path / "out" / "comparison.json").exists()
+
+
 @pytest.mark.seconds
 def test_channels_of_other_names(files, tmp_path):
     plain = json.loads(run(files[0], "--models", "guo", "--json").stdout)

@@ -304,7 +304,8 @@ def test_a_damper_without_current_rides_alike_and_the_result_states_it(tmp_path)
     assert any("does not depend on the command" in note and "follows the current" in note
                for note in described["notes"])
     text = run("--damper", tmp_path / "guo.json", "--controller", "passive", "--road", "bump@8", "--seeds", 1).stdout
-    assert "follows no command" in text and "2.5 A" not in text
+    assert "follows no command" in text and "2.5 A" not in text and "at limits" not in text
+    assert all(r["figures"]["at_limits"]["mean"] is None for r in described["rides"])
 
 
 def test_a_track_of_centimetres_and_a_body_of_grams_are_remarked(tmp_path):

@@ -239,7 +239,7 @@ def test_a_design_tells_what_it_found() -> None:
 def test_dampers_that_give_energy_and_cars_without_one_are_refused() -> None:
     with pytest.raises(InputError, match="reversed sign"):
         design(QuarterCar(MEGANE, DAMPER.replace(polarity=-1), coil=CAR.coil))
-    with pytest.raises(InputError, match="needs to know the damper"):
+    with pytest.raises(InputError, match="needs a damper model"):
         design(QuarterCar(MEGANE, coil=CAR.coil))
 
 

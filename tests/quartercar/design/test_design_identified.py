@@ -129,7 +129,7 @@ def test_rows_are_what_the_model_then_adds(task: DamperTask) -> None:
 def test_another_rate_is_refused() -> None:
     with pytest.raises(InputError, match="runs at the damper's rate"):
         LpvHinfIdentified().start(replace(SETTING, sample_time=0.002))
-    with pytest.raises(InputError, match="needs to know the damper"):
+    with pytest.raises(InputError, match="needs a damper model"):
         LpvHinfIdentified().start(replace(SETTING, damper=None))
 
 

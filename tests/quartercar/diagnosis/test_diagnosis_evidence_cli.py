@@ -79,7 +79,7 @@ def test_auto_judges_the_law_that_made_the_record():
     stated: list[str] = []
     question = pose(linear_record(), "auto", FEW, progress=stated.append)
     assert question.baseline.name == "linear" and question.settled
-    assert "the law judged is linear" in question.prepared.notes[0]
+    assert "the law diagnosed is linear" in question.prepared.notes[0]
     assert "trying linear" in stated and len(set(stated)) == len(stated), "every law is fitted once"
     np.testing.assert_allclose(question.baseline.vector, [1500.0, 2e3, 0.0, -120.0], atol=1.0)
 

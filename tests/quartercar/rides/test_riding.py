@@ -142,6 +142,25 @@ def test_a_coil_without_limits_is_refused():
         ride(car(coil=Coil()), SHORT, Skyhook())
 
 
+@pytest.mark.parametrize("damper", [None, Linear(values={"damping": 1500.0})])
+def test_a_car_without_a_current_needs_no_coil(damper):
+    """Its rides are those with a coil, whose command changes nothing, and no command stands at a limit."""
+    found, limited = (ride(QuarterCar(MEGANE, damper, coil=c), SHORT, Skyhook()) for c in (Coil(), COIL))
+    np.testing.assert_array_equal(found.run["body_acceleration"], limited.run["body_acceleration"])
+    assert found.at_limits is None and limited.at_limits is None and "follows none" in repr(found)
+    assert ride(car(), SHORT, Skyhook()).at_limits is not None
+
+
+def test_a_ride_too_short_for_figures_names_the_mend():
+    with pytest.raises(InputError, match=r"too short.*Mend: give a longer duration"):
+        ride(car(), IsoRoad("C", 20.0, 0.001), Skyhook())
+    with pytest.raises(InputError, match=r"too short.*Mend: give a longer duration"):
+        ride(car(), SineSweep(duration=1e-4), Skyhook())
+    track = MeasuredRoad(roads.Track(np.array([0.0, 0.01]), np.zeros(2)), 20.0, 1)
+    with pytest.raises(InputError, match=r"too short.*Mend: give a longer track, more laps, or a lower speed"):
+        ride(car(), track, Skyhook())
+
+
 # -- energy ------------------------------------------------------------------------------------------------------------
 @pytest.mark.seconds
 def test_a_viscous_damper_takes_what_it_is_given():

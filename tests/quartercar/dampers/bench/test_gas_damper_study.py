@@ -56,7 +56,7 @@ def test_what_the_printed_table_contradicts() -> None:
     assert max(r.peak_speed for r in table.rows) < RIG_SPEED
     text = "\n".join(table.contradictions())
     for stated in ("1.4% to 22.4%", "8.3%", "-5.67 J", "1.39 m/s", "N and mm/s", "-22% at 30 mm",
-                 "refit rather than copy", "blind to gas force"):
+                 "refit rather than copy", "insensitive to gas force"):
         assert stated in text
     assert "30 mm" in repr(table) and len(repr(table).splitlines()) <= 10
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lpvid import save
+from lpvid.caveat import Caveat
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import in_processes
@@ -17,6 +19,7 @@ from quartercar.dampers.evaluation import comparison as module
 from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.polarity import polarity_of
+from quartercar.report.fit import comparison_figures, comparison_page
 
 RATE = 500.0
 UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "force": "N", "voltage": "V"}
@@ -121,6 +124,46 @@ def test_it_prints_as_a_table(found):
     assert text.splitlines()[0] == found.verdict and "Guo" in found.verdict
     assert [line.split()[1] for line in text.splitlines() if line[:3].strip().isdigit()] == [r.name for r in found.rows]
     assert "N = 4,794 samples in 3 records" in text
+
+
+def test_remarks_that_qualify_every_figure_stand_first_whatever_their_words(found):
+    """A note is a caveat by its type, given where it arises, and not by its words."""
+    noted = found.with_notes((Caveat("zwei von drei"), "reversed polarity is a word in this one"))
+    page = comparison_page(noted, comparison_figures(found))
+    assert "Zwei von drei." in page.caveats and not any("polarity" in c for c in page.caveats)
+    assert str(noted).startswith("Zwei von drei.\n") and "  note: reversed polarity is" in str(noted)
+    turned = prepare([guo_record(sign=-1.0)]).notes[0]
+    silent = prepare([guo_record().slice(0, 60)]).notes[0]
+    assert all(isinstance(n, Caveat) for n in (turned, silent))
+
+
+def test_a_parameter_of_which_the_data_say_nothing_has_no_number_wherever_it_stands(found):
+    """In the table, in JSON and in text it is not identifiable, with its unit; the others are as they were."""
+    fitted = found["guo"].fit
+    row = replace(found["guo"], fit=replace(fitted, estimate=replace(fitted.estimate, unidentified=("sharpness",))))
+    assert row.fit.std["sharpness"] is None
+    described = {p["name"]: p for p in row.to_dict(1)["parameters"]}
+    unit = described["sharpness"]["unit"]
+    assert described["sharpness"] == {"name": "sharpness", "value": None, "std": None, "unit": unit}
+    assert all(p["value"] is not None for n, p in described.items() if n != "sharpness")
+    assert f"sharpness [{unit}] not identifiable" in repr(row.fit)
+    shown = replace(found, rows=(row,))
+    page = comparison_page(shown, comparison_figures(shown))
+    tables = [i for s in page.sections if s.title == "Parameters" for i in s.items]
+    (stated,) = [r for t in tables for r in t.rows if r[1] == "sharpness"]
+    assert stated[2:] == ("not identifiable", unit, "–")
+
+
+def test_a_comparison_fails_where_no_fitted_model_beats_the_mean_of_its_training_data(found):
+    def worse(row, esr):
+        total = row.training.total
+        bad = replace(total, error=total.power * (esr or 0.0), diverged_at=9 if esr is None else None)
+        return replace(row, training=replace(row.training, total=bad))
+
+    assert not found.fails and "better than their mean" not in found.verdict
+    bad = replace(found, rows=tuple(worse(row, e) for row, e in zip(found.rows, (1.0, 3.0, None, 2.0), strict=True)))
+    assert bad.fails and "No fitted model simulates the data that it was fitted to" in bad.verdict
+    assert not replace(bad, rows=(found.rows[0], *bad.rows[1:])).fails
 
 
 def test_models_that_do_not_suit_say_why():

@@ -200,6 +200,8 @@ def test_what_the_data_leave_open_is_said() -> None:
     assert len(found.undetermined) == 2
     assert found.estimate.condition == np.inf
     assert found.std["idle"] is None
+    assert found.unidentified == ("first", "second", "idle")
+    assert "first [N] not identifiable, second [s/m] not identifiable, idle [1] not identifiable" in repr(found)
 
 
 def test_what_the_data_determine_is_not_doubted() -> None:
