@@ -128,5 +128,9 @@ class ForceDeadZone(GridEffect):
 
         return run
 
+    def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
+        """A loose joint either way: play, too, holds the force near zero until the motion has passed it."""
+        return ("backlash",)
+
     def lpv_change(self) -> LpvChange | None:
         return None

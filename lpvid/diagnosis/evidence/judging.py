@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Support, family
+from lpvid.diagnosis.evidence.discrepancy import MISSED
 from lpvid.diagnosis.evidence.rivals import LISTED, NAMED, in_this_form, named_as, rivals_of
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.visited import posterior
@@ -137,6 +138,10 @@ class JudgedSet:
         Effects that held-out data did not bear out, and what was said.
     sets : list of (Weighed, float)
         Visited sets and their probabilities, those not borne out left out.
+    lowered : (tuple of str, float), optional
+        Where nothing is in the set all the same: the causes of the visited set of least error, and the error out of
+        fold that they leave, over the output, if that is lower by more than a good law's misfit: what is left is no
+        noise then.
     """
 
     problem: DiagnosisProblem
@@ -150,6 +155,7 @@ class JudgedSet:
     predictable: float
     dropped: tuple[tuple[str, str], ...]
     sets: list[tuple[Weighed, float]]
+    lowered: tuple[tuple[str, ...], float] | None = None
 
     @property
     def of_law(self) -> float:
@@ -201,6 +207,8 @@ def judge(search: SetSearch, report_progress: Callable[[str], None],
         smaller[best.members] = best.members - useless
         dropped |= dict.fromkeys(useless, "held-out error is no lower with it")
     found = _judged(search, fits, sets, best, best, rests, dropped)
+    if not best.members:
+        return replace(found, lowered=_lowered(search, fits))
     for w in _better(search, fits, sets, best):
         rests, useless = _less_one(search, fits, w)
         other = None if useless else _judged(search, fits, sets, best, w, rests, dropped)
@@ -292,6 +300,21 @@ def _better(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence
     _check(search, fits, near, [w.fit.composition for w in others])
     better = [w for w in others if _helps(problem, near, folds_of(problem, fits[w.members]))]
     return sorted(better, key=lambda w: _squares(problem, fits[w.members]))
+
+
+def _lowered(search: SetSearch, fits: dict[frozenset[str], Refit]) -> tuple[tuple[str, ...], float] | None:
+    """The visited set of least error, and what it leaves out of fold; None where that is not notably less."""
+    problem, root = search.problem, fits[frozenset()]
+    least = min((w for w in search.visited.values() if not w.at_bounds), key=lambda w: w.fit.cost)
+    worth = problem.n_samples * (MISSED * search.data.discrepancy.force) ** 2
+    if not root.cost - least.fit.cost > worth:
+        return None
+    _check(search, fits, root, [root.composition, least.fit.composition])
+    after = folds_of(problem, fits[least.members])
+    left = float(np.sum(after.plain**2))
+    if not (_helps(problem, root, after) and _squares(problem, root) - left > worth):
+        return None
+    return tuple(sorted(least.members)), float(np.sqrt(left / problem.n_samples)) / search.data.discrepancy.force
 
 
 def _squares(problem: DiagnosisProblem, fit: Refit) -> float:

@@ -158,6 +158,10 @@ class EvidenceOutcome:
             nearest = "come nearest" if len(others) > 1 else "comes nearest"
             return "unexplained", f"{', '.join(m.effect.name for m in others)} {nearest}, and cannot be named; " \
                                   f"{structure}"
+        if self.judged.lowered is not None:
+            causes, lower = self.judged.lowered
+            fall = f"{', '.join(causes)} it falls out of fold from {left:.1%} to {lower:.1%} of the output"
+            return "unexplained", f"no cause is probable enough to be named, and the error is no noise: with {fall}"
         if of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
         return "nothing-to-explain", f"no cause is called for; {structure}{noise}"

@@ -764,3 +764,13 @@ def test_sets_that_held_out_data_refused_take_no_name():
     search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, other)})
     assert not rivals._as_good(search, [(best, 1.0)], best, best.effects[0])
+
+
+@pytest.mark.parametrize("hidden", [0.8, 0.0])
+def test_an_error_that_a_set_lowers_is_no_noise_where_nothing_is_probable(hidden, monkeypatch):
+    """Where all weight is on the baseline alone, what a set takes away out of fold was no noise."""
+    monkeypatch.setattr(judging, "_borne_out", lambda search, *_: [(search.visited[frozenset()], 1.0)])
+    run = record(np.random.default_rng(5), level=0.02 if hidden else 0.5, hidden=lambda u: hidden * np.sign(u))
+    found = diagnose([run], Bent(), [Dry(), Cubic()])
+    assert not found.causes and found.verdict == ("unexplained" if hidden else "nothing-to-explain")
+    assert ("the error is no noise: with" in found.reason and "dry" in found.reason) is bool(hidden)

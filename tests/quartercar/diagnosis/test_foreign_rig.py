@@ -143,6 +143,19 @@ class TestCases:
         assert not alike & {c.name for c in answer.causes}
         assert any(alike <= set(r.names) for r in answer.rivals)
 
+    @pytest.mark.slow
+    def test_play_beside_friction_is_listed_with_a_dead_zone_of_the_force(self, tmp_path: Path) -> None:
+        """A play of 11 % of the force beside LuGre's friction, with Guo's law as the baseline."""
+        import lpvid as lpv
+
+        world = cases.world(cases.draw(67700007))
+        assert world.plan.causes == ("backlash",) and world.plan.law == "lugre"
+        path = tmp_path / "record.csv"
+        cases.written(world, cases.measured(world, world.run(truth.truth_of(world).hidden)), path)
+        answer = lpv.diagnose(lpv.read(str(path)), "guo", sample_rate=cases.RATE / 2)
+        assert not {"backlash", "force-dead-zone"} & {c.name for c in answer.causes}
+        assert any({"backlash", "force-dead-zone"} <= set(r.names) for r in answer.rivals)
+
     def test_shares_no_code_with_what_it_judges(self) -> None:
         for path in Path(causes.__file__).parent.glob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
