@@ -32,7 +32,7 @@ _ADVICE = {
     "nothing-to-explain": "The baseline is as good as these data can show. A better one needs other data.",
     "partly-explained": "Use the extended model with care: a known part of the error is named, another part is not.",
     "cannot-tell": "Do not mend anything yet: run the experiment below, then diagnose its records.",
-    "unexplained": "Do not add a component on this evidence: no known cause reproduces the error, or none is probable enough.",
+    "unexplained": "Do not add a component on this evidence: no known cause reproduces it, or none is probable enough.",
 }
 _REPEAT = ("Repeat the run. An error that the repeat does not show again is noise, and the baseline is as good as "
            "these data can show; one that it shows again has a cause which none of those known here explains.")
