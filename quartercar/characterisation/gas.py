@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quartercar.characterisation.cycles import Block
+from quartercar.characterisation.local_fit import APART
 from quartercar.characterisation.settings import CREEP
 
 BINS = 16
 """places along the stroke at which the two directions are compared"""
-SURE = 3.0
-"""standard errors by which a force must lie on the wrong side of zero"""
 INNER = 0.8
 """share of the stroke that is used: at its ends the speed is not that of the test"""
 
@@ -131,7 +130,7 @@ def pulling(found: Sequence[StaticForce]) -> tuple[str, ...]:
         """F_in [N]."""
         return -test.gas - test.friction
 
-    own = [s for s in found if inwards(s) > SURE * np.hypot(*np.nan_to_num((s.gas_std, s.friction_std)))]
+    own = [s for s in found if inwards(s) > APART * np.hypot(*np.nan_to_num((s.gas_std, s.friction_std)))]
     if not own:
         return ()
     worst = max(own, key=inwards)
@@ -170,4 +169,4 @@ def _alike(test: StaticForce, slower: StaticForce) -> bool:
     gaps = ((test.gas - slower.gas, test.gas_std, slower.gas_std),
             (test.friction - slower.friction, test.friction_std, slower.friction_std))
     rounding = 1e-9 * max(abs(test.gas), abs(test.friction))
-    return all(abs(gap) <= SURE * float(np.hypot(*np.nan_to_num((a, b)))) + rounding for gap, a, b in gaps)
+    return all(abs(gap) <= APART * float(np.hypot(*np.nan_to_num((a, b)))) + rounding for gap, a, b in gaps)

@@ -1,4 +1,4 @@
-"""Looking: what effects outside of a set would change, to first order, which promise most, and where lags begin."""
+"""Looking: what effects outside of a set would change, to first order, which have most gain, and where lags begin."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ CHILDREN = 6
 OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
 LOOKED, POINTS = 14, 4
-"""effects beside a set that are simulated anew, those first that promise most by what they changed beside the
-baseline alone, and points over which each is looked at, besides that which promises most"""
+"""effects beside a set that are simulated anew, those of the largest gain by what they changed beside the
+baseline alone, and points over which each is looked at, besides that of the largest gain"""
 HOPELESS = 20.0
 """log-evidence by which a set may stay behind the best one, to first order, and is refitted all the same: a refit may
 find more than first order does"""
@@ -90,8 +90,8 @@ def look(sets: VisitedSets, first: FirstLook, beside: Sequence[Weighed]) -> list
     """What the effects outside of each of several sets would change, at the points where they are looked at.
 
     Beside the baseline alone that is what the first look found, of all effects. Beside another set this serves first:
-    less the set's sensitivities, it is what each would take away if it acted as it did there. Those that promise most,
-    and the partners of the members, are simulated anew.
+    less the set's sensitivities, it is what each would take away if it acted as it did there. Those of the
+    largest gain, and the partners of the members, are simulated anew.
 
     Parameters
     ----------
@@ -112,7 +112,8 @@ def look(sets: VisitedSets, first: FirstLook, beside: Sequence[Weighed]) -> list
             for w, v in zip(beside, views, strict=True)]
 
 
-def promising(sets: VisitedSets, first: FirstLook, w: Weighed, found: Sequence[Direction]) -> dict[Effect, float]:
+def by_predicted_gain(sets: VisitedSets, first: FirstLook, w: Weighed, found: Sequence[Direction]
+                      ) -> dict[Effect, float]:
     """Effects to refit beside a set: the best by what they would take away, and the best with and without memory.
 
     Those by the points that are spread over the range of every effect, and those by all points besides: a sharp one
@@ -181,17 +182,17 @@ def _view(sets: VisitedSets, first: FirstLook, w: Weighed) -> _SetView:
     outside = [e for e in sets.candidates if e.name not in w.members and sets.allowed((*w.effects, e))]
     points, basis = sets.data.looked_at, projector(w.fit.yielding)
     if w.members and first.moved:
-        promised = _promised(sets, first, w, outside, basis)
-        outside = _foremost(first, w, outside, promised)
-        points = {e.name: _few(points[e.name], promised.get(e.name)) for e in outside}
+        predicted = _predicted(sets, first, w, outside, basis)
+        outside = _foremost(first, w, outside, predicted)
+        points = {e.name: _few(points[e.name], predicted.get(e.name)) for e in outside}
     errors = sets.problem.errors(w.fit.composition, w.fit.vector)
     now = [s.output - e for s, e in zip(sets.problem.signals, errors, strict=True)]
     return _SetView(w, outside, points, now, basis)
 
 
-def _promised(sets: VisitedSets, first: FirstLook, w: Weighed, outside: Sequence[Effect], basis: np.ndarray
+def _predicted(sets: VisitedSets, first: FirstLook, w: Weighed, outside: Sequence[Effect], basis: np.ndarray
               ) -> dict[str, Direction]:
-    """Per effect the point that promises most beside a set, if it acts there as it did beside the baseline alone."""
+    """Per effect the point of the largest gain beside a set, if it acts there as it did beside the baseline alone."""
     names = {e.name for e in outside}
     best: dict[str, Direction] = {}
     for d in directions(sets.problem, w.fit, [m for m in first.moved if m.effect.name in names], basis):
@@ -200,25 +201,25 @@ def _promised(sets: VisitedSets, first: FirstLook, w: Weighed, outside: Sequence
     return best
 
 
-def _foremost(first: FirstLook, w: Weighed, outside: Sequence[Effect], promised: Mapping[str, Direction]
+def _foremost(first: FirstLook, w: Weighed, outside: Sequence[Effect], predicted: Mapping[str, Direction]
               ) -> list[Effect]:
-    """Effects worth a look beside a set: the partners of its members, then those that promise most."""
+    """Effects worth a look beside a set: the partners of its members, then those of the largest gain."""
     linked = {p for e in w.effects for p in e.partners}
     unseen = {e.name for e in outside} - {m.effect.name for m in first.moved}
     ranked = sorted(outside, key=lambda e: (e.name not in linked | unseen,
-                                            -promised[e.name].gain if e.name in promised else 0.0))
+                                            -predicted[e.name].gain if e.name in predicted else 0.0))
     return ranked[: LOOKED + len((linked | unseen) & {e.name for e in outside})]
 
 
-def _few(points: np.ndarray, promised: Direction | None) -> np.ndarray:
-    """`POINTS` of the points of an effect, evenly among them, and the one that promises most if it is not one of these.
+def _few(points: np.ndarray, predicted: Direction | None) -> np.ndarray:
+    """`POINTS` of the points of an effect, evenly among them, and the one of the largest predicted gain besides.
 
     The period of a resonance is sharp: four of fourteen points may all miss it.
     """
     few = evenly(points, POINTS)
-    if promised is None or any(np.array_equal(promised.values, v) for v in few):
+    if predicted is None or any(np.array_equal(predicted.values, v) for v in few):
         return few
-    return np.vstack([few, promised.values])
+    return np.vstack([few, predicted.values])
 
 
 def _moves(view: _SetView, e: Effect) -> list[Move]:

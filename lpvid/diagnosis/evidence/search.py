@@ -11,7 +11,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, share_of
 from lpvid.diagnosis.evidence.kinship import LAGGING, akin
-from lpvid.diagnosis.evidence.looking import HOPELESS, FirstLook, evenly, first_look, look, promising
+from lpvid.diagnosis.evidence.looking import HOPELESS, FirstLook, by_predicted_gain, evenly, first_look, look
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.visited import RACED, VisitedSets, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
@@ -99,7 +99,7 @@ class SetSearch(VisitedSets):
         return chosen
 
     def enlarge(self, sets: Sequence[Weighed]) -> None:
-        """Visit the most promising sets with one effect more, of one set after the other.
+        """Visit the sets of the largest predicted gain with one effect more, of one set after the other.
 
         A set that was visited from another one is visited again where less error is in sight from here.
 
@@ -119,7 +119,7 @@ class SetSearch(VisitedSets):
         if any(not w.members for w in sets):
             self.seen = first_look(self)
         for w, found in zip(sets, look(self, self.seen, sets), strict=True):
-            chosen = [e for e, cost in promising(self, self.seen, w, found).items()
+            chosen = [e for e, cost in by_predicted_gain(self, self.seen, w, found).items()
                       if self.is_less(w.members | {e.name}, cost)]
             _ = w.fit.jacobian, self.root.fit.jacobian  # found once, for all forks
             for child in self._children(w, chosen, found):
@@ -130,7 +130,7 @@ class SetSearch(VisitedSets):
         return self.each(lambda e: self.weighed(self._child(w, e, found)), chosen)
 
     def _child(self, w: Weighed, added: Effect, found: Sequence[Direction]) -> Refit:
-        """A set with one effect more, refitted from the points that promise most."""
+        """A set with one effect more, refitted from the points of the largest gain."""
         composition = Composition(w.fit.composition.baseline, (*w.effects, added))
         if not w.members and added.name in self.seen.following:  # the law follows the lag
             return self.settled(composition, [v for _, v in self.seen.following[added.name]], None, (added,))

@@ -319,7 +319,7 @@ class Ringing(Added):
         return lambda s: core(s) + values[0] * np.sin(values[1] * s["u"])
 
 
-def test_beside_a_set_the_point_that_promised_most_is_looked_at_too():
+def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_looked_at_too():
     """Oracle: of 12 points 1, 5, 8 and 12 are evenly among them; the third has the number of waves that are there."""
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.3 * np.sin(15 * u))
     search, _ = prepared([run], Bent(), (Dry(), Ringing()), lambda text: None)
@@ -330,7 +330,7 @@ def test_beside_a_set_the_point_that_promised_most_is_looked_at_too():
     found = looking.look(search, first, [beside])[0]
     assert {d.values[1] for d in found} == {5.0, 15.0, 25.0, 40.0, 60.0}
     assert max(found, key=lambda d: d.gain).values[1] == 15.0
-    assert [e.name for e in looking.promising(search, first, beside, found)] == ["ringing"]
+    assert [e.name for e in looking.by_predicted_gain(search, first, beside, found)] == ["ringing"]
 
 
 def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.errors import InputError
+from lpvid.export.serialise import jsonable
 from lpvid.synthesis.result import Synthesis
 from quartercar.cli.app import app
 from quartercar.controllers.contract import Setting
@@ -230,7 +231,7 @@ def test_passive_gains_are_the_golden_numbers() -> None:
 def test_a_design_tells_what_it_found() -> None:
     found = design(CAR)
     assert "verified" in found.verdict and str(found).startswith(found.verdict)
-    data = json.loads(json.dumps(lpv.export.serialise.jsonable(found.to_dict()), allow_nan=False))
+    data = json.loads(json.dumps(jsonable(found.to_dict()), allow_nan=False))
     assert data["schema"] == "quartercar/design/1" and data["gamma_verified"] == found.synthesis.gamma_verified
     with_law, passive = found.bump(road=Bump(duration=1.0))
     assert with_law.controller is found.controller and passive.run["command"].max() == 0.0
