@@ -13,7 +13,7 @@ from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.diagnosis import Diagnosis
-    from lpvid.diagnosis.facade import Question
+    from lpvid.diagnosis.facade import DiagnosisTask
     from lpvid.diagnosis.lpv_extension import LpvExtension
     from lpvid.record import Record
 
@@ -52,7 +52,7 @@ def diagnose(
     """
     from lpvid.cli.data import asked_rate, read_parts_clocked, split_names
     from lpvid.condition.preparing import common_rate
-    from lpvid.diagnosis.facade import answer, pose
+    from lpvid.diagnosis.facade import prepare_task, run_task
     from lpvid.diagnosis.settings import DiagnosisSettings
     from lpvid.errors import InputError
 
@@ -65,7 +65,7 @@ def diagnose(
         start, is_model = _starting_point(baseline)
         training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
-        question = pose(
+        question = prepare_task(
             training,
             start,
             split_names(catalogue) or None,
@@ -74,7 +74,7 @@ def diagnose(
             sample_rate=common_rate(training) if raw else None if clockless else rate,
             progress=report_progress,
         )
-        found = answer(question, DiagnosisSettings(seed=seed), report_progress)
+        found = run_task(question, DiagnosisSettings(seed=seed), report_progress)
         report_progress("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)
         described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
@@ -107,7 +107,7 @@ def _with_parts(record: Record, model: Any, named: dict[str, tuple[str, ...]]) -
     return record.with_roles(parts(acting(model, record.time_base.period), named))
 
 
-def _lpv_extension(found: Diagnosis, question: Question) -> LpvExtension | None:
+def _lpv_extension(found: Diagnosis, question: DiagnosisTask) -> LpvExtension | None:
     """The named causes in an LPV model, where there are some and the records allow one."""
     from lpvid.diagnosis.lpv_extension import common_structure, measured_extension
     from lpvid.errors import InputError
@@ -129,7 +129,7 @@ def _described(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
     return {**found.to_dict(), "extended_lpv": None if lpv is None else {**lpv.to_dict(), "model": LPV_MODEL}}
 
 
-def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
+def _deliver(results: Results, found: Diagnosis, question: DiagnosisTask, lpv: LpvExtension | None, plan: bool,
              report_progress: Callable[[str], None]) -> Sequence[str]:
     """Queue the files; lines to print about the LPV model and the experiment."""
     from lpvid.auditing import record_remarks

@@ -11,7 +11,7 @@ from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.effective_samples import effective_samples
 from lpvid.diagnosis.folds import out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import refit
@@ -84,8 +84,8 @@ def automatic(
                          mend="name a baseline")
     problem, best = _problem(found[0].baseline, records), min(found, key=lambda law: law.error)
     composition = Composition(best.baseline)
-    kept = independent(problem, problem.errors(composition, best.baseline.vector)).kept
-    count = kept * problem.n_samples
+    kappa = effective_samples(problem, problem.errors(composition, best.baseline.vector)).kappa
+    count = kappa * problem.n_samples
 
     def criterion(law: Law) -> float:
         return count * float(np.log(max(law.error, 1e-300))) + law.baseline.vector.size * float(np.log(max(count, 2.0)))
@@ -106,5 +106,5 @@ def _problem(baseline: Baseline, records: Sequence[Record]) -> DiagnosisProblem:
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:
     problem = _problem(baseline, records)
     fit = refit(problem, Composition(baseline), baseline.vector, iterations=0)  # its errors as fitted, no second fit
-    error = float(np.mean(out_of_fold(problem, fit).plain ** 2))
+    error = float(np.mean(out_of_fold(problem, fit).errors ** 2))
     return Law(baseline, error)

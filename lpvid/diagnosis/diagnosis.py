@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lpvid._shown import Shown
-from lpvid.diagnosis.localise import Wrong
+from lpvid.diagnosis.localise import ErrorRegime
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -376,7 +376,7 @@ class Diagnosis(Shown):
     after: Errors
     noise_floor: float | None
     noise: Mapping[str, Any]
-    wrong: tuple[Wrong, ...]
+    wrong: tuple[ErrorRegime, ...]
     causes: tuple[Cause, ...]
     rivals: tuple[Rivals, ...]
     cannot_tell: tuple[CannotTell, ...]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
-from lpvid.diagnosis.evidence.discrepancy import MISSED
-from lpvid.diagnosis.facade import Question
+from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
+from lpvid.diagnosis.facade import DiagnosisTask
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.plot.style import label
@@ -38,7 +38,7 @@ _REPEAT = ("Repeat the run. An error that the repeat does not show again is nois
            "these data can show; one that it shows again has a cause which none of those known here explains.")
 
 
-def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | None = None,
+def diagnosis_page(found: Diagnosis, question: DiagnosisTask, lpv: LpvExtension | None = None,
                    experiment: Sequence[str] = ()) -> Page:
     """A page about a diagnosis.
 
@@ -60,7 +60,7 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     extended = found.extended is not None and bool(found.extended.effects)
     mark, advice = _MARKS[found.verdict], _ADVICE[found.verdict]
     if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
-            found.after.esr_held_out > MISSED**2:  # much, and nothing shows that it is noise
+            found.after.esr_held_out > ACCEPTABLE_MISFIT**2:  # much, and nothing shows that it is noise
         mark, advice = "warn", _REPEAT
     sections = [Section("What to do", (Paragraph(advice, strong=True), *_proposal(found, experiment)))]
     if found.causes or found.rivals:
@@ -79,7 +79,7 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
                 tuple(sections))
 
 
-def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]:
+def before_after(found: Diagnosis, question: DiagnosisTask) -> list[draw.BeforeAfter]:
     """The records with the free runs of the baseline and of the extended model, in the records' sense.
 
     Parameters

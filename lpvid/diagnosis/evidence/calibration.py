@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.weighing import Weighed
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 
 COEFFICIENTS = (-1.64, 1.01, 1.67)
 """a, b and c of the map, by logistic regression (Platt 1999) on cases of both rigs and measured records, each source
 counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md says
 how far they hold"""
-TINY = 1e-300
-Finding = Callable[[Weighed], Effect | None]
+LEAST_WEIGHT = 1e-300
+Matcher = Callable[[EvaluatedSet], Effect | None]
 """The effect of a set by which it holds something; None where it does not."""
 
 
@@ -37,14 +37,14 @@ class Support:
     structured: float
 
     @classmethod
-    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding, structured: float) -> Support:
+    def of(cls, sets: Sequence[tuple[EvaluatedSet, float]], match: Matcher, structured: float) -> Support:
         """From all visited sets.
 
         Parameters
         ----------
         sets : sequence of (Weighed, float)
             With their weights, which add up to one.
-        finding : callable
+        match : callable
             The effect of a set by which it holds it; None where it does not.
         structured : float
             Share of the error of the best set beyond the noise floor.
@@ -53,15 +53,15 @@ class Support:
         -------
         Support
         """
-        inside = [finding(w) is not None for w, _ in sets]
-        weight, against = (float(sum(p for (_, p), there in zip(sets, inside, strict=True) if there is wanted))
+        held = [match(w) is not None for w, _ in sets]
+        weight, against = (float(sum(p for (_, p), holds in zip(sets, held, strict=True) if holds is wanted))
                            for wanted in (True, False))
         return cls(weight, against, structured)
 
     @property
     def features(self) -> tuple[float, ...]:
         """1, ±ln(1 + |l|) of the logarithm l of the odds, and the structured share."""
-        odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
+        odds = float(np.log(max(self.weight, LEAST_WEIGHT)) - np.log(max(self.against, LEAST_WEIGHT)))
         return 1.0, float(np.sign(odds) * np.log1p(abs(odds))), self.structured
 
     @property
@@ -81,22 +81,22 @@ class Support:
         return float(1 / (1 + np.exp(-np.dot(COEFFICIENTS, self.features))))
 
 
-def component(kind: str) -> Finding:
+def match_component(component: str) -> Matcher:
     """Finds a component, in whatever form.
 
     Parameters
     ----------
-    kind : str
+    component : str
         Its name.
 
     Returns
     -------
     callable
     """
-    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if k == kind), None)
+    return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if k == component), None)
 
 
-def family(name: str) -> Finding:
+def match_family(name: str) -> Matcher:
     """Finds any effect of a family.
 
     Parameters
@@ -111,7 +111,7 @@ def family(name: str) -> Finding:
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
-def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict[str, Support]:
+def component_support(sets: Sequence[tuple[EvaluatedSet, float]], structured: float) -> dict[str, Support]:
     """What speaks for every component that some set holds, in whatever form; the most probable first.
 
     Parameters
@@ -125,5 +125,5 @@ def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict
     -------
     dict of str to Support
     """
-    found = {k: Support.of(sets, component(k), structured) for k in {k for w, _ in sets for k in w.kinds}}
+    found = {k: Support.of(sets, match_component(k), structured) for k in {k for w, _ in sets for k in w.components}}
     return dict(sorted(found.items(), key=lambda t: (-t[1].probability, t[0])))

@@ -16,15 +16,15 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.effect import Effect, by_name
-from lpvid.diagnosis.evidence.calibration import components
+from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
-from lpvid.diagnosis.evidence.judging import JudgedSet, judge, on_all_samples
-from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
+from lpvid.diagnosis.evidence.laplace import EvidenceData
+from lpvid.diagnosis.evidence.outcome import LISTED_SETS, EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import SetSearch
+from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, select_set
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
-from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -120,39 +120,39 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
         Of the first set that lowers the error on data not seen; without any, of the most probable one, nothing named.
     """
     problem, alone = search.problem, search.visited[frozenset()].fit
-    screened = tuple(screen(problem, alone, directions(problem, alone, search.seen.moved), np.random.default_rng(seed)))
+    screened = tuple(screen(problem, alone, directions(problem, alone, search.baseline_screening.changes), np.random.default_rng(seed)))
     weights = {w.members: p for w, p in posterior(search)}
     refused: list[frozenset[str]] = []
     first = None
     while True:
-        judged = _measured(search, refused, records, baseline, report_progress)
-        whole = judged.problem
+        selected = _measured(search, refused, records, baseline, report_progress)
+        whole = selected.problem
         driving = [c for c in baseline.channels if c != baseline.output]
-        level = noise_level(whole.signals, driving, whole.blocks.mask()).bounded(float(np.mean(judged.after.plain**2)))
-        found = EvidenceOutcome(baseline, search, judged, screened, unusable, level, held_out,
+        level = noise_level(whole.signals, driving, whole.blocks.mask()).bounded(float(np.mean(selected.after.errors**2)))
+        found = EvidenceOutcome(baseline, search, selected, screened, unusable, level, held_out,
                                 tuple(sorted({n for members in refused for n in members})))
         first = first or found
         if found.predicts:
-            return (found if judged.members else first).diagnosis()
-        refused.append(judged.fit.composition.members)
+            return (found if selected.members else first).diagnosis()
+        refused.append(selected.fit.composition.members)
         report_progress(f"no smaller an error on further data: {', '.join(sorted(refused[-1]))}")
         if sum(weights[members] for members in refused) > 0.5:
             return first.diagnosis()
 
 
 def _measured(search: SetSearch, refused: Sequence[frozenset[str]], records: Sequence[Record], baseline: Baseline,
-              report_progress: Callable[[str], None]) -> JudgedSet:
+              report_progress: Callable[[str], None]) -> SelectedSet:
     """The set to report but for the refused ones, on all samples."""
     problem = search.problem
-    judged = judge(search, report_progress, refused)
+    selected = select_set(search, report_progress, refused)
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         for s in problem.signals:
             s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
         if sum(r.n_samples for r in records) > LONG:
             collect()
         report_progress("refitting the best set to all samples")
-        judged = on_all_samples(search, judged, problem_of(records, baseline))
-    return judged
+        selected = on_all_samples(search, selected, problem_of(records, baseline))
+    return selected
 
 
 def best_of(search: SetSearch) -> BestSoFar:
@@ -171,8 +171,8 @@ def best_of(search: SetSearch) -> BestSoFar:
     best, share = sets[0]
     nothing = sum(p for w, p in sets if not w.members)
     weights = SetProbabilities({}, float(nothing), 0.0, "not looked at", tuple(
-        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]),
-        components(sets, search.structured))
+        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:LISTED_SETS]),
+        component_support(sets, search.structured))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 
 
@@ -204,9 +204,9 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     usable, unusable = usable_of(catalogue, baseline, recorded)  # cut together, currents at rest would move
     scale = Scales.of(problem.signals).size
-    looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
+    grid_points = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
                  for e in usable}
-    data = Data(problem, Discrepancy.of(problem, baseline), looked_at, usable)
+    data = EvidenceData(problem, Discrepancy.of(problem, baseline), grid_points, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
     return SetSearch(data, usable, channels, report_progress), unusable

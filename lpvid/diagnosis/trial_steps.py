@@ -7,18 +7,18 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
 
-SIZES = (5.0, 1.0)
+SAMPLE_STEPS = (5.0, 1.0)
 """samples by which a lag is moved at a time"""
-SHARES = (0.1, 0.02)
+RELATIVE_STEPS = (0.1, 0.02)
 """shares of itself by which a rugged number is moved at a time"""
-MOST = 12
+MOST_STEPS = 12
 """hops of one size in one direction"""
 
-UNMOVED = 1e-140
+NEGLIGIBLE_NORM = 1e-140
 """norm of a derivative whose square is nothing"""
 
 
-def hopped(composition: Composition) -> list[tuple[int, bool]]:
+def trial_parameters(composition: Composition) -> list[tuple[int, bool]]:
     """Places of the numbers that act in whole samples or are rugged, and whether they are the latter.
 
     Parameters
@@ -39,7 +39,7 @@ def hopped(composition: Composition) -> list[tuple[int, bool]]:
     return found
 
 
-def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
+def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
         ) -> tuple[np.ndarray, float]:
     """Move each such number while that lowers the cost, the other parameters following by one Gauss-Newton step.
 
@@ -63,15 +63,15 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     """
     low, high = composition.bounds
     clock = problem.signals[0].sample_time
-    for j, rugged in hopped(composition):
+    for j, rugged in trial_parameters(composition):
         others = np.delete(np.arange(vector.size), j)
         norms = np.linalg.norm(jacobian[:, others], axis=0)
-        norms = np.where(norms > UNMOVED, norms, 1.0)  # what changes nothing stays
-        sizes = [share * vector[j] for share in SHARES] if rugged else [size * clock for size in SIZES]
-        for move in [sign * size for size in sizes for sign in (1.0, -1.0)]:
-            for _ in range(MOST):
+        norms = np.where(norms > NEGLIGIBLE_NORM, norms, 1.0)  # what changes nothing stays
+        sizes = [share * vector[j] for share in RELATIVE_STEPS] if rugged else [size * clock for size in SAMPLE_STEPS]
+        for change in [sign * size for size in sizes for sign in (1.0, -1.0)]:
+            for _ in range(MOST_STEPS):
                 trial = vector.copy()
-                trial[j] = np.clip(trial[j] + move, low[j], high[j])
+                trial[j] = np.clip(trial[j] + change, low[j], high[j])
                 if trial[j] == vector[j]:
                     break
                 errors = problem.stacked_errors(composition, trial)

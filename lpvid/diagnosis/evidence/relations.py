@@ -10,7 +10,7 @@ LAGGING = ("motion", "force", "all")
 """paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
 
 
-def akin(one: Effect, other: Effect) -> bool:
+def related(one: Effect, other: Effect) -> bool:
     """Whether two effects are next of kin: other components of one family, or lags on the way of motion and force.
 
     Parameters
@@ -25,7 +25,7 @@ def akin(one: Effect, other: Effect) -> bool:
                                                  or (one.path in LAGGING and other.path in LAGGING))
 
 
-def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
+def compatible(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
 
     Of lags, delays and filters on the way of motion and force a set holds one at most: two of them imitate whatever

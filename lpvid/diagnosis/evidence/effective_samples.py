@@ -9,28 +9,28 @@ import numpy as np
 
 from lpvid.diagnosis.problem import DiagnosisProblem
 
-WORTH = 25.0
+STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error is worth, by blind cases of two rigs (docs/diagnosis_boards.md):
 a law errs by few mechanisms, however many samples show them"""
-WORTHS = tuple(WORTH * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
+STRUCTURED_SAMPLES_RANGE = tuple(STRUCTURED_SAMPLES * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
 """the same where sets are judged: nobody knows α to better than a factor of two, so that weights are averaged over it,
 evenly in its logarithm"""
 SEGMENT = 64
 """samples of a segment of the averaged spectrum from which the white part of an error is read: 3000 hold 90 of them"""
-QUIET = 0.25
+MOTIONLESS_BAND = 0.25
 """share of the band that holds nothing of the motion: records are prepared at no less than four times the band in which
 99 % of what moves lies"""
-LOWEST = 1.27
+QUARTER_MEAN = 1.27
 """standard deviations below the mean at which the lowest quarter of a normal sample lies: φ(Φ⁻¹(¼))/¼"""
 
 
 @dataclass(frozen=True)
-class Independence:
+class EffectiveSamples:
     """What an error is worth.
 
     Attributes
     ----------
-    kept : float
+    kappa : float
         κ, share of the samples that is independent.
     structured : float
         p, share of the squared error beyond the noise floor.
@@ -38,12 +38,12 @@ class Independence:
         Variance of the noise.
     """
 
-    kept: float
+    kappa: float
     structured: float
     floor: float
 
 
-def share_of(structured: float, samples: int, worth: float) -> float:
+def kappa_of(structured: float, samples: int, alpha: float) -> float:
     """κ of an error of which p is structured: 1/κ = (1 − p) + p N/α, at most one.
 
     Parameters
@@ -52,7 +52,7 @@ def share_of(structured: float, samples: int, worth: float) -> float:
         p.
     samples : int
         N.
-    worth : float
+    alpha : float
         α.
 
     Returns
@@ -61,13 +61,13 @@ def share_of(structured: float, samples: int, worth: float) -> float:
 
     Examples
     --------
-    >>> share_of(0.0, 3000, 25.0), round(share_of(1.0, 3000, 25.0) * 3000, 6)
+    >>> kappa_of(0.0, 3000, 25.0), round(kappa_of(1.0, 3000, 25.0) * 3000, 6)
     (1.0, 25.0)
     """
-    return 1 / max((1 - structured) + structured * samples / worth, 1.0)
+    return 1 / max((1 - structured) + structured * samples / alpha, 1.0)
 
 
-def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
+def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
     p is the share of the error beyond the noise floor. The floor is white noise at the level that the error has in the
@@ -80,7 +80,7 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
-    worth : float
+    alpha : float
         α.
 
     Returns
@@ -91,10 +91,10 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     stacked = problem.stack(errors)
     total = float(np.mean(stacked**2))
     if not total > 0:
-        return Independence(1.0, 0.0, 0.0)
+        return EffectiveSamples(1.0, 0.0, 0.0)
     power, count = _spectrum(problem, stacked)
     white = min(_lowest(power, count) / float(power.mean()), 1.0)
-    return Independence(share_of(1 - white, problem.n_samples, worth), 1 - white, white * total)
+    return EffectiveSamples(kappa_of(1 - white, problem.n_samples, alpha), 1 - white, white * total)
 
 
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
@@ -112,6 +112,6 @@ def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarra
 
 def _lowest(power: np.ndarray, count: int) -> float:
     """Level of the lowest quarter of a spectrum, the scatter of averages over `count` segments taken off."""
-    lowest = np.sort(power)[: max(int(QUIET * power.size), 1)]
-    return float(lowest.mean()) / max(1.0 - LOWEST / np.sqrt(count), QUIET)
+    lowest = np.sort(power)[: max(int(MOTIONLESS_BAND * power.size), 1)]
+    return float(lowest.mean()) / max(1.0 - QUARTER_MEAN / np.sqrt(count), MOTIONLESS_BAND)
 

@@ -9,44 +9,51 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
-from lpvid.diagnosis.evidence.priors import SHAPE, determined, inclusion, of_shape, of_strength, off_prior
+from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
+from lpvid.diagnosis.evidence.priors import (
+    SHAPE_COST,
+    determined_count,
+    deviation_penalty,
+    inclusion_prior,
+    shape_prior,
+    strength_prior,
+)
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.refitting import AT_BOUND, Refit
 from lpvid.diagnosis.signals import Signals
 from lpvid.validation.trust import QUANTILE
 
-ROOM = 10.0
+BASELINE_PRIOR_SCALE = 10.0
 """scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
 nothing"""
 
-ABSENT = 1e-6
+NEGLIGIBLE_CHANGE = 1e-6
 """change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
-TINY = 1e-300
+LEAST_CURVATURE = 1e-300
 """curvature, of parameters in their own units, below which nothing answers to one"""
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class EvidenceData:
     """What all sets are weighed against.
 
     Attributes
     ----------
     problem : DiagnosisProblem
     discrepancy : Discrepancy
-    looked_at : mapping of str to (points, k) array
+    grid_points : mapping of str to (points, k) array
         Where each effect is looked at.
     candidates : tuple of Effect
     """
 
     problem: DiagnosisProblem
     discrepancy: Discrepancy
-    looked_at: dict[str, np.ndarray]
+    grid_points: dict[str, np.ndarray]
     candidates: tuple[Effect, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class EvaluatedSet:
     """A refitted set and what its evidence is made of.
 
     Attributes
@@ -55,7 +62,7 @@ class Weighed:
     fit : Refit
     """
 
-    data: Data
+    data: EvidenceData
     fit: Refit
 
     @property
@@ -69,19 +76,19 @@ class Weighed:
         return self.fit.composition.effects
 
     @cached_property
-    def kinds(self) -> tuple[str, ...]:
+    def components(self) -> tuple[str, ...]:
         """Per effect the component that it is a special form of, as its numbers stand."""
         places = self.fit.composition.places
         return tuple(component_of(e, self.fit.vector[p], self.data.problem.signals, self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
 
     @cached_property
-    def along(self) -> np.ndarray:
+    def projected_error(self) -> np.ndarray:
         """(K,) error along the discrepancy's columns."""
         return self.data.discrepancy.columns.T @ self.fit.errors
 
     @cached_property
-    def turned(self) -> np.ndarray:
+    def projected_jacobian(self) -> np.ndarray:
         """(K, P) sensitivities along them."""
         return self.data.discrepancy.columns.T @ self.fit.jacobian
 
@@ -93,7 +100,7 @@ class Weighed:
     @cached_property
     def changes(self) -> tuple[float, ...]:
         """Per effect, what it changes in the output as it stands, the others in place, as a share of its rms."""
-        return tuple(change_by(self.data.problem, self.fit, e) / self.data.discrepancy.force for e in self.effects)
+        return tuple(output_change(self.data.problem, self.fit, e) / self.data.discrepancy.output_rms for e in self.effects)
 
     @cached_property
     def at_bounds(self) -> dict[str, str]:
@@ -115,69 +122,69 @@ class Weighed:
                         found[e.name] = f"{p.name} {end:g} {p.unit}".rstrip()
         return found
 
-    def marginal(self, kept: float) -> Marginal:
-        """Noise and discrepancy where they are most probable; `kept` is the share of independent samples.
+    def marginal(self, kappa: float) -> MarginalLikelihood:
+        """Noise and discrepancy where they are most probable; `kappa` is the share of independent samples.
 
         Parameters
         ----------
-        kept : float
+        kappa : float
             κ.
 
         Returns
         -------
         Marginal
         """
-        return marginal(self.fit.cost, self.along, self.data.discrepancy, self.data.problem.n_samples, kept)
+        return marginal(self.fit.cost, self.projected_error, self.data.discrepancy, self.data.problem.n_samples, kappa)
 
-    def evidence(self, kept: float) -> float:
+    def evidence(self, kappa: float) -> float:
         """ln p(y | set) + ln p(set), up to what all sets share.
 
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
         parameters are in every set and stand where they are most probable. Shapes stand there too; each that the data
-        determine (`determined`) costs `SHAPE`. A parameter to which the output does not respond costs nothing. A set
+        determine (`determined_count`) costs `SHAPE_COST`. A parameter to which the output does not respond costs nothing. A set
         with a strength at its bound has no evidence.
 
         Parameters
         ----------
-        kept : float
+        kappa : float
             κ, share of the samples that is independent.
 
         Returns
         -------
         float
-            In nats; minus infinity also for a set of which a member changes less than `ABSENT` of the output.
+            In nats; minus infinity also for a set of which a member changes less than `NEGLIGIBLE_CHANGE` of the output.
         """
-        return -np.inf if self.at_bounds else self.unbounded_evidence(kept)
+        return -np.inf if self.at_bounds else self.evidence_ignoring_bounds(kappa)
 
-    def unbounded_evidence(self, kept: float) -> float:
+    def evidence_ignoring_bounds(self, kappa: float) -> float:
         """The same, also where a strength stands at its bound.
 
         Parameters
         ----------
-        kept : float
+        kappa : float
             κ.
 
         Returns
         -------
         float
         """
-        return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
+        return self.fit.cached(("evidence", kappa), lambda: self._laplace(kappa))
 
-    def _weighed(self, kept: float) -> float:
-        if min(self.changes, default=1.0) < ABSENT:
+    def _laplace(self, kappa: float) -> float:
+        if min(self.changes, default=1.0) < NEGLIGIBLE_CHANGE:
             return -np.inf
-        m = self.marginal(kept)
-        prior, apart, precision, amplitudes = self._prior
-        hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
-        curved, shapes = np.diag(hessian).clip(0), ~amplitudes
-        prior += off_prior(apart, precision, curved) - SHAPE * determined(curved[shapes], precision[shapes])
-        held = hessian + np.diag(precision)
-        reached = np.diag(held) > TINY  # a number of the law of 1e200, to which nothing answers, is in every set alike
-        own, amplitudes = reached & (np.arange(precision.size) < self.fit.composition.own), reached & amplitudes
-        apiece = 0.5 * np.log(2 * np.pi) * (amplitudes.sum() - own.sum())
-        log_volume = apiece - 0.5 * (_log_determinant(held, amplitudes) - _log_determinant(held, own))
-        return m.likelihood + prior + log_volume + sum(inclusion(e) for e in self.effects)
+        m = self.marginal(kappa)
+        prior, deviation, precision, amplitudes = self._prior
+        hessian = (self.curvature - self.projected_jacobian.T @ (m.woodbury_weights[:, None] * self.projected_jacobian)) * (kappa / m.noise)
+        curvature, shapes = np.diag(hessian).clip(0), ~amplitudes
+        prior += deviation_penalty(deviation, precision, curvature) - SHAPE_COST * determined_count(curvature[shapes], precision[shapes])
+        posterior_hessian = hessian + np.diag(precision)
+        determined_by_data = np.diag(posterior_hessian) > LEAST_CURVATURE  # a number of the law of 1e200, to which nothing answers, is in every set alike
+        own, amplitudes = determined_by_data & (np.arange(precision.size) < self.fit.composition.own), determined_by_data & amplitudes
+        gaussian = 0.5 * np.log(2 * np.pi) * (amplitudes.sum() - own.sum())
+        log_volume = gaussian - 0.5 * (_log_determinant(posterior_hessian, amplitudes) - _log_determinant(posterior_hessian, own))
+        return m.likelihood + prior + log_volume + sum(inclusion_prior(e) for e in self.effects)
 
     @cached_property
     def _prior(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
@@ -185,33 +192,33 @@ class Weighed:
         """
         composition, vector = self.fit.composition, self.fit.vector
         total, precision = 0.0, np.zeros(vector.size)
-        apart, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
-        precision[: composition.own] = (1 / ROOM / composition.scales[: composition.own]) ** 2
-        force = self.data.discrepancy.force * np.sqrt(self.data.problem.n_samples)
+        deviation, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
+        precision[: composition.own] = (1 / BASELINE_PRIOR_SCALE / composition.scales[: composition.own]) ** 2
+        output_norm = self.data.discrepancy.output_rms * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
-            points = self.data.looked_at[effect.name]
+            points = self.data.grid_points[effect.name]
             for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
                 if k >= effect.strengths:
-                    apart[j], curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                    deviation[j], curvature = shape_prior(p, float(vector[j]), np.unique(points[:, k]).tolist())
                     value, amplitudes[j] = 0.0, False
                 else:
-                    value, curved = of_strength(*self._size(j, float(vector[j]) - p.neutral, change, force,
+                    value, curvature = strength_prior(*self._strength_change(j, float(vector[j]) - p.neutral, change, output_norm,
                                                             effect.strengths == 1))
-                total, precision[j] = total + value, curved
-        return total, apart, precision, amplitudes
+                total, precision[j] = total + value, curvature
+        return total, deviation, precision, amplitudes
 
-    def _size(self, j: int, apart: float, change: float, force: float, alone: bool) -> tuple[float, float]:
+    def _strength_change(self, j: int, deviation: float, change: float, output_norm: float, alone: bool) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
-        slope = float(np.linalg.norm(self.fit.jacobian[:, j])) / force
+        slope = float(np.linalg.norm(self.fit.jacobian[:, j])) / output_norm
         if not alone:
-            return abs(apart) * slope, slope
-        return change, change / abs(apart) if apart else slope
+            return abs(deviation) * slope, slope
+        return change, change / abs(deviation) if deviation else slope
 
 
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     """ln of the determinant of the chosen rows and columns, scaled for the digits."""
     part = matrix[np.ix_(chosen, chosen)]
-    scale = 1 / np.sqrt(np.maximum(np.diag(part), TINY))
+    scale = 1 / np.sqrt(np.maximum(np.diag(part), LEAST_CURVATURE))
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 
@@ -240,7 +247,7 @@ def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals],
     return simpler[0] if simpler else effect.component
 
 
-def change_by(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
+def output_change(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
     """Root mean square of what an effect of a fit changes in the output, the others in place.
 
     Parameters
@@ -259,6 +266,6 @@ def change_by(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
     vector = fit.vector.copy()
     vector[place] = effect.neutral
     with np.errstate(all="ignore"):
-        gone = problem.stacked_errors(fit.composition, vector)
-    plain = problem.stacked_errors(fit.composition, fit.vector)
-    return float(np.sqrt(np.mean(np.minimum((gone - plain) ** 2, EXPLODED))))
+        removed = problem.stacked_errors(fit.composition, vector)
+    errors = problem.stacked_errors(fit.composition, fit.vector)
+    return float(np.sqrt(np.mean(np.minimum((removed - errors) ** 2, EXPLODED))))
