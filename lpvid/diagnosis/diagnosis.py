@@ -123,7 +123,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Rivals:
-    """Causes that these data cannot keep apart, and what would.
+    """Causes that these data cannot distinguish, and what would.
 
     Attributes
     ----------
@@ -345,7 +345,7 @@ class Diagnosis(Shown):
         Standard deviation of the noise [output's unit], from repeats; None where nothing repeats.
     noise : mapping
         Colour of what is left: order of its autoregressive model, level, whether it is coloured.
-    wrong : tuple of Wrong
+    wrong : tuple of ErrorRegime
     causes : tuple of Cause
     rivals : tuple of Rivals
     cannot_tell : tuple of CannotTell
@@ -442,7 +442,7 @@ class Diagnosis(Shown):
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
                   + ("" if c.probability is None else f", probability {c.probability:.2f}")
                   for c in self.causes[:3]]
-        lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
+        lines += [f"  cannot be distinguished: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
             other = f"; with {', '.join(self.stand_ins)}, not named" if self.stand_ins else ""
             lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} {self.after.part}, "

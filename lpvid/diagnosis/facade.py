@@ -86,7 +86,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     sample_rate : float, optional
         Resample to this rate [Hz].
     progress : callable, optional
-        Receives in words what is being done.
+        Receives a line of text at every stage.
     units : mapping of str to str, optional
         Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
@@ -125,7 +125,7 @@ def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: A
 
     Returns
     -------
-    Question
+    DiagnosisTask
 
     Raises
     ------
@@ -183,10 +183,10 @@ def run_task(question: DiagnosisTask, settings: DiagnosisSettings | None = None,
 
     Parameters
     ----------
-    question : Question
+    question : DiagnosisTask
     settings : DiagnosisSettings, optional
     progress : callable, optional
-        Receives in words what is being done.
+        Receives a line of text at every stage.
 
     Returns
     -------

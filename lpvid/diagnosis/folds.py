@@ -16,7 +16,7 @@ FOLD_ITERATIONS = 8
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Errors out of fold of one composition: each sample by the fit to the other fold, in which it weighs `OTHER_FOLD_WEIGHT`.
+    """Errors out of fold: each sample by the fit to the other fold, in which it has the weight `OTHER_FOLD_WEIGHT`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Localise: where the simulation goes wrong, in the words in which an engineer looks at it."""
+"""Localise: the regimes of the inputs, of time and of frequency that hold most of the error."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
 
     Returns
     -------
-    tuple of Wrong
+    tuple of ErrorRegime
         At most eight regimes, those that stand out most; the share of the frequency bands is that of the error's power.
     """
     squared = problem.stack([e**2 for e in errors])
@@ -123,5 +123,5 @@ def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[Erro
     total = float(power.sum())
     if not total > 0:
         return []
-    return [ErrorRegime(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total, (min(b, top) - a) / top)
-            for (a, b), p in zip(BANDS, power, strict=True) if a < top]
+    return [ErrorRegime(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total,
+                        (min(b, top) - a) / top) for (a, b), p in zip(BANDS, power, strict=True) if a < top]

@@ -21,16 +21,17 @@ ITERATIONS = 25
 LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
 """predicted fall of the log-likelihood from which a step is worth a run, and in a rough refit"""
 DECREASE_RATIO = 0.25
-"""share of the predicted decrease that a step by a carried-on Jacobian must reach, else it may lead elsewhere"""
+"""share of the predicted decrease that a step by an updated Jacobian must reach, else that is computed anew"""
 STEP_SHARES = (1.0, 0.3, 0.1)
-"""shares of a step that are tried one after the other before it is damped: the valley may be bent"""
-MOST_BEND = 0.75
-"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is rejected"""
+"""shares of a step that are tried one after the other before it is damped"""
+MOST_CORRECTION = 0.75
+"""length of the geodesic correction over that of the step, in units of the derivatives' norms, beyond which it is
+rejected"""
 FIRST_DAMPING, LEAST_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e10
 OTHER_FOLD_WEIGHT = 0.01
-"""weight of the other fold in a fit to one: it holds what the samples of the one leave open, and little else"""
+"""weight of the other fold in a fit to one: it determines what the samples of the one leave open, and little else"""
 SECANT_STEPS = 4
-"""steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
+"""steps for which a Jacobian is updated by secants (Broyden 1965) before it is computed anew"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class Refit:
     cache: dict = field(default_factory=dict, repr=False)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
-        """What `make` returns, found once for this fit; several threads may ask, for this fit and others.
+        """What `make` returns, computed once for this fit; several threads may ask, for this fit and others.
 
         Parameters
         ----------
@@ -110,7 +111,7 @@ class Refit:
 
 def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
               errors: list[np.ndarray] | None = None) -> np.ndarray:
-    """(N, P) exact (to differences) derivative, stacked."""
+    """(N, P) derivative, stacked, computed anew."""
     if problem.n_samples > LONG:  # it takes most; what was freed in pieces counts as used
         give_back()
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
@@ -119,8 +120,8 @@ def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.nd
                                    zip(problem.signals, at, strict=True)]))
 
 
-def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
-              near: Refit) -> np.ndarray:
+def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
+                     errors: list[np.ndarray], near: Refit) -> np.ndarray:
     """(N, P) derivative with the columns that a fit of a related composition has, the others taken at `vector`."""
     have = {name: k for k, name in enumerate(near.composition.names)}
     new = [k for k, name in enumerate(composition.names) if name not in have]
@@ -135,18 +136,18 @@ def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector
 
 
 def _finite(derivatives: np.ndarray) -> np.ndarray:
-    """The same array, written over: 0 where a law explodes. Column by column, as all below, for little memory."""
+    """The same array, 0 where a law diverges; column by column, as all below, for little memory."""
     for column in derivatives.T:
         column[~(np.abs(column) < EXPLODED)] = 0.0
     return derivatives
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that diverges has a large cost
 def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
     """Minimise the squared error over the blocks, or those of one fold, from `start`, inside the bounds.
 
-    By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
+    By `descend`; parameters without a useful derivative are also changed by trial, unless only one fold is fitted.
 
     Parameters
     ----------
@@ -159,9 +160,9 @@ def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray
     iterations : int
         Of a descent at most; 0 for the errors at the start.
     near : Refit, optional
-        Of a related composition, whose derivatives serve until they fail.
+        Of a related composition, whose derivatives are used until a step by them fails.
     rough : bool
-        Whether to end where a carried-on Jacobian predicts no further decrease.
+        Whether to end where an updated Jacobian predicts no further decrease.
 
     Returns
     -------
@@ -172,7 +173,7 @@ def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray
 
 
 def refined_by_trial(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -> Refit:
-    """A refit with its lags of whole samples hopped, and descended again where that helps.
+    """A refit with some parameters changed by trial (`trial_steps`), and refitted where that lowers the cost.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def refined_by_trial(found: Refit, iterations: int = ITERATIONS, rough: bool = F
     Returns
     -------
     Refit
-        The same one where there is no such lag or no hop lowers the cost.
+        The same one where there is no such parameter, or no trial lowers the cost.
     """
     problem, composition = found.problem, found.composition
     if not trial_parameters(composition):
@@ -238,15 +239,15 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     composition : Composition
     start : (P,) array
     fold : {None, 0, 1}
-        Whose samples count, those of the other by `OTHER_FOLD_WEIGHT` only: a level of the current that stands in one block alone
-        belongs to one fold, and without a trace of it the law runs away there.
+        Whose samples count, those of the other by `OTHER_FOLD_WEIGHT` only: a level of the current that occurs in
+        a single block belongs to one fold, and without its samples the law is undetermined there.
     near : Refit, optional
-        Of a related composition, whose derivatives serve until they fail.
+        Of a related composition, whose derivatives are used until a step by them fails.
     rough : bool
-        Whether to end where a carried-on Jacobian predicts no further decrease.
+        Whether to end where an updated Jacobian predicts no further decrease.
     sample_weight : float
-        Independent samples that each sample counts for: where the error is structure, a fall of the log-likelihood by
-        `LEAST_DECREASE` takes more.
+        Independent samples that each sample counts as: for a structured error, a fall of the log-likelihood by
+        `LEAST_DECREASE` requires a larger decrease of the cost.
 
     Yields
     ------
@@ -279,7 +280,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         step, predicted = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
         little = predicted < (ROUGH_DECREASE if rough else LEAST_DECREASE) * now.cost / (sample_weight * count)
         if little:
-            if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step predicts little
+            if damping > LEAST_DAMPING and not failed:  # along a curved valley a damped step predicts little
                 damping = max(damping / 100, LEAST_DAMPING)
                 continue
             if age == 0 or rough:
@@ -292,9 +293,10 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             there = at(now.vector + share * step)
             if age == 0 and now.cost - there[0].cost < DECREASE_RATIO * share * predicted:
                 deviation = now.errors - there[0].errors - share * (jacobian @ step)
-                bend = _geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping, low, high)
-                bent = there if bend is None else at(now.vector + step + bend)
-                there = bent if bent[0].cost < there[0].cost else there
+                correction = _geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping,
+                                                  low, high)
+                corrected = there if correction is None else at(now.vector + step + correction)
+                there = corrected if corrected[0].cost < there[0].cost else there
             if now.cost - there[0].cost > (DECREASE_RATIO * predicted if age else 0.0):
                 _broyden_update(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
                 (now, errors), age, damping, failed = there, age + 1, max(damping / 5, LEAST_DAMPING), False
@@ -308,18 +310,18 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         yield now
 
 
-def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.ndarray, weights: np.ndarray, vector: np.ndarray,
-          damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """By how much a step must bend to stay in a curved valley; None where that is not finite, or too much.
+def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.ndarray, weights: np.ndarray,
+                         vector: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+    """Second-order correction of a step in a curved valley; None where it is not finite, or too long.
 
     Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
-    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, kept below `MOST_BEND` of the step.
+    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, below `MOST_CORRECTION` of the step.
 
     Parameters
     ----------
     jacobian : (N, P) array
     deviation : (N,) array
-        f_ss/2: what a step changed beyond what the derivatives give, over the square of its share.
+        f_ss/2: the change by a step beyond that of the derivatives, over the square of its share.
     step : (P,) array
     weights : (N,) array
     vector : (P,) array
@@ -328,9 +330,10 @@ def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.n
     """
     if not np.isfinite(deviation).all():
         return None
-    bend, _ = _step(jacobian, -deviation, weights, np.clip(vector + step, low, high), damping, low, high)
+    correction, _ = _step(jacobian, -deviation, weights, np.clip(vector + step, low, high), damping, low, high)
     norms = np.linalg.norm(jacobian, axis=0)
-    return bend if 0.0 < np.linalg.norm(bend * norms) <= MOST_BEND * np.linalg.norm(step * norms) else None
+    length = np.linalg.norm(correction * norms)
+    return correction if 0.0 < length <= MOST_CORRECTION * np.linalg.norm(step * norms) else None
 
 
 def _broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Directions of the candidates, what the data could reveal of them, and which of them the residual contains."""
+"""Screening: changes of the output by single effects, their detectability, and their p-values in the residual."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VISIBLE_SHARE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What one strength and shape of an effect does to the output, beyond what the baseline can do.
+    """Change of the output by an effect at one grid point, the sensitivities of a fit projected out.
 
     Attributes
     ----------
@@ -36,9 +36,9 @@ class Direction:
     size : float
         Root mean square of f(values) − f(neutral) in the output's unit.
     gain : float
-        Squared error that it takes away, in its own sense: (change·e)₊²/‖change‖².
+        Reduction of the squared error when scaled, in its own sense: (change·e)₊²/‖change‖².
     share : float
-        Share of the change at which it takes away most: (change·e)₊/‖change‖².
+        Factor on the change of the largest reduction: (change·e)₊/‖change‖².
     """
 
     effect: Effect
@@ -52,7 +52,7 @@ class Direction:
 
     @property
     def unscaled_gain(self) -> float:
-        """Squared error that it takes away as it stands: 2 change·e − ‖change‖², which may be negative."""
+        """Reduction of the squared error without scaling: 2 change·e − ‖change‖², which may be negative."""
         return (2 * self.share - 1) * self.norm**2
 
     @property
@@ -63,7 +63,7 @@ class Direction:
 
     @property
     def visible(self) -> bool:
-        """Whether the baseline's own parameters could not produce it."""
+        """Whether it is no combination of the sensitivities of the fit."""
         return self.norm > VISIBLE_SHARE * max(self.raw_norm, 1e-300) and self.norm > 0
 
 
@@ -96,7 +96,7 @@ class ScreeningResult:
 
 @dataclass(frozen=True, eq=False)
 class CandidateChange:
-    """What one strength and shape of an effect does to the simulation, record by record, as it stands.
+    """Change of the simulation by an effect at one grid point, record by record.
 
     Attributes
     ----------
@@ -111,10 +111,9 @@ class CandidateChange:
     change: tuple[np.ndarray, ...]
 
 
-def candidate_change(
-    problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray, simulated: Sequence[np.ndarray] | None = None
-) -> CandidateChange | None:
-    """One candidate at given values; None where it does not simulate. `simulated` is the simulation of the fit, if known.
+def candidate_change(problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray,
+                     simulated: Sequence[np.ndarray] | None = None) -> CandidateChange | None:
+    """Change of the simulation of a fit by one effect at given values; None where it is not finite.
 
     Parameters
     ----------
@@ -125,19 +124,13 @@ def candidate_change(
     values : (k,) array
         Its parameters.
     simulated : sequence of (n,) arrays, optional
-        One for each record, in the output's unit.
+        The simulation of the fit, if known: one for each record, in the output's unit.
 
     Returns
     -------
-    Move or None
+    CandidateChange or None
     """
     simulated = [fit.composition.predict(s, fit.vector) for s in problem.signals] if simulated is None else simulated
-    return _move(problem, fit, simulated, effect, values)
-
-
-def _move(
-    problem: DiagnosisProblem, fit: Refit, simulated: Sequence[np.ndarray], effect: Effect, values: np.ndarray
-) -> CandidateChange | None:
     larger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
     vector = start_vector(larger, fit, {effect.name: values})
     with np.errstate(all="ignore"):
@@ -148,23 +141,23 @@ def _move(
     return CandidateChange(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
 
 
-def directions(problem: DiagnosisProblem, fit: Refit, changes: Sequence[CandidateChange], basis: np.ndarray | None = None
-               ) -> list[Direction]:
-    """Moves with the sensitivities of the fitted composition projected out; `basis` is theirs, where it is known.
+def directions(problem: DiagnosisProblem, fit: Refit, changes: Sequence[CandidateChange],
+               basis: np.ndarray | None = None) -> list[Direction]:
+    """Changes with the sensitivities of a fit projected out.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     fit : Refit
-        Whose errors they are compared with.
-    changes : sequence of Move
+        With whose errors they are compared.
+    changes : sequence of CandidateChange
     basis : (N, r) array, optional
-        Orthonormal.
+        Orthonormal, of the sensitivities, if known.
 
     Returns
     -------
     list of Direction
-        One for each move, in their order.
+        One for each change, in their order.
     """
     if not changes:
         return []
@@ -190,12 +183,12 @@ def start_vector(composition: Composition, fit: Refit, given: dict[str, np.ndarr
     fit : Refit
         Beside the same baseline.
     given : dict of str to (k,) array
-        Parameters by the name of the effect; they come before the fit's.
+        Parameters by the name of the effect, in place of the fit's.
 
     Returns
     -------
     (P,) array
-        Neutral for an effect that neither has.
+        Neutral for any other effect.
     """
     own = {e.name: fit.vector[p] for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     vector = composition.neutral
@@ -221,13 +214,13 @@ def screen(
     ----------
     problem : DiagnosisProblem
     fit : Refit
-        What the directions were taken around.
+        Whose sensitivities were projected out of the directions.
     found : sequence of Direction
     rng : Generator
 
     Returns
     -------
-    list of Evidence
+    list of ScreeningResult
         One for each effect that has a direction.
     """
     residual = without(projector(fit.free_jacobian), fit.errors)
@@ -237,7 +230,7 @@ def screen(
     if visible:
         unit = np.column_stack([d.change / d.norm for d in visible])
         sums = problem.block_sums(unit * residual[:, None])
-        score = np.maximum(sums.sum(axis=0), 0.0)  # a move counts in its own sense: friction is never negative
+        score = np.maximum(sums.sum(axis=0), 0.0)  # a change counts in its own sense: friction is never negative
         ratio = score**2 / variance
         power = np.maximum((sums**2).sum(axis=0), 1e-300)
         statistic = score**2 / power
@@ -272,7 +265,7 @@ def _p_values(null: np.ndarray, visible: np.ndarray) -> np.ndarray:
 
 
 def _smallest(effect: Effect, visible: Sequence[Direction], variance: float, n: int) -> float | None:
-    """Smallest strength with a likelihood ratio of 10 + ln n at some shape: by proportion, or off the scan."""
+    """Smallest strength with a likelihood ratio of 10 + ln n at some shape: in proportion, or of the grid points."""
     wanted = np.sqrt(variance * (DETECTABLE_RATIO + np.log(n)))
     if effect.smooth:
         return float(min(d.strength * wanted / d.norm for d in visible))

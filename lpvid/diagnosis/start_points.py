@@ -1,4 +1,4 @@
-"""Starting: where the parameters of an effect are, and where a refit of it begins."""
+"""Start points: parameters of an effect from which it is refitted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.screening import Direction
 
 MOST_STARTS, LEAST_GAIN_SHARE = 3, 0.6
-"""most points from which an effect is refitted, and the share of the best one's gain below which another is none"""
+"""start points at most, and least gain of one as a share of the largest"""
 
 
 def start_points(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
-    """Where to refit an effect from, at least one point: the grid points that fit the present residual best.
+    """Start points of an effect, at least one: the grid points that fit the residual best.
 
-    First the point that lowers the error most as it stands, for a large effect. Then the points that lower it most when
-    scaled in proportion; the strength of a smooth effect is scaled down accordingly.
+    First the point of the largest reduction of the error without scaling, for a large effect. Then the points of the
+    largest reduction when scaled; the strength of a smooth effect is scaled down accordingly.
 
     Parameters
     ----------
@@ -38,7 +38,8 @@ def start_points(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]
         chosen.append(unscaled.values)
     for d in own:
         values = scaled(d)
-        if len(chosen) < MOST_STARTS and d.gain > LEAST_GAIN_SHARE * own[0].gain and all(not np.allclose(values, c) for c in chosen):
+        if len(chosen) < MOST_STARTS and d.gain > LEAST_GAIN_SHARE * own[0].gain and \
+                all(not np.allclose(values, c) for c in chosen):
             chosen.append(values)
     return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
                                                  for k, p in enumerate(effect.parameters)])]

@@ -1,4 +1,4 @@
-"""Hops: numbers moved by trial where no derivative gives the direction: lags of whole samples, lost motion, kinks."""
+"""Trial steps of parameters without a useful derivative: lags of whole samples, lost motion, kinks."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
 
 SAMPLE_STEPS = (5.0, 1.0)
-"""samples by which a lag is moved at a time"""
+"""steps of a lag [samples]"""
 RELATIVE_STEPS = (0.1, 0.02)
-"""shares of itself by which a rugged number is moved at a time"""
+"""steps of a rugged parameter, as shares of its value"""
 MOST_STEPS = 12
-"""hops of one size in one direction"""
-
+"""steps of one size in one direction"""
 NEGLIGIBLE_NORM = 1e-140
-"""norm of a derivative whose square is nothing"""
+"""norm of a derivative whose square is rounded to zero"""
 
 
 def trial_parameters(composition: Composition) -> list[tuple[int, bool]]:
-    """Places of the numbers that act in whole samples or are rugged, and whether they are the latter.
+    """Places of the parameters that act in whole samples or are rugged, and whether they are rugged.
 
     Parameters
     ----------
@@ -39,9 +38,9 @@ def trial_parameters(composition: Composition) -> list[tuple[int, bool]]:
     return found
 
 
-def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
-        ) -> tuple[np.ndarray, float]:
-    """Move each such number while that lowers the cost, the other parameters following by one Gauss-Newton step.
+def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float,
+                  jacobian: np.ndarray) -> tuple[np.ndarray, float]:
+    """Change each such parameter while that lowers the cost, with one Gauss-Newton step of the other parameters.
 
     With a current that is held between samples the error jumps where a delay passes a whole sample: the derivative
     between two jumps gives no information on the error beyond them. Lost motion and kinks make the error rugged.
@@ -54,7 +53,7 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
     cost : float
         Squared error at `vector`.
     jacobian : (N, P) array
-        Taken nearby.
+        At a point nearby.
 
     Returns
     -------
@@ -66,7 +65,7 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
     for j, rugged in trial_parameters(composition):
         others = np.delete(np.arange(vector.size), j)
         norms = np.linalg.norm(jacobian[:, others], axis=0)
-        norms = np.where(norms > NEGLIGIBLE_NORM, norms, 1.0)  # what changes nothing stays
+        norms = np.where(norms > NEGLIGIBLE_NORM, norms, 1.0)  # a parameter without effect is not changed
         sizes = [share * vector[j] for share in RELATIVE_STEPS] if rugged else [size * clock for size in SAMPLE_STEPS]
         for change in [sign * size for size in sizes for sign in (1.0, -1.0)]:
             for _ in range(MOST_STEPS):
@@ -76,11 +75,11 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
                     break
                 errors = problem.stacked_errors(composition, trial)
                 step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=1e-8)[0] / norms
-                followed = trial.copy()
-                followed[others] = np.clip(trial[others] + step, low[others], high[others])
+                corrected = trial.copy()
+                corrected[others] = np.clip(trial[others] + step, low[others], high[others])
                 tried = [(float(errors @ errors), trial)]
-                errors = problem.stacked_errors(composition, followed)
-                tried.append((float(errors @ errors), followed))
+                errors = problem.stacked_errors(composition, corrected)
+                tried.append((float(errors @ errors), corrected))
                 least, where = min(tried, key=lambda t: t[0])
                 if not least < cost * (1 - 1e-6):
                     break

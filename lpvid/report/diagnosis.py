@@ -45,7 +45,7 @@ def diagnosis_page(found: Diagnosis, question: DiagnosisTask, lpv: LpvExtension 
     Parameters
     ----------
     found : Diagnosis
-    question : Question
+    question : DiagnosisTask
         Records and baseline.
     lpv : LpvExtension, optional
         The same causes in an LPV model.
@@ -86,7 +86,7 @@ def before_after(found: Diagnosis, question: DiagnosisTask) -> list[draw.BeforeA
     ----------
     found : Diagnosis
         Its baseline's refitted parameters are used where it holds them.
-    question : Question
+    question : DiagnosisTask
         What was diagnosed, with its prepared records.
 
     Returns
@@ -164,7 +164,8 @@ def _causes(found: Diagnosis) -> list[Item]:
         described = [(" / ".join(r.names), number(r.similarity, 3),
                  "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
                 for r in found.rivals]
-        heads = ("cannot be kept apart", "weight of the others", "parameters, each taken alone", "what separates them")
+        heads = ("cannot be distinguished", "weight of the others", "parameters, each taken alone",
+                 "what separates them")
         items.append(PageTable(heads, tuple(described), "", (1,), ("warn",) * len(described)))
     return items
 

@@ -30,7 +30,7 @@ class HiddenCause(Encoded):
     ----------
     hidden : str
         The rig's cause.
-    question : Question
+    question : DiagnosisTask
     found : Diagnosis
     """
 

@@ -1,4 +1,4 @@
-"""Calibration: from what a search found of a cause to the probability that it is there."""
+"""Calibration: from the weight of a cause among the visited sets to the probability that it is present."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 
 COEFFICIENTS = (-1.64, 1.01, 1.67)
 """a, b and c of the map, by logistic regression (Platt 1999) on cases of both rigs and measured records, each source
-counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md says
-how far they hold"""
+counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md has
+their validation"""
 LEAST_WEIGHT = 1e-300
 Matcher = Callable[[EvaluatedSet], Effect | None]
-"""The effect of a set by which it holds something; None where it does not."""
+"""From a set to its effect that matches; None where none does."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """What speaks for something that some sets hold.
+    """Support of the visited sets for a component, a form or a family.
 
     Attributes
     ----------
     weight, against : float
-        Of these sets and of the others among all.
+        Of the sets with a match and of those without.
     structured : float
-        Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
-        the law gets wrong by less than the noise is taken for a cause.
+        Share of the error of the best set beyond the noise floor. Where all is noise every sample counts, so that an
+        error of the law below the noise level has the weight of a cause.
     """
 
     weight: float
@@ -42,10 +42,9 @@ class Support:
 
         Parameters
         ----------
-        sets : sequence of (Weighed, float)
+        sets : sequence of (EvaluatedSet, float)
             With their weights, which add up to one.
-        match : callable
-            The effect of a set by which it holds it; None where it does not.
+        match : Matcher
         structured : float
             Share of the error of the best set beyond the noise floor.
 
@@ -66,7 +65,7 @@ class Support:
 
     @property
     def probability(self) -> float:
-        """That it is there, by its `features` f and the `COEFFICIENTS` β: ln p/(1 − p) = β·f.
+        """Calibrated probability that it is present, by its `features` f and the `COEFFICIENTS` β: ln p/(1 − p) = β·f.
 
         Examples
         --------
@@ -82,7 +81,7 @@ class Support:
 
 
 def match_component(component: str) -> Matcher:
-    """Finds a component, in whatever form.
+    """Matches a component, in any form.
 
     Parameters
     ----------
@@ -91,13 +90,13 @@ def match_component(component: str) -> Matcher:
 
     Returns
     -------
-    callable
+    Matcher
     """
     return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if k == component), None)
 
 
 def match_family(name: str) -> Matcher:
-    """Finds any effect of a family.
+    """Matches any effect of a family.
 
     Parameters
     ----------
@@ -106,17 +105,17 @@ def match_family(name: str) -> Matcher:
 
     Returns
     -------
-    callable
+    Matcher
     """
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
 def component_support(sets: Sequence[tuple[EvaluatedSet, float]], structured: float) -> dict[str, Support]:
-    """What speaks for every component that some set holds, in whatever form; the most probable first.
+    """Support for every component that some set holds, in any form; the most probable first.
 
     Parameters
     ----------
-    sets : sequence of (Weighed, float)
+    sets : sequence of (EvaluatedSet, float)
         All visited, with weights that add up to one.
     structured : float
         Share of the error of the best set beyond the noise floor.

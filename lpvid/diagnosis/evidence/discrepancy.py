@@ -1,4 +1,4 @@
-"""Discrepancy: the few per cent by which every law is wrong, a smooth function of the inputs that is integrated out."""
+"""Discrepancy: the misfit of the law, a smooth function of the inputs that is integrated out."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.problem import DiagnosisProblem
 
 FEATURES = 80
-"""random Fourier features; with twice as many no evidence changed by more than its own rounding (diagnosis_real)"""
+"""random Fourier features; with twice as many no evidence changed beyond rounding (diagnosis_real)"""
 TYPICAL_MISFIT = 0.015
 """root mean square of the misfit of a good physical law over that of the force: half-normal scale of its prior. Fits of
 twenty measured record groups left 1 to 3 %"""
 ACCEPTABLE_MISFIT = 2 * TYPICAL_MISFIT
-"""root mean square of an error, over the output's, that a good law may leave: twice the usual"""
+"""root mean square of an error, over the output's, that a good law may leave: twice the typical one"""
 MISFIT_SIZES = TYPICAL_MISFIT * np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0])
-"""sizes at which the prior is looked at"""
+"""values of τ, of which the most probable is taken"""
 REFINEMENTS, GRID_SIZE = 4, 17
-"""rounds in which the most probable noise is closed in on, and places looked at in each: to a 5000th"""
+"""refinements of the grid about the most probable noise, and points of each grid: to a 5000th"""
 FEATURE_RATES = (0.4, 1.0, 2.5)
-"""rates at which the features turn, in radians per standard deviation of the inputs: smooth, not a table"""
+"""angular rates of the features [rad per standard deviation of the inputs]: smooth, not a table"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Discrepancy:
 
     @classmethod
     def of(cls, problem: DiagnosisProblem, baseline: Baseline) -> Discrepancy:
-        """Functions of the velocity and what schedules the law together, and of every other input by itself.
+        """Functions of the velocity and the scheduling variables jointly, and of every other input alone.
 
         Additive: products of speed and position reproduce every loop of a periodic record (diagnosis_real).
         Rahimi and Recht (2007), random Fourier features.
@@ -53,7 +53,7 @@ class Discrepancy:
         ----------
         problem : DiagnosisProblem
         baseline : Baseline
-            Its channels that every record has are the inputs, the output apart; without any there is one column of
+            Its channels that every record has are the inputs, except the output; without any there is one column of
             zeros.
 
         Returns
@@ -82,18 +82,18 @@ class Discrepancy:
 
 @dataclass(frozen=True, eq=False)
 class MarginalLikelihood:
-    """Where noise and discrepancy of a fit are most probable.
+    """Marginal likelihood of a fit at its most probable noise and discrepancy.
 
     Attributes
     ----------
     likelihood : float
-        Log-likelihood with the discrepancy integrated out, its size and the noise's at their most probable.
+        Log-likelihood with the discrepancy integrated out, its size and the noise's at their most probable values.
     noise : float
         Variance of the noise.
     size : float
         τ.
     woodbury_weights : (K,) array
-        Weights of the columns in the inverse covariance, by Woodbury's identity: C⁻¹ = κ/σ² (I − Φ diag(taken) Φᵀ).
+        Weights of the columns in the inverse covariance, by Woodbury's identity: C⁻¹ = κ/σ² (I − Φ diag(w) Φᵀ).
     """
 
     likelihood: float
@@ -102,7 +102,8 @@ class MarginalLikelihood:
     woodbury_weights: np.ndarray
 
 
-def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count: int, kappa: float) -> MarginalLikelihood:
+def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count: int, kappa: float
+             ) -> MarginalLikelihood:
     """The most probable split of an error into noise and discrepancy.
 
     −κN/2 ln 2πσ² − ½ Σ ln(1 + κ s²λ/σ²) − κ/2σ² (e'e − Σ κ s²/(σ² + κ s²λ) a²) − τ²/2τ₀², s = τF: the data's part is
@@ -122,7 +123,7 @@ def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count:
 
     Returns
     -------
-    Marginal
+    MarginalLikelihood
         Of the sizes in `MISFIT_SIZES`, the one that is most probable.
     """
     mean = max(squared / count, 1e-300)
@@ -141,9 +142,9 @@ def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count:
                     kappa * variance[best] / (noise + kappa * variance[best] * d.power))
 
 
-def _log_likelihood(noise: np.ndarray, variance: np.ndarray, squared: float, projected_error: np.ndarray, power: np.ndarray,
-                    count: int, kappa: float) -> np.ndarray:
-    """(sizes, places) at several variances of the noise and of the discrepancy's weights."""
+def _log_likelihood(noise: np.ndarray, variance: np.ndarray, squared: float, projected_error: np.ndarray,
+                    power: np.ndarray, count: int, kappa: float) -> np.ndarray:
+    """(sizes, points) at several variances of the noise and of the discrepancy's weights."""
     share = kappa * variance / noise
     ratio = share[..., None] * power
     left = squared - (share[..., None] / (1 + ratio)) @ projected_error**2

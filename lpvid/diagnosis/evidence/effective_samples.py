@@ -1,4 +1,4 @@
-"""Independence: how many of the samples of an error are worth one each."""
+"""Effective samples: how many independent samples an error counts as."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ import numpy as np
 from lpvid.diagnosis.problem import DiagnosisProblem
 
 STRUCTURED_SAMPLES = 25.0
-"""α, independent samples that a structured error is worth, by blind cases of two rigs (docs/diagnosis_boards.md):
-a law errs by few mechanisms, however many samples show them"""
+"""α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
+error of a law has few mechanisms, however many samples show them"""
 STRUCTURED_SAMPLES_RANGE = tuple(STRUCTURED_SAMPLES * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
-"""the same where sets are judged: nobody knows α to better than a factor of two, so that weights are averaged over it,
-evenly in its logarithm"""
+"""values of α over which the weights of sets are averaged: it is uncertain by a factor of two; even in the logarithm"""
 SEGMENT = 64
-"""samples of a segment of the averaged spectrum from which the white part of an error is read: 3000 hold 90 of them"""
+"""samples of a segment of the averaged spectrum of which the noise floor is estimated: 3000 hold 90 of them"""
 MOTIONLESS_BAND = 0.25
-"""share of the band that holds nothing of the motion: records are prepared at no less than four times the band in which
-99 % of what moves lies"""
+"""share of the band without motion: records are prepared at no less than four times the band that holds 99 % of the
+motion"""
 QUARTER_MEAN = 1.27
 """standard deviations below the mean at which the lowest quarter of a normal sample lies: φ(Φ⁻¹(¼))/¼"""
 
 
 @dataclass(frozen=True)
 class EffectiveSamples:
-    """What an error is worth.
+    """Share of independent samples in an error, and its noise floor.
 
     Attributes
     ----------
@@ -67,11 +66,12 @@ def kappa_of(structured: float, samples: int, alpha: float) -> float:
     return 1 / max((1 - structured) + structured * samples / alpha, 1.0)
 
 
-def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES) -> EffectiveSamples:
+def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES
+                      ) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
     p is the share of the error beyond the noise floor. The floor is white noise at the level that the error has in the
-    band where nothing moves. All else is a misfit of the law, or noise so slow that it looks like one. Each sample of
+    band without motion. All else is a misfit of the law, or noise too slow to be distinguished from one. Each sample of
     white noise counts as independent, a misfit as α samples in all. Repeats give no floor: where their inputs differ by
     a per cent, so do their outputs.
 
@@ -85,7 +85,7 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
 
     Returns
     -------
-    Independence
+    EffectiveSamples
         κ = 1 and nothing structured where there is no error.
     """
     stacked = problem.stack(errors)
@@ -111,7 +111,7 @@ def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarra
 
 
 def _lowest(power: np.ndarray, count: int) -> float:
-    """Level of the lowest quarter of a spectrum, the scatter of averages over `count` segments taken off."""
+    """Level of the lowest quarter of a spectrum, corrected for the scatter of averages over `count` segments."""
     lowest = np.sort(power)[: max(int(MOTIONLESS_BAND * power.size), 1)]
     return float(lowest.mean()) / max(1.0 - QUARTER_MEAN / np.sqrt(count), MOTIONLESS_BAND)
 

@@ -1,4 +1,4 @@
-"""Weighing: the evidence of a set of causes, by Laplace's method around its refit."""
+"""Laplace: the evidence of a set of causes by Laplace's method around its refit."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.validation.trust import QUANTILE
 
 BASELINE_PRIOR_SCALE = 10.0
-"""scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
-nothing"""
+"""standard deviation of the prior of a baseline's parameters in their own scales; the same for all sets, so that it
+cancels"""
 
 NEGLIGIBLE_CHANGE = 1e-6
-"""change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
+"""change of the output, as a share of its rms, below which a member counts as absent: the set is a smaller one"""
 LEAST_CURVATURE = 1e-300
-"""curvature, of parameters in their own units, below which nothing answers to one"""
+"""curvature, of parameters in their own units, below which the output does not respond to one"""
 
 
 @dataclass(frozen=True, eq=False)
 class EvidenceData:
-    """What all sets are weighed against.
+    """Data of which the evidence of all sets is computed.
 
     Attributes
     ----------
     problem : DiagnosisProblem
     discrepancy : Discrepancy
     grid_points : mapping of str to (points, k) array
-        Where each effect is looked at.
+        At which each effect is screened.
     candidates : tuple of Effect
     """
 
@@ -54,11 +54,11 @@ class EvidenceData:
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedSet:
-    """A refitted set and what its evidence is made of.
+    """A refitted set of causes and its evidence.
 
     Attributes
     ----------
-    data : Data
+    data : EvidenceData
     fit : Refit
     """
 
@@ -77,19 +77,19 @@ class EvaluatedSet:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """Per effect the component that it is a special form of, as its numbers stand."""
+        """Per effect the component of which it is a form at its fitted parameters."""
         places = self.fit.composition.places
         return tuple(component_of(e, self.fit.vector[p], self.data.problem.signals, self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
 
     @cached_property
     def projected_error(self) -> np.ndarray:
-        """(K,) error along the discrepancy's columns."""
+        """(K,) error projected on the discrepancy's columns."""
         return self.data.discrepancy.columns.T @ self.fit.errors
 
     @cached_property
     def projected_jacobian(self) -> np.ndarray:
-        """(K, P) sensitivities along them."""
+        """(K, P) sensitivities projected on them."""
         return self.data.discrepancy.columns.T @ self.fit.jacobian
 
     @cached_property
@@ -99,15 +99,16 @@ class EvaluatedSet:
 
     @cached_property
     def changes(self) -> tuple[float, ...]:
-        """Per effect, what it changes in the output as it stands, the others in place, as a share of its rms."""
-        return tuple(output_change(self.data.problem, self.fit, e) / self.data.discrepancy.output_rms for e in self.effects)
+        """Per effect its change of the output at the fitted parameters, the others in place, as a share of its rms."""
+        output_rms = self.data.discrepancy.output_rms
+        return tuple(output_change(self.data.problem, self.fit, e) / output_rms for e in self.effects)
 
     @cached_property
     def at_bounds(self) -> dict[str, str]:
-        """Effects whose strength stands at its bound, within what the clock leaves open, and the bound.
+        """Effects whose strength is at its bound, within the resolution of the clock, and the bound.
 
-        Such an effect imitates something else, for the fit asks for more of it than there can be (a displacement
-        recorded a tenth of a second late). A share, which has no unit, may stand at its bound.
+        Such an effect fits another cause's error: the optimum lies beyond what is possible (a displacement recorded a
+        tenth of a second late). A share, which has no unit, may be at its bound.
         """
         found = {}
         low, high = self.fit.composition.bounds
@@ -123,16 +124,16 @@ class EvaluatedSet:
         return found
 
     def marginal(self, kappa: float) -> MarginalLikelihood:
-        """Noise and discrepancy where they are most probable; `kappa` is the share of independent samples.
+        """Marginal likelihood at the most probable noise and discrepancy.
 
         Parameters
         ----------
         kappa : float
-            κ.
+            κ, share of independent samples.
 
         Returns
         -------
-        Marginal
+        MarginalLikelihood
         """
         return marginal(self.fit.cost, self.projected_error, self.data.discrepancy, self.data.problem.n_samples, kappa)
 
@@ -140,25 +141,25 @@ class EvaluatedSet:
         """ln p(y | set) + ln p(set), up to what all sets share.
 
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
-        κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
-        parameters are in every set and stand where they are most probable. Shapes stand there too; each that the data
-        determine (`determined_count`) costs `SHAPE_COST`. A parameter to which the output does not respond costs nothing. A set
-        with a strength at its bound has no evidence.
+        κ/σ² J'(I − Φ diag(w) Φ')J + prior precision (Tierney, Kadane 1986), w the `woodbury_weights`; H_b is that of
+        the baseline alone: its parameters are in every set, at their most probable values. Shapes are at these too;
+        each that the data determine (`determined_count`) costs `SHAPE_COST`. A parameter to which the output does not
+        respond costs nothing. A set with a strength at its bound has no evidence.
 
         Parameters
         ----------
         kappa : float
-            κ, share of the samples that is independent.
+            κ, share of independent samples.
 
         Returns
         -------
         float
-            In nats; minus infinity also for a set of which a member changes less than `NEGLIGIBLE_CHANGE` of the output.
+            In nats; minus infinity also where a member changes less than `NEGLIGIBLE_CHANGE` of the output.
         """
         return -np.inf if self.at_bounds else self.evidence_ignoring_bounds(kappa)
 
     def evidence_ignoring_bounds(self, kappa: float) -> float:
-        """The same, also where a strength stands at its bound.
+        """The same, also where a strength is at its bound.
 
         Parameters
         ----------
@@ -175,24 +176,25 @@ class EvaluatedSet:
         if min(self.changes, default=1.0) < NEGLIGIBLE_CHANGE:
             return -np.inf
         m = self.marginal(kappa)
-        prior, deviation, precision, amplitudes = self._prior
-        hessian = (self.curvature - self.projected_jacobian.T @ (m.woodbury_weights[:, None] * self.projected_jacobian)) * (kappa / m.noise)
-        curvature, shapes = np.diag(hessian).clip(0), ~amplitudes
-        prior += deviation_penalty(deviation, precision, curvature) - SHAPE_COST * determined_count(curvature[shapes], precision[shapes])
-        posterior_hessian = hessian + np.diag(precision)
-        determined_by_data = np.diag(posterior_hessian) > LEAST_CURVATURE  # a number of the law of 1e200, to which nothing answers, is in every set alike
-        own, amplitudes = determined_by_data & (np.arange(precision.size) < self.fit.composition.own), determined_by_data & amplitudes
-        gaussian = 0.5 * np.log(2 * np.pi) * (amplitudes.sum() - own.sum())
-        log_volume = gaussian - 0.5 * (_log_determinant(posterior_hessian, amplitudes) - _log_determinant(posterior_hessian, own))
+        prior, deviation, precision, integrated = self._prior
+        jacobian = self.projected_jacobian
+        hessian = (self.curvature - jacobian.T @ (m.woodbury_weights[:, None] * jacobian)) * (kappa / m.noise)
+        curvature, shapes = np.diag(hessian).clip(0), ~integrated
+        prior += deviation_penalty(deviation, precision, curvature) - \
+            SHAPE_COST * determined_count(curvature[shapes], precision[shapes])
+        hessian = hessian + np.diag(precision)
+        effective = np.diag(hessian) > LEAST_CURVATURE  # a parameter of 1e200 without effect is in every set alike
+        law, integrated = effective & (np.arange(precision.size) < self.fit.composition.own), effective & integrated
+        gaussian = 0.5 * np.log(2 * np.pi) * (integrated.sum() - law.sum())
+        log_volume = gaussian - 0.5 * (_log_determinant(hessian, integrated) - _log_determinant(hessian, law))
         return m.likelihood + prior + log_volume + sum(inclusion_prior(e) for e in self.effects)
 
     @cached_property
     def _prior(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Log-density, how far shapes lie off the middle of theirs, curvature, and whether a parameter is an amplitude.
-        """
+        """Log-density, deviation of shapes from their prior, precision, and which parameters are integrated out."""
         composition, vector = self.fit.composition, self.fit.vector
         total, precision = 0.0, np.zeros(vector.size)
-        deviation, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
+        deviation, integrated = np.zeros(vector.size), np.full(vector.size, True)
         precision[: composition.own] = (1 / BASELINE_PRIOR_SCALE / composition.scales[: composition.own]) ** 2
         output_norm = self.data.discrepancy.output_rms * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
@@ -200,23 +202,25 @@ class EvaluatedSet:
             for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
                 if k >= effect.strengths:
                     deviation[j], curvature = shape_prior(p, float(vector[j]), np.unique(points[:, k]).tolist())
-                    value, amplitudes[j] = 0.0, False
+                    value, integrated[j] = 0.0, False
                 else:
-                    value, curvature = strength_prior(*self._strength_change(j, float(vector[j]) - p.neutral, change, output_norm,
-                                                            effect.strengths == 1))
+                    distance = float(vector[j]) - p.neutral
+                    value, curvature = strength_prior(*self._strength_change(j, distance, change, output_norm,
+                                                                             effect.strengths == 1))
                 total, precision[j] = total + value, curvature
-        return total, deviation, precision, amplitudes
+        return total, deviation, precision, integrated
 
-    def _strength_change(self, j: int, deviation: float, change: float, output_norm: float, alone: bool) -> tuple[float, float]:
+    def _strength_change(self, j: int, distance: float, change: float, output_norm: float, alone: bool
+                         ) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
         slope = float(np.linalg.norm(self.fit.jacobian[:, j])) / output_norm
         if not alone:
-            return abs(deviation) * slope, slope
-        return change, change / abs(deviation) if deviation else slope
+            return abs(distance) * slope, slope
+        return change, change / abs(distance) if distance else slope
 
 
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
-    """ln of the determinant of the chosen rows and columns, scaled for the digits."""
+    """ln of the determinant of the chosen rows and columns, scaled for accuracy."""
     part = matrix[np.ix_(chosen, chosen)]
     scale = 1 / np.sqrt(np.maximum(np.diag(part), LEAST_CURVATURE))
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
@@ -224,10 +228,10 @@ def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
 
 def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals],
                  candidates: Sequence[Effect]) -> str:
-    """Name of the candidate of which an effect is a form, as its numbers stand.
+    """Name of the candidate of which an effect is a form at given parameters.
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
-    spring. Sets that differ in the form alone share what they say of the component.
+    spring. The weights of sets that differ in the form alone are added.
 
     Parameters
     ----------
@@ -248,7 +252,7 @@ def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals],
 
 
 def output_change(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
-    """Root mean square of what an effect of a fit changes in the output, the others in place.
+    """Root mean square of the change of the output by an effect of a fit, the others in place.
 
     Parameters
     ----------

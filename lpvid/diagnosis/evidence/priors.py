@@ -1,4 +1,4 @@
-"""Priors: what is known of a cause before the data, at the scale of the data."""
+"""Priors of inclusion, strength, shape and misfit, at the scale of the data."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect, EffectParameter
 
 COMPONENT_PROBABILITY, FORM_PROBABILITY = 0.05, 0.005
-"""probability that a component is there, and a flexible form: of forty entries about two are expected"""
+"""prior probability of a component, and of a flexible form: of forty entries about two are expected"""
 STRENGTH_SCALE = 0.3
 """change of the output by a cause, as a share of the output's rms: half of all causes lie below (half-Cauchy scale)"""
 SHAPE_DECADES = 1.0
 """standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
 
 SHAPE_COST = 1.0
-"""log-likelihood that a fitted shape wins by its mere freedom (Akaike 1974): its cost, as far as the data determine it
-(`determined_count`)"""
+"""expected gain of log-likelihood by a free parameter (Akaike 1974), the cost of a shape as far as the data
+determine it (`determined_count`)"""
 
 MISFIT_MEDIAN, MISFIT_LOG_DEVIATION = 0.086, 0.47
-"""structured error that the best law leaves, as a share of the output's rms: median and standard deviation of the
-logarithm of what fits by hand leave of fifteen groups of measured records (tests/benchmarks/real_answers.py)"""
+"""structured error of the best law, as a share of the output's rms: median, and standard deviation of the logarithm,
+of fits by hand to fifteen groups of measured records (tests/benchmarks/real_answers.py)"""
 
 
 def misfit_prior(relative_error: float) -> float:
-    """Log-density of a structured error that a set leaves, less that of the usual one.
+    """Log-density of the structured error of a set, less that of the median error.
 
-    −½ (ln(r/`MISFIT_MEDIAN`)/`MISFIT_LOG_DEVIATION`)² above the usual, zero below: that a law is better than most speaks against nothing.
+    −½ (ln(r/`MISFIT_MEDIAN`)/`MISFIT_LOG_DEVIATION`)² above the median, zero below.
 
     Parameters
     ----------
@@ -44,11 +44,12 @@ def misfit_prior(relative_error: float) -> float:
     >>> [round(misfit_prior(r), 2) + 0.0 for r in (0.01, 0.086, 0.2, 0.5)]
     [0.0, 0.0, -1.61, -7.01]
     """
-    return -0.5 * (max(float(np.log(max(relative_error, 1e-300) / MISFIT_MEDIAN)), 0.0) / MISFIT_LOG_DEVIATION) ** 2 + 0.0
+    excess = max(float(np.log(max(relative_error, 1e-300) / MISFIT_MEDIAN)), 0.0)
+    return -0.5 * (excess / MISFIT_LOG_DEVIATION) ** 2 + 0.0
 
 
 def inclusion_prior(effect: Effect) -> float:
-    """ln π/(1 − π), π the probability before the data of an effect: `FORM_PROBABILITY` of a flexible one, else `COMPONENT_PROBABILITY`.
+    """ln π/(1 − π) with the prior probability π: `FORM_PROBABILITY` of a flexible effect, else `COMPONENT_PROBABILITY`.
 
     Parameters
     ----------
@@ -65,12 +66,12 @@ def inclusion_prior(effect: Effect) -> float:
 def strength_prior(change: float, slope: float) -> tuple[float, float]:
     """Log-density of a strength, and its curvature, for one that changes the output by `change` of its rms.
 
-    Half-Cauchy on that change r, carried over to the strength by dr/da = `slope`: a number has no scale of its own.
+    Half-Cauchy in that change r, transformed to the strength a by dr/da = `slope`: a strength has no scale of its own.
 
     Parameters
     ----------
     change : float
-        r: root mean square of what it changes over that of the output, at least zero.
+        r: root mean square of the change over that of the output, at least zero.
     slope : float
         dr/da [1/unit of the strength].
 
@@ -92,13 +93,13 @@ def strength_prior(change: float, slope: float) -> tuple[float, float]:
 
 
 def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tuple[float, float]:
-    """Prior of a shape: log-normal about where it was looked at, or normal about neutral.
+    """Prior of a shape: log-normal about its grid, or normal about neutral.
 
-    Where none of it was looked at too (no deflection of a friction), as much as less than the middle costs nothing: one
-    deflection has one prior, whichever entry holds it. A share, which has no unit, has no decades.
+    Where the grid holds zero too (no deflection of a friction), values below the middle cost nothing: a deflection has
+    the same prior in each entry of the catalogue. A share, which has no unit, has no decades.
 
-    Its volume does not count (`SHAPE_COST` does): how many numbers a filter has, and over how many decades somebody lets
-    them run, says nothing about whether there is one, and must not decide between rivals that fit alike.
+    The prior volume is not counted (`SHAPE_COST` is): how many shapes a filter has, and over how many decades they may
+    lie, must not decide between rivals that fit equally well.
 
     Parameters
     ----------
@@ -127,11 +128,10 @@ def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tupl
 
 
 def deviation_penalty(deviation: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -> float:
-    """Log-density that parameters lose by lying off the middle of their prior, where the data hold them there.
+    """Loss of log-density by shapes away from the middle of their prior, as far as the data determine them.
 
-    −½ Σ a² h/(h + Λ): of a Gaussian likelihood of curvature h about the estimate times a Gaussian prior of precision Λ
-    that lies a standard deviations away. A number that the data do not reach (h = 0) goes back to its prior for
-    nothing, wherever a fit has left it.
+    −½ Σ a² h/(h + Λ): of a Gaussian likelihood of curvature h about the estimate times a Gaussian prior of precision Λ,
+    a standard deviations away. A shape without effect on the output (h = 0) costs nothing, whatever its fitted value.
 
     Parameters
     ----------

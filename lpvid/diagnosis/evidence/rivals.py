@@ -1,4 +1,4 @@
-"""Rivals: what a member of a set may be named, and what else would do its work."""
+"""Rivals: the name of a member of a set, and the effects that these data do not distinguish from it."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ NAMED_PROBABILITY = 2 / 3
 """calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
 twice what a missing one does (docs/diagnosis_boards.md: right and wrong names by this number)"""
 LISTED_WEIGHT = 0.05
-"""weight of the sets without a cause that hold a rival, from which it is listed"""
+"""weight, and likelihood by the error alone, from which a rival is listed: one in twenty"""
 
 
 def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]], structured: float
              ) -> tuple[str, Matcher, Support]:
-    """What an effect is named, what finds that in a set, and what speaks for it.
+    """The name under which an effect is reported, its matcher and its support.
 
-    A special form is named where it is probable enough; else its component, where that is: of a current that
-    rises and falls unequally in all likely sets, the lag may be sure and that its edges differ not.
+    A special form is named where it is probable enough, else its component, where that is: where a current rises and
+    falls unequally in all probable sets, the lag may be sure and the difference of its edges not.
 
     Parameters
     ----------
     effect : Effect
     component : str
-        Component of which it is a form, as its numbers stand.
-    sets : sequence of (Weighed, float)
+        Component of which it is a form at its fitted parameters.
+    sets : sequence of (EvaluatedSet, float)
     structured : float
         As for `Support.of`.
 
     Returns
     -------
     name : str
-    match : callable
+    match : Matcher
     support : Support
     """
     whole = Support.of(sets, match_component(component), structured)
     if effect.component == component:
         return effect.name, match_component(component), whole
-    if component != effect.form_of:  # its numbers leave no more than that, here; in other sets they may be a little off it
+    if component != effect.form_of:  # it reduces to that at these parameters; in other sets they may differ a little
         either = _match_names(component, effect.name)
         return component, either, Support.of(sets, either, structured)
     form = Support.of(sets, match_form(effect), structured)
@@ -56,7 +56,7 @@ def reported_name(effect: Effect, component: str, sets: Sequence[tuple[Evaluated
 
 
 def match_form(effect: Effect) -> Matcher:
-    """What finds an effect in this very form, wherever it sits.
+    """Matches an effect in the same form, at any place.
 
     Parameters
     ----------
@@ -64,21 +64,21 @@ def match_form(effect: Effect) -> Matcher:
 
     Returns
     -------
-    callable
+    Matcher
     """
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
 def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect,
-              values: np.ndarray) -> tuple[tuple[str, float], ...]:
-    """What is listed with a member of a set, or in its place, each with its probability.
+                  values: np.ndarray) -> tuple[tuple[str, float], ...]:
+    """Effects listed with a member of a set, or in its place, with their probabilities.
 
     Parameters
     ----------
     search : SetSearch
-    sets : sequence of (Weighed, float)
+    sets : sequence of (EvaluatedSet, float)
         With their probabilities.
-    best : Weighed
+    best : EvaluatedSet
         The set.
     effect : Effect
         Of its members.
@@ -100,21 +100,20 @@ def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]],
 
 
 def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect
-             ) -> tuple[tuple[str, float], ...]:
-    """What the error does not speak against in the place of an effect, whatever the sets that hold it weigh.
+                    ) -> tuple[tuple[str, float], ...]:
+    """Effects that can replace one at nearly the same error, whatever the weight of the sets that hold them.
 
-    By the error alone, as it is left of either all else refitted, a rival has the likelihood (e_r'e_r/e'e)^(−κN/2). It
-    is listed where that is more than `LISTED_WEIGHT`: a misfit of the law favours one of two that differ by less than it, and
-    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Of lags, what
-    the sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a
-    delay does not, and the error of the filter is larger even where it is the truth.
+    With the errors e_r of the rival and e of the effect, all else refitted, the rival has the likelihood
+    (e_r'e_r/e'e)^(−κN/2). It is listed where that is more than `LISTED_WEIGHT`: the misfit of the law may favour either
+    of two effects whose difference is smaller than this misfit. So may the further terms of the evidence, which are
+    left out here. For lags the part of either error due to the sensors' noise is subtracted: to undo a filter raises
+    the noise of the motion, to undo a delay does not.
 
-    One effect in the place of one is next of kin. Of any family is what has help: two that physics links (an entry of
-    the catalogue that does their work alone, for the price of one, is no evidence: a dead zone of the force against a
-    play and a spring), or one with the filter of all channels that every record has passed, which rounds the kinks of
-    a play as a spring would. With more freedom it has no allowance: it leaves less error, with the filter less than the
-    best set beside the same filter. What leaves more of the work
-    of the effect than it does, in the logarithm, is no rival; nor is a pair of which one alone is.
+    A single effect must be related. Two partners, or one effect beside the filter of all channels, may be of any
+    family: a play and a spring have the effect of a dead zone of the force, and the filter rounds the kinks of a play
+    as a spring would. Because of the additional parameters they must reach a lower error, with the filter lower than
+    the best set beside the same filter. An effect that achieves less than half of the reduction, in the logarithm of
+    the error, is no rival; nor is a pair of which one effect alone is a rival.
     """
     found: dict[str, float] = {}
     samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
@@ -129,33 +128,35 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
         cost = _cost_without_sensor_noise if lagging else _cost
         reference = _with_same_filter(search, best, w, cost) if larger else best
         deficit = 0.5 * samples * np.log(cost(w) / cost(reference))
-        works = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
-        if deficit < (0.0 if larger else -np.log(LISTED_WEIGHT)) and works:
+        achieves = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
+        if deficit < (0.0 if larger else -np.log(LISTED_WEIGHT)) and achieves:
             found |= {e.name: Support.of(sets, match_component(k), search.structured).probability for e, k in others}
     return tuple(found.items())
 
 
 def _replacements(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, component: str
-                 ) -> list[tuple[list[tuple[Effect, str]], EvaluatedSet]]:
-    """What stands in the place of a kind in other sets, with these: one effect, or two that physics links.
+                  ) -> list[tuple[list[tuple[Effect, str]], EvaluatedSet]]:
+    """Effects in the place of a component in other sets, with these sets: one effect, or two partners.
 
-    The sets of fewest members come first. A filter of all channels counts only where nothing else does.
+    The sets of fewest members come first. A filter of all channels counts only where it is the only other effect.
     """
     found, rest = [], sorted(k for k in best.components if k != component)
     for w, _ in sets:
         others = [(e, k) for e, k in zip(w.effects, w.components, strict=True)
                   if k not in best.components and e.name not in best.members]
         others = [(e, k) for e, k in others if e.path != "all"] or others
-        if component not in w.components and sorted(k for k in w.components if k in best.components) == rest and not w.at_bounds \
-                and _acts_as_one([e for e, _ in others]):
+        common = sorted(k for k in w.components if k in best.components)
+        if component not in w.components and common == rest and not w.at_bounds and \
+                _acts_as_one([e for e, _ in others]):
             found.append((others, w))
     return sorted(found, key=lambda pair: len(pair[1].members))
 
 
-def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, cost: Callable[[EvaluatedSet], float]) -> EvaluatedSet:
-    """The best set with the filter of all channels that another one has and it has not; itself where that is no less.
+def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, cost: Callable[[EvaluatedSet], float]
+                      ) -> EvaluatedSet:
+    """The best set with the filter of all channels of another set; itself where the cost with it is no lower.
 
-    A filter rounds what either leaves: beside it friction is compared with a spring beside it, not alone.
+    So that friction beside a filter is compared with a spring beside a filter, not alone.
     """
     places = w.fit.composition.places
     filters = [(e, w.fit.vector[p]) for e, p in zip(w.effects, places, strict=True)
@@ -168,21 +169,21 @@ def _cost(w: EvaluatedSet) -> float:
 
 
 def _acts_as_one(effects: Sequence[Effect]) -> bool:
-    """Whether effects stand in the place of one: one itself, or two partners."""
+    """Whether effects may replace a single one: one effect, or two partners."""
     return len(effects) == 1 or (len(effects) == 2 and (effects[0].name in effects[1].partners
                                                        or effects[1].name in effects[0].partners))
 
 
-def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, form: Effect,
-                   values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
-    """Components of these data that a form describes too (`Effect.stands_for`), but for those listed by now."""
+def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet,
+                          form: Effect, values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
+    """Candidates that a form describes too (`Effect.stands_for`), except those that are listed already."""
     known = {e.name for e in search.candidates} - {*best.components, *best.members, *listed}
     return tuple((n, Support.of(sets, match_component(n), search.structured).probability)
                  for n in form.stands_for(values, search.problem.signals) if n in known)
 
 
 def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
-    """Squared error of a set less what the noise of the sensors of motion makes of it: what as much again changes."""
+    """Squared error of a set less the part due to noise of the motion sensors: the change by as much noise again."""
     problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
 
     def find() -> float:
@@ -196,23 +197,23 @@ def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
 
 
 def _match_names(*names: str) -> Matcher:
-    """Finds a component, or an effect, of one of the names."""
+    """Matches a component, or an effect, of one of the names."""
     return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if {k, e.name} & {*names}), None)
 
 
-def _match_any(*findings: Matcher) -> Matcher:
-    """Finds what the first of several finds that finds anything."""
-    return lambda w: next((e for f in findings if (e := f(w)) is not None), None)
+def _match_any(*matchers: Matcher) -> Matcher:
+    """Matches what the first of several matchers does that matches anything."""
+    return lambda w: next((e for match in matchers if (e := match(w)) is not None), None)
 
 
 def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect, match: Matcher,
-             structured: float) -> tuple[tuple[str, float], ...]:
-    """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
+                  structured: float) -> tuple[tuple[str, float], ...]:
+    """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
 
-    Of what a set holds in its absence, and the best set does not, that which contains it does its work, else that which
-    changes the output most; and only where it or one of them is there with `NAMED_PROBABILITY` do they answer for it together.
-    Where they do not, those of its family do if the family is there with `NAMED_PROBABILITY`: of these that hold `LISTED_WEIGHT` of the
-    weight that the sets without it have.
+    In a set without the effect, its alternative is the member that the best set does not have and that contains it
+    (`Effect.contains`), else the one that changes the output most. The alternatives are listed if the effect or one of
+    them is present with `NAMED_PROBABILITY`. Otherwise those of its family are, if the effect or one of these is: those
+    with `LISTED_WEIGHT` of the weight of the sets without it.
     """
     component = best.components[best.effects.index(effect)]
     weights: dict[str, float] = {}
@@ -220,17 +221,19 @@ def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet
     of_family: dict[str, None] = {}
     for w, p in sets:
         if match(w) is None:
-            other = [(component in e.contains, c, k, e.name) for e, k, c in zip(w.effects, w.components, w.changes, strict=True)
-                     if e.name not in best.members and (k == component or k not in best.components or component in e.contains)]
-            if other:
-                contains, _, k, name = max(other)
+            others = [(component in e.contains, c, k, e.name)
+                      for e, k, c in zip(w.effects, w.components, w.changes, strict=True) if e.name not in best.members
+                      and (k == component or k not in best.components or component in e.contains)]
+            if others:
+                contains, _, k, name = max(others)
                 k = name if contains else k
                 weights[k] = weights.get(k, 0.0) + p
                 form.setdefault(k, name)
                 if any(e.name == name and e.family == effect.family for e in w.effects):
                     of_family[k] = None
     without = sum(weights.values())
-    for among in ([k for k, p in weights.items() if p > LISTED_WEIGHT], [k for k in of_family if weights[k] > LISTED_WEIGHT * without]):
+    for among in ([k for k, p in weights.items() if p > LISTED_WEIGHT],
+                  [k for k in of_family if weights[k] > LISTED_WEIGHT * without]):
         either = Support.of(sets, _match_any(match, *map(_match_names, among)), structured)
         if either.probability >= NAMED_PROBABILITY:
             return tuple((form[k], Support.of(sets, _match_names(k), structured).probability)

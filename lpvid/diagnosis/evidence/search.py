@@ -1,4 +1,4 @@
-"""Search: over sets of causes, with a beam, pairs at the root, and every member of the best set dropped and swapped."""
+"""Search over sets of causes: beam search, linked pairs, and the members of the best set removed and exchanged."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points
 
 BEAM_WIDTH, MOST_MEMBERS = 3, 4
-"""sets enlarged at every size, and members at most"""
+"""sets that are enlarged at a time, and members of a set at most"""
 EXCHANGE_ROUNDS = 2
-"""times that the best set is pulled apart, each member dropped and swapped"""
+"""times that each member of the best set is removed and exchanged"""
 PAIR_POINTS = 3
-"""points of either of a pair: it is refitted from the best of their combinations"""
+"""grid points of either effect of a pair, which is refitted from the best of their combinations"""
 
 
 @dataclass
 class SetSearch(VisitedSets):
-    """The order in which sets are visited.
+    """Visited sets and the order in which sets are visited.
 
     Attributes
     ----------
-    baseline_screening : FirstLook
-        What the effects changed beside the baseline alone.
+    baseline_screening : BaselineScreening
+        Of all effects beside the baseline alone.
     enlarged : set of frozenset of str
-        Visited sets whose children are known.
+        Visited sets whose children were visited.
     exchanged : set of frozenset of str
-        Visited sets whose neighbours are known.
+        Visited sets of which members were removed and exchanged.
     """
 
     baseline_screening: BaselineScreening = field(default_factory=BaselineScreening)
@@ -54,7 +54,7 @@ class SetSearch(VisitedSets):
     exchanged: set[frozenset[str]] = field(default_factory=set)
 
     def run(self, root: Refit) -> None:
-        """Visit sets from the baseline alone on.
+        """Visit sets, starting from the baseline alone.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class SetSearch(VisitedSets):
         """
         self.visited[frozenset()] = EvaluatedSet(self.data, root)
         self.update_kappa()
-        self.enlarge([self.root])  # else a pair that imitates a single cause comes before it
+        self.enlarge([self.root])  # before the pairs, which can fit the error of a single cause
         self.update_kappa()
         self._pairs()
         self.update_kappa()
@@ -84,20 +84,20 @@ class SetSearch(VisitedSets):
             self.update_kappa()
             if self.best is before:
                 break
-        self.kappas = tuple(kappa_of(self.structured, self.problem.n_samples, w) for w in STRUCTURED_SAMPLES_RANGE)
-        self._exchange_and_enlarge(posterior(self)[0][0])  # over all α it may be another set
+        self.kappas = tuple(kappa_of(self.structured, self.problem.n_samples, a) for a in STRUCTURED_SAMPLES_RANGE)
+        self._exchange_and_enlarge(posterior(self)[0][0])  # averaged over α, it may be another set
 
     # -- larger sets -------------------------------------------------------------------------------------------------
     def _can_grow(self, w: EvaluatedSet) -> bool:
-        """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
-        return w.members not in self.enlarged and len(w.members) < MOST_MEMBERS and all(e.path != "all" for e in w.effects)
+        """Whether a set may still be enlarged; one with a filter of all channels is not: that is added last."""
+        return w.members not in self.enlarged and len(w.members) < MOST_MEMBERS and \
+            all(e.path != "all" for e in w.effects)
 
     def _beam(self) -> list[EvaluatedSet]:
-        """The most probable open sets of which none holds all components of a more probable one.
+        """The most probable sets that may be enlarged, of which none holds all components of a more probable one.
 
-        Else forms of one component, and sets that grew from one another, would fill the beam: beside a law that lacks
-        friction and a resonance, a spring comes first, alone and with any further effect, and the true causes long
-        after.
+        Otherwise forms of one component, and subsets of one set, would fill the beam: beside a law that lacks friction
+        and a resonance, a spring is most probable at first, alone and with any further effect.
         """
         chosen: list[EvaluatedSet] = []
         for w in sorted(filter(self._can_grow, self.visited.values()), key=self.score, reverse=True):
@@ -106,14 +106,14 @@ class SetSearch(VisitedSets):
         return chosen
 
     def enlarge(self, sets: Sequence[EvaluatedSet]) -> None:
-        """Visit the sets of the largest predicted gain with one effect more, of one set after the other.
+        """Visit the sets with one effect more that have the largest predicted gain, for one set after the other.
 
-        A set that was visited from another one is visited again where less error is in sight from here.
+        A set that was visited before is refitted where the predicted cost is lower than that of its last refit.
 
         Parameters
         ----------
-        sets : sequence of Weighed
-            Looked at together; those that cannot be enlarged, or have been, are passed over.
+        sets : sequence of EvaluatedSet
+            Screened together; those that cannot be enlarged, or have been, are passed over.
         """
         sets = [w for w in sets if self._can_grow(w)]
         self.enlarged |= {w.members for w in sets}
@@ -122,13 +122,13 @@ class SetSearch(VisitedSets):
         best, share = posterior(self)[0]
         names = "; ".join(", ".join(sorted(w.members)) or "the baseline alone" for w in sets)
         leader = ", ".join(sorted(best.members)) or "nothing"
-        self.report_progress(f"looking beyond {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
+        self.report_progress(f"enlarging {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
         if any(not w.members for w in sets):
             self.baseline_screening = screen_beside_baseline(self)
         for w, found in zip(sets, screen_beside_sets(self, self.baseline_screening, sets), strict=True):
             chosen = [e for e, cost in by_predicted_gain(self, self.baseline_screening, w, found).items()
                       if self.has_lower_cost(w.members | {e.name}, cost)]
-            _ = w.fit.jacobian, self.root.fit.jacobian  # found once, for all forks
+            _ = w.fit.jacobian, self.root.fit.jacobian  # computed once, for all forks
             for child in self._children(w, chosen, found):
                 self.add(child)
 
@@ -137,10 +137,10 @@ class SetSearch(VisitedSets):
         return self.in_parallel(lambda e: self.evaluated(self._child(w, e, found)), chosen)
 
     def _child(self, w: EvaluatedSet, added: Effect, found: Sequence[Direction]) -> Refit:
-        """A set with one effect more, refitted from the points of the largest gain."""
+        """A set with one effect more, refitted from the grid points of the largest gain."""
         composition = Composition(w.fit.composition.baseline, (*w.effects, added))
-        if not w.members and added.name in self.baseline_screening.lag_starts:  # the law follows the lag
-            return self.best_refit(composition, [v for _, v in self.baseline_screening.lag_starts[added.name]], None, (added,))
+        if not w.members and (lag_starts := self.baseline_screening.lag_starts.get(added.name)) is not None:
+            return self.best_refit(composition, [v for _, v in lag_starts], None, (added,))
         vectors = [start_vector(composition, w.fit, {added.name: p}) for p in start_points(added, found)]
         return self.best_refit(composition, vectors, w.fit, (added,))
 
@@ -157,23 +157,23 @@ class SetSearch(VisitedSets):
             grids = [evenly_spaced(self.data.grid_points[n], PAIR_POINTS) for n in pair]
             vectors = [start_vector(composition, root, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
             costs = [self.cost_at(composition, v, basis) for v in vectors]
-            return self.evaluated(self.best_refit(composition, [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]], root,
-                                             composition.effects, REFITTED_STARTS))
+            best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
+            return self.evaluated(self.best_refit(composition, best, root, composition.effects, REFITTED_STARTS))
 
         for pair in self.in_parallel(refitted, pairs):
             self.add(pair)
 
     # -- neighbours of the best set ----------------------------------------------------------------------------------
     def _exchange_and_enlarge(self, w: EvaluatedSet) -> None:
-        """Visit the neighbours of a set, and what enlarges it and the sets without one of its members."""
+        """Exchange the members of a set; enlarge it and the sets without one of its members."""
         self._exchange_members(w)
-        without = (w.members - {e.name} for e in w.effects)
-        self.enlarge([*(self.visited[m] for m in without if m in self.visited), w])
+        smaller = (w.members - {e.name} for e in w.effects)
+        self.enlarge([*(self.visited[m] for m in smaller if m in self.visited), w])
 
     def _exchange_members(self, w: EvaluatedSet) -> None:
-        """Visit the set without each of its members, and with the next of kin in its place.
+        """Visit the set without each of its members, and with related effects in the place of each.
 
-        A set that was visited is visited again where less error is in sight from here.
+        A set that was visited before is refitted where a start vector has a lower cost than its last refit.
         """
         if w.members in self.exchanged:
             return
@@ -181,33 +181,36 @@ class SetSearch(VisitedSets):
         reduced = [remaining for e in w.effects if self.allowed(remaining := tuple(x for x in w.effects if x is not e))]
         own = {x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)}
         root = self.root.fit
-        _ = w.fit.jacobian  # found once, for all forks
+        _ = w.fit.jacobian  # computed once, for all forks
 
         def without_one(remaining: tuple[Effect, ...]) -> EvaluatedSet | None:
             composition = Composition(w.fit.composition.baseline, remaining)
-            vectors = [start_vector(composition, w.fit, {}), start_vector(composition, root, {x.name: own[x.name] for x in remaining})]
+            vectors = [start_vector(composition, w.fit, {}),
+                       start_vector(composition, root, {x.name: own[x.name] for x in remaining})]
             known = self.visited.get(composition.members)
             if known is not None and not any(self.cost_at(composition, v) < known.fit.cost for v in vectors):
                 return None
-            for x in remaining:  # else a set may leave more than a smaller one does, of which it holds all members
+            for x in remaining:  # so that no set has a higher cost than one of its subsets
                 if (less := self.visited.get(frozenset(y.name for y in remaining if y is not x))) and less.members:
                     vectors.append(start_vector(composition, less.fit, {x.name: own[x.name]}))
             return self.evaluated(self.best_refit(composition, vectors, w.fit))
 
         swaps = [(e, y) for e in w.effects for y in self.candidates if related(e, y) and y.name not in w.members
                  and self.allowed([*(x for x in w.effects if x is not e), y])]
-        for found in [*self.in_parallel(without_one, reduced), *self.in_parallel(lambda pair: self._exchanged(w, *pair), swaps)]:
+        for found in [*self.in_parallel(without_one, reduced),
+                      *self.in_parallel(lambda pair: self._exchanged(w, *pair), swaps)]:
             if found is not None:
                 self.add(found)
 
     def _exchanged(self, w: EvaluatedSet, removed: Effect, inserted: Effect) -> EvaluatedSet | None:
-        """A set with the next of kin in the place of one effect, from the numbers that the others have beside that.
+        """A set with a related effect in the place of one, from the parameters that the others have beside that one.
 
-        Without either effect the law follows what it lacks, a late motion for instance, and is no good start for the
-        other one. None where the new set stays hopelessly behind, to first order: the others and the size of the
-        change following. Lags do not act in proportion: all of them are refitted. Where a number of the law has gone to
-        its bound, an effect does the work of that part, a friction that of the yield force: then the law begins from
-        where it stands alone too, and is followed to its end unless it stays hopelessly behind.
+        Without either effect the law is fitted to a wrong input, such as a late motion, and is no good start vector.
+        None where the predicted deficit of log-evidence, with the other parameters and the size of the change refitted
+        to first order, is above `MOST_DEFICIT`. The change by a lag is not proportional to it: lags are always
+        refitted. Where a parameter of the law has moved to its bound, an effect has replaced that part of the law, such
+        as friction its yield force: then the set is also refitted from the parameters of the law alone, to the end
+        unless the deficit is too large.
         """
         composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not removed), inserted))
         place = w.fit.composition.places[w.effects.index(removed)]
@@ -225,8 +228,10 @@ class SetSearch(VisitedSets):
         def deficit(cost: float) -> float:
             return 0.5 * self.kappa * self.problem.n_samples * float(np.log(max(cost, 1e-300) / w.fit.cost))
 
-        near = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
-        found = [self.best_refit(composition, near, w.fit, (inserted,), REFITTED_STARTS)] if lag or deficit(min(costs)) < MOST_DEFICIT else []
+        found = []
+        if lag or deficit(min(costs)) < MOST_DEFICIT:
+            best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
+            found.append(self.best_refit(composition, best, w.fit, (inserted,), REFITTED_STARTS))
         own, root = slice(composition.own), self.root.fit
         if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
             restarted = [np.concatenate([root.vector[own], v[composition.own:]]) for v in vectors]

@@ -1,4 +1,4 @@
-"""Judging: the most probable set that data not seen bear out, and what of it may be named."""
+"""Selection: the most probable set that is confirmed out of fold, and which of its members are named."""
 
 from __future__ import annotations
 
@@ -22,44 +22,44 @@ from lpvid.diagnosis.remainder import predicted_share
 from lpvid.diagnosis.screening import start_vector
 
 SURE_PROBABILITY = 0.75
-"""calibrated probability from which a name is sure, so that a story of such causes explains an error"""
+"""calibrated probability from which a cause is sure, so that a set of such causes explains an error"""
 FORM_SHARE = 0.95
-"""share of the weight of its component from which a special form is reported in its place"""
+"""share of the weight of its component from which a special form is reported instead"""
 NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
-"""change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
-left, from which it is named where little is left (diagnosis_real)"""
+"""change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
+that is less (diagnosis_real)"""
 LEAST_NAMED_CHANGE = 0.005
-"""change below which nothing is named: half a per cent of the output is nobody's concern"""
+"""change of the output, as a share of its rms, below which no cause is named"""
 OUT_OF_FOLD = "out of fold"
-"""what the folds of a fit are kept by"""
+"""key under which the folds of a fit are cached"""
 
 
 @dataclass(frozen=True, eq=False)
 class SetMember:
-    """What is known of one effect of the chosen set.
+    """One effect of the selected set: its name, probability, rivals and contribution.
 
     Attributes
     ----------
     effect : Effect
     name : str
-        What may be named: the effect, or its component where that is probable enough and this form of it is not.
+        Of the effect, or of its component where that is probable enough and the form is not.
     values : (k,) array
     probability, of_family : float
-        That what is named is there, wherever it sits; that one of its family is. Calibrated.
+        Calibrated, of the name at any place, and of any effect of its family.
     weight : float
         Of the sets that hold it.
     rivals : tuple of (str, float)
-        Effects that do its work in its absence, and how probable each is.
+        Effects from which these data do not distinguish it, and their probabilities.
     cost : float
-        Squared error that it takes away, the others refitted.
+        Reduction of the squared error by it, the others refitted.
     gain : float
-        Share of the held-out squared error of that which it takes away [%].
+        Reduction of the squared error out of fold by it, over that without it [%].
     better : float
-        Share of the blocks in which it helps.
+        Share of the blocks in which the error out of fold is lower with it.
     change : float
-        Of the output when it is taken away and the others follow, as a share of the output's rms. Of several that
-        change too little to be named the rest is taken away first: two that do each other's work are not small print
-        both.
+        Of the output when it is removed and the others are refitted, as a share of the output's rms. Of several that
+        change too little to be named the others are removed first: of two with the same effect, neither alone would
+        change enough.
     evidence : float
         Log-evidence with it less that without it.
     """
@@ -83,10 +83,10 @@ class SetMember:
         Parameters
         ----------
         relative_error : float
-            Error that stays, over the output.
+            Error left, over the output: root mean squares.
         law_error : float
-            That part of it which the inputs predict: what the law still gets wrong. A cause that changes less than that
-            may be no more than another piece of it.
+            The part of it that the inputs predict: the error of the law itself. A cause that changes less may be a
+            part of it.
 
         Returns
         -------
@@ -94,14 +94,14 @@ class SetMember:
         """
         least = least_change(relative_error, law_error)
         if self.change < least:
-            return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
+            return f"it changes the output by {self.change:.1%}, less than {least:.1%}: too little to be named"
         if self.probability < NAMED_PROBABILITY and not self.rivals:
-            return f"probability {self.probability:.2f} only, and nothing takes its place"
+            return f"probability {self.probability:.2f} only, and no alternative is probable enough"
         return None
 
 
 def least_change(relative_error: float, law_error: float) -> float:
-    """Change of the output, over its rms, below which a cause is small print.
+    """Change of the output, over its rms, below which a cause is not named.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def least_change(relative_error: float, law_error: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SelectedSet:
-    """The chosen set.
+    """The set to report, with its members and its errors out of fold.
 
     Attributes
     ----------
@@ -125,23 +125,22 @@ class SelectedSet:
     root, fit : Refit
         The baseline alone and the set.
     cost_reduction : float
-        Squared error that the set takes away from the baseline alone, on the samples on which the members were judged.
+        Of the squared error by the set against the baseline alone, on the samples of the search.
     before, after : Folds
         Their errors out of fold.
-    members : tuple of Member
+    members : tuple of SetMember
         Largest change first.
     relative_error : float
         Error out of fold of the set, over the output: root mean squares.
     predictable : float
         Share of its squared error that the inputs predict.
     dropped : tuple of (str, str)
-        Effects that held-out data did not bear out, and what was said.
-    sets : list of (Weighed, float)
-        Visited sets and their probabilities, those not borne out left out.
+        Effects that did not lower the error out of fold, and the reason given.
+    sets : list of (EvaluatedSet, float)
+        Visited sets and their weights, without those that were not confirmed.
     least_error_set : (tuple of str, float), optional
-        Where nothing is in the set all the same: the causes of the visited set of least error, and the error out of
-        fold that they leave, over the output, if that is lower by more than a good law's misfit: what is left is no
-        noise then.
+        Where the selected set is empty: the causes of the visited set of least error, and the error out of fold with
+        them, over the output, if that is lower by more than a good law's misfit: the error is no noise then.
     """
 
     problem: DiagnosisProblem
@@ -159,15 +158,20 @@ class SelectedSet:
 
     @property
     def law_error(self) -> float:
-        """That part of the error which the inputs predict, over the output."""
+        """The part of the error that the inputs predict, over the output: root mean squares."""
         return float(np.sqrt(self.predictable)) * self.relative_error
+
+    @property
+    def gains(self) -> np.ndarray:
+        """(blocks,) reduction of the squared error out of fold by the set."""
+        return self.problem.block_sums(self.before.errors**2 - self.after.errors**2)
 
     def reason_not_named(self, m: SetMember) -> str | None:
         """Why a member is not named; None where it is, or has rivals.
 
         Parameters
         ----------
-        m : Member
+        m : SetMember
 
         Returns
         -------
@@ -177,8 +181,8 @@ class SelectedSet:
 
 
 def select_set(search: SetSearch, report_progress: Callable[[str], None],
-          refused: Collection[frozenset[str]] = ()) -> SelectedSet:
-    """The story, or the probable set that predicts best and takes no name away, and its members.
+               rejected_sets: Collection[frozenset[str]] = ()) -> SelectedSet:
+    """The most probable set, or one nearly as probable that predicts better and keeps its names, with its members.
 
     Every member of either lowers the error out of fold.
 
@@ -186,26 +190,26 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
     ----------
     search : SetSearch
     report_progress : callable
-    refused : collection of frozenset of str
-        Sets that further records did not bear out.
+    rejected_sets : collection of frozenset of str
+        Sets with no lower error on further records than the baseline.
 
     Returns
     -------
-    JudgedSet
+    SelectedSet
     """
-    root = search.visited[frozenset()].fit
+    root = search.root.fit
     smaller: dict[frozenset[str], frozenset[str]] = {}
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
     while True:
-        sets = _confirmed_sets(search, refused, smaller)
+        sets = _confirmed_sets(search, rejected_sets, smaller)
         best = reported_set(sets)
-        report_progress(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
+        report_progress(f"out-of-fold check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
         ablations, unhelpful = _ablated(search, fits, best)
         if not unhelpful:
             break
         smaller[best.members] = best.members - unhelpful
-        dropped |= dict.fromkeys(unhelpful, "held-out error is no lower with it")
+        dropped |= dict.fromkeys(unhelpful, "the error out of fold is no lower with it")
     found = _assessed(search, fits, sets, best, best, ablations, dropped)
     if not best.members:
         return replace(found, least_error_set=_least_error_set(search, fits))
@@ -221,15 +225,17 @@ def _ablated(search: SetSearch, fits: dict[frozenset[str], Refit], w: EvaluatedS
     """Refits of a set without each of its members, and the members without which its error out of fold is no higher."""
     fit = fits[w.members] = fits.get(w.members) or _refitted(search, w.fit.composition, w.fit, search.in_parallel)
     without = [_without(fit.composition, e) for e in w.effects]
-    _cross_validate(search, fits, fit, (fit.composition, *without, search.visited[frozenset()].fit.composition))
+    _cross_validate(search, fits, fit, (fit.composition, *without, search.root.fit.composition))
     after, ablations = folds_of(search.problem, fit), [fits[c.members] for c in without]
-    return ablations, {e.name for e, r in zip(w.effects, ablations, strict=True) if not _lowers_error(search.problem, r, after)}
+    return ablations, {e.name for e, ablation in zip(w.effects, ablations, strict=True)
+                       if not _lowers_error(search.problem, ablation, after)}
 
 
-def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tuple[EvaluatedSet, float]], best: EvaluatedSet,
-            w: EvaluatedSet, ablations: Sequence[Refit], dropped: Mapping[str, str]) -> SelectedSet:
-    """A set with what is known of its members, of which `best`, the story, has been pulled apart."""
-    problem, root, fit = search.problem, search.visited[frozenset()].fit, fits[w.members]
+def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[tuple[EvaluatedSet, float]],
+              best: EvaluatedSet, w: EvaluatedSet, ablations: Sequence[Refit], dropped: Mapping[str, str]
+              ) -> SelectedSet:
+    """A set with its members assessed; `best` is the most probable set, of which the neighbours were visited."""
+    problem, root, fit = search.problem, search.root.fit, fits[w.members]
     after = folds_of(problem, fit)
     members = [_member(search, sets, best, w, fit, after, e, r) for e, r in zip(w.effects, ablations, strict=True)]
     members.sort(key=lambda m: -m.change)
@@ -237,11 +243,11 @@ def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[t
         if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
             form = Support.of(sets, match_form(m.effect), search.structured)
             members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
-    kappa = {m.effect.name for m in members}
-    relative_error = float(np.sqrt(np.mean(after.errors**2))) / search.data.discrepancy.output_rms
+    names = {m.effect.name for m in members}
+    relative_error = search.relative_rms(after.errors)
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
-    selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members), relative_error,
-                       share, tuple((n, why) for n, why in dropped.items() if n not in kappa), sets)
+    selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
+                           relative_error, share, tuple((n, why) for n, why in dropped.items() if n not in names), sets)
     little = [m for m in members if m.change < least_change(relative_error, selected.law_error)]
     if len(little) < 2:
         return selected
@@ -251,68 +257,67 @@ def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[t
 
 
 def _changes_alone(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Refit, effects: Sequence[Effect]
-              ) -> dict[str, float]:
-    """What each of some members of a set changes where it is the only one of them, as a share of the output's rms."""
+                   ) -> dict[str, float]:
+    """Change of the output by each of some members with the others of them removed, as a share of the output's rms."""
     others = tuple(e for e in fit.composition.effects if e not in effects)
     wanted = [Composition(fit.composition.baseline, others),
               *(Composition(fit.composition.baseline, tuple(e for e in fit.composition.effects if e in (*others, one)))
                 for one in effects)]
     _cross_validate(search, fits, fit, wanted)
     without, *ones = (fits[c.members].errors for c in wanted)
-    return {e.name: float(np.sqrt(np.mean((without - one) ** 2))) / search.data.discrepancy.output_rms
-            for e, one in zip(effects, ones, strict=True)}
+    return {e.name: search.relative_rms(without - one) for e, one in zip(effects, ones, strict=True)}
 
 
 def _named(selected: SelectedSet) -> dict[str, float]:
-    """What a set names outright, and the work of each: what it changes in the logarithm of the error."""
+    """Names without rivals in a set, and the reduction of the logarithm of the error by each."""
     error = max(selected.root.cost - selected.cost_reduction, 1e-300)
     return {m.name: float(np.log1p(max(m.cost, 0.0) / error)) for m in selected.members
             if selected.reason_not_named(m) is None and not m.rivals}
 
 
-def _names_preserved(here: Mapping[str, float], of_story: Mapping[str, float]) -> bool:
-    """Whether what the story names does half of its work here too: else something less probable does it here."""
-    return all(2 * here.get(name, 0.0) >= work for name, work in of_story.items())
+def _names_preserved(here: Mapping[str, float], most_probable: Mapping[str, float]) -> bool:
+    """Whether each name of the most probable set achieves half of its reduction of the error here too."""
+    return all(2 * here.get(name, 0.0) >= reduction for name, reduction in most_probable.items())
 
 
 def _all_notable(selected: SelectedSet) -> bool:
-    """Whether every member of a set changes enough to be worth a name, whatever the law still gets wrong."""
+    """Whether every member of a set changes enough to be named, the error of the law itself left aside."""
     return all(m.change >= least_change(selected.relative_error, 0.0) for m in selected.members)
 
 
-def _better_predicting(search: SetSearch, fits: dict[frozenset[str], Refit], sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet
-            ) -> list[EvaluatedSet]:
-    """Sets nearly as probable as the story that predict better what their fit has not seen, the best first.
+def _better_predicting(search: SetSearch, fits: dict[frozenset[str], Refit],
+                       sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet) -> list[EvaluatedSet]:
+    """Sets nearly as probable as the most probable one that have less error out of fold, the least first.
 
-    Evidence counts a structured error as few samples, so that sets share the weight of which one leaves half the error
-    out of fold. Of the most probable sets that hold all but `LISTED_WEIGHT` of the weight these have an error out of fold that
-    is lower than the story's by more than one standard error of the blocks' gains. A set whose error on the samples of
-    its fit is above the story's out of fold cannot be one, and is not refitted; nor is one with a special form that is
-    not sure. Where nothing is the story it stays.
+    Evidence counts a structured error as few samples, so that two sets may share the weight where one leaves half of
+    the other's error. Of the most probable sets that hold all but `LISTED_WEIGHT` of the weight these have an error out
+    of fold that is lower than that of the most probable set `best` by more than one standard error of the blocks'
+    gains. A set whose error on the samples of its fit is above that cannot be one, and is not refitted; nor is one with
+    a special form that is not sure. There are none where `best` is the baseline alone.
     """
     if not best.members:
         return []
     problem, near = search.problem, fits[best.members]
     least = _out_of_fold_cost(problem, near)
-    before, mass = np.cumsum([0.0, *(p for _, p in sets[:-1])]), _component_weights(sets)
+    before, weights = np.cumsum([0.0, *(p for _, p in sets[:-1])]), _component_weights(sets)
     others = [w for (w, _), held in zip(sets, before, strict=True)
-              if held < 1.0 - LISTED_WEIGHT and w.fit.cost < least and w is not best and _forms_sure(w, sets, mass)]
+              if held < 1.0 - LISTED_WEIGHT and w.fit.cost < least and w is not best and _forms_sure(w, sets, weights)]
     _cross_validate(search, fits, near, [w.fit.composition for w in others])
     better = [w for w in others if _lowers_error(problem, near, folds_of(problem, fits[w.members]))]
     return sorted(better, key=lambda w: _out_of_fold_cost(problem, fits[w.members]))
 
 
 def _least_error_set(search: SetSearch, fits: dict[frozenset[str], Refit]) -> tuple[tuple[str, ...], float] | None:
-    """The visited set of least error, and what it leaves out of fold; None where that is not notably less."""
+    """The visited set of least error, and its error out of fold; None where that is not notably lower."""
     problem, root = search.problem, fits[frozenset()]
     least = min((w for w in search.visited.values() if not w.at_bounds), key=lambda w: w.fit.cost)
-    worth = problem.n_samples * (ACCEPTABLE_MISFIT * search.data.discrepancy.output_rms) ** 2
-    if not root.cost - least.fit.cost > worth:
+    notable = problem.n_samples * (ACCEPTABLE_MISFIT * search.data.discrepancy.output_rms) ** 2
+    if not root.cost - least.fit.cost > notable:
         return None
     _cross_validate(search, fits, root, [root.composition, least.fit.composition])
     after = folds_of(problem, fits[least.members])
     cost = float(np.sum(after.errors**2))
-    if not (_lowers_error(problem, root, after) and _out_of_fold_cost(problem, root) - cost > worth):
+    if not (_lowers_error(problem, root, after) and _out_of_fold_cost(problem, root) - cost > notable):
         return None
     return tuple(sorted(least.members)), float(np.sqrt(cost / problem.n_samples)) / search.data.discrepancy.output_rms
 
@@ -322,44 +327,44 @@ def _out_of_fold_cost(problem: DiagnosisProblem, fit: Refit) -> float:
     return float(np.sum(folds_of(problem, fit).errors**2))
 
 
-def _confirmed_sets(search: SetSearch, refused: Collection[frozenset[str]], smaller: dict[frozenset[str], frozenset[str]]
-               ) -> list[tuple[EvaluatedSet, float]]:
-    """Visited sets and their probabilities, without the refused ones; the baseline alone where no other is left.
+def _confirmed_sets(search: SetSearch, rejected_sets: Collection[frozenset[str]],
+                    smaller: Mapping[frozenset[str], frozenset[str]]) -> list[tuple[EvaluatedSet, float]]:
+    """Visited sets and their weights, without the rejected ones; the baseline alone where no other is left.
 
-    A set of which some members do not lower the error out of fold says of the others what the set without those does:
-    its weight goes to that one, or to the largest visited one within it. To drop it would count against every member,
-    as well proven as it may be.
+    Where some members of a set do not lower the error out of fold (`smaller`), its weight goes to the set without them,
+    or to the largest visited subset of that: to drop it would lower the weight of its other members too.
     """
     visited = {w.members: w for w, _ in posterior(search)}
-    weights = {members: 0.0 for members in visited if members not in smaller and members not in refused}
+    weights = {members: 0.0 for members in visited if members not in smaller and members not in rejected_sets}
     for w, p in posterior(search):
         members = w.members
         while members in smaller:
             members = smaller[members]
         within = [m for m in weights if m <= members]
-        if within and members not in refused:
+        if within and members not in rejected_sets:
             weights[max(within, key=len)] += p
     total = sum(weights.values())
     if total <= 0:
-        return [(search.visited[frozenset()], 1.0)]
+        return [(search.root, 1.0)]
     return sorted(((visited[m], p / total) for m, p in weights.items()), key=lambda t: -t[1])
 
 
 def _refitted(search: SetSearch, composition: Composition, near: Refit,
               in_parallel: Callable[[Callable[[np.ndarray], Refit], Sequence[np.ndarray]], list[Refit]]) -> Refit:
-    """The better of two refits to all samples: from a fit nearby, and from where the search left this set."""
+    """The better of two refits to the end: from a related fit, and from the refit of this set by the search."""
     known = search.visited.get(composition.members)
     starts = [start_vector(composition, near, {}), *([] if known is None else [known.fit.vector])]
     return min(in_parallel(lambda v: refit(search.problem, composition, v, rough=True), starts), key=lambda f: f.cost)
 
 
-def _cross_validate(search: SetSearch, fits: dict[frozenset[str], Refit], near: Refit, wanted: Sequence[Composition]) -> None:
-    """Refit compositions that are not yet among `fits`, and find the errors out of fold of all, on every processor."""
+def _cross_validate(search: SetSearch, fits: dict[frozenset[str], Refit], near: Refit,
+                    wanted: Sequence[Composition]) -> None:
+    """Refit compositions that are not yet among `fits`, and compute the errors out of fold of all."""
     def checked(composition: Composition) -> tuple[Refit | None, Folds]:
         known = fits.get(composition.members)
         found = known or _refitted(search, composition, near, lambda one, starts: [one(v) for v in starts])
         folds = folds_of(search.problem, found)
-        return (None if known else found), folds  # of one that is known the folds alone are sent back
+        return (None if known else found), folds  # a known fit is not sent back from its process
 
     new = {c.members: c for c in wanted if c.members not in fits or OUT_OF_FOLD not in fits[c.members].cache}
     for members, (found, folds) in zip(new, search.in_parallel(checked, list(new.values())), strict=True):
@@ -368,28 +373,29 @@ def _cross_validate(search: SetSearch, fits: dict[frozenset[str], Refit], near: 
 
 
 def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisProblem) -> SelectedSet:
-    """The same with errors and parameters by refits on all samples, where the search was on some.
+    """The same with errors and parameters by refits on all samples, where the search used some.
 
     Parameters
     ----------
     search : SetSearch
-    selected : JudgedSet
+    selected : SelectedSet
         On the samples of the search.
     problem : DiagnosisProblem
         Of all samples.
 
     Returns
     -------
-    JudgedSet
-        Its probabilities, gains, shares and what is left stay those of the search.
+    SelectedSet
+        Its probabilities, gains, shares and relative error are still those of the search.
     """
     def refitted(f: Refit) -> Refit:
         found = refit(problem, f.composition, f.vector, rough=True)
-        _ = found.jacobian  # from which both folds begin
+        _ = found.jacobian  # with which the refits to both folds begin
         return found
 
     root, fit = search.in_parallel(refitted, (selected.root, selected.fit), (problem,))
-    halves = search.in_parallel(lambda of: errors_on_other_fold(problem, *of), [(f, k) for f in (fit, root) for k in (0, 1)])
+    halves = search.in_parallel(lambda item: errors_on_other_fold(problem, *item),
+                                [(f, k) for f in (fit, root) for k in (0, 1)])
     after, before = join_folds(problem, halves[:2]), join_folds(problem, halves[2:])
     places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in selected.members)
@@ -397,13 +403,13 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
 
 
 def folds_of(problem: DiagnosisProblem, fit: Refit) -> Folds:
-    """Errors out of fold, found once for a fit.
+    """Errors out of fold, computed once for a fit.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     fit : Refit
-        To both folds; it keeps them.
+        To both folds; its cache keeps them.
 
     Returns
     -------
@@ -416,76 +422,78 @@ def _without(composition: Composition, effect: Effect) -> Composition:
     return Composition(composition.baseline, tuple(e for e in composition.effects if e is not effect))
 
 
-def _lowers_error(problem: DiagnosisProblem, ablation: Refit, after: Folds) -> bool:
-    """Whether an effect lowers the error out of fold, by more than one standard error of the blocks' gains."""
-    gains = problem.block_sums(folds_of(problem, ablation).errors**2 - after.errors**2)
+def _gains(problem: DiagnosisProblem, before: Refit, after: Folds) -> np.ndarray:
+    """(blocks,) reduction of the squared error out of fold."""
+    return problem.block_sums(folds_of(problem, before).errors**2 - after.errors**2)
+
+
+def _lowers_error(problem: DiagnosisProblem, before: Refit, after: Folds) -> bool:
+    """Whether the error out of fold is lower, by more than one standard error of the blocks' gains."""
+    gains = _gains(problem, before, after)
     return bool(gains.sum() > np.sqrt(gains @ gains))
 
 
 def reported_set(sets: Sequence[tuple[EvaluatedSet, float]]) -> EvaluatedSet:
-    """The set to report: of the most probable components, in the forms that the data bear out.
+    """The set to report: of the most probable components, in the forms that are sure.
 
-    Sets that hold the same components in different forms add up. The components are those that are more probable than
-    not, if a set holds these and no other: the median probability model, which predicts best where a single set must
-    (Barbieri and Berger 2004). Otherwise, or where no component is, they are those of the most probable set that holds
-    all of these: rivals that share the weight of a set must not let the baseline alone come before each of them. Of the
-    sets of these components the most probable one is taken whose special forms are sure themselves; a form that is not
-    is replaced by its component.
+    The weights of sets with the same components in different forms are added. The components are those that are more
+    probable than not, if a visited set holds exactly these: the median probability model, which predicts best among
+    single sets (Barbieri and Berger 2004). Otherwise, or where no component is so probable, they are those of the most
+    probable set that holds all of these: else the baseline alone could come before rivals that share a weight. Of the
+    sets of these components it is the most probable one whose special forms are all sure, else the most probable one.
 
     Parameters
     ----------
-    sets : sequence of (Weighed, float)
+    sets : sequence of (EvaluatedSet, float)
         With their probabilities, the most probable first.
 
     Returns
     -------
-    Weighed
+    EvaluatedSet
     """
-    mass = _component_weights(sets)
-    median = frozenset(c for components in mass for c in components if sum(p for k, p in mass.items() if c in k) > 0.5)
-    whole = [k for k in mass if median <= k] or list(mass)
-    components = median if median and median in mass else max(whole, key=lambda k: mass[k])
-    alike = [w for w, _ in sets if frozenset(w.components) == components]
-    return next((w for w in alike if _forms_sure(w, sets, mass)), alike[0])
+    weights = _component_weights(sets)
+    median = frozenset(c for components in weights for c in components
+                       if sum(p for k, p in weights.items() if c in k) > 0.5)
+    larger = [k for k in weights if median <= k] or list(weights)
+    components = median if median and median in weights else max(larger, key=lambda k: weights[k])
+    forms = [w for w, _ in sets if frozenset(w.components) == components]
+    return next((w for w in forms if _forms_sure(w, sets, weights)), forms[0])
 
 
 def _component_weights(sets: Sequence[tuple[EvaluatedSet, float]]) -> dict[frozenset[str], float]:
-    """Probability of every set of components, in whatever forms."""
-    mass: dict[frozenset[str], float] = {}
+    """Weight of every set of components, in any forms."""
+    weights: dict[frozenset[str], float] = {}
     for w, p in sets:
-        mass[frozenset(w.components)] = mass.get(frozenset(w.components), 0.0) + p
-    return mass
+        weights[frozenset(w.components)] = weights.get(frozenset(w.components), 0.0) + p
+    return weights
 
 
-def _forms_sure(w: EvaluatedSet, sets: Sequence[tuple[EvaluatedSet, float]], mass: Mapping[frozenset[str], float]) -> bool:
+def _forms_sure(w: EvaluatedSet, sets: Sequence[tuple[EvaluatedSet, float]], weights: Mapping[frozenset[str], float]
+                ) -> bool:
     """Whether the special forms in a set have nearly all of the weight of its components."""
-    return all(e.component == k or _form_weight(e, sets) >= FORM_SHARE * mass[frozenset(w.components)]
+    return all(e.component == k or
+               sum(p for v, p in sets if match_form(e)(v) is not None) >= FORM_SHARE * weights[frozenset(w.components)]
                for e, k in zip(w.effects, w.components, strict=True))
 
 
-def _form_weight(effect: Effect, sets: Sequence[tuple[EvaluatedSet, float]]) -> float:
-    """Probability that an effect is there in this very form, wherever it sits."""
-    return float(sum(p for w, p in sets if any(e.component == effect.component for e in w.effects)))
+def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, w: EvaluatedSet,
+            fit: Refit, after: Folds, effect: Effect, ablation: Refit) -> SetMember:
+    """An effect of a set `w` as a member; its rivals are those beside `best` if that holds it too.
 
-
-def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, w: EvaluatedSet, fit: Refit,
-            after: Folds, effect: Effect, ablation: Refit) -> SetMember:
-    """What is known of an effect of a set `w`; its rivals are those beside the story where that holds it, too.
-
-    What else would do its work was sought there. Whether a name is sure must not depend on which of several nearly
-    likely sets predicts best.
+    The neighbours of that most probable set were visited, and whether a name is sure must not depend on which of
+    several nearly as probable sets predicts best.
     """
     problem = fit.problem
-    gains = problem.block_sums(folds_of(problem, ablation).errors**2 - after.errors**2)
+    gains = _gains(problem, ablation, after)
     before = _out_of_fold_cost(problem, ablation)
     component = w.components[w.effects.index(effect)]
     name, _, support = reported_name(effect, component, sets, search.structured)
     of_family = Support.of(sets, match_family(effect.family), search.structured).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     rivals = rivals_beside(search, sets, best if effect in best.effects else w, effect, values)
-    change = float(np.sqrt(np.mean((ablation.errors - fit.errors) ** 2))) / search.data.discrepancy.output_rms
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,
-                  ablation.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
-                  change, float(gain) if np.isfinite(gain) else 0.0)
+                     ablation.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300),
+                     float(np.mean(gains > 0)), search.relative_rms(ablation.errors - fit.errors),
+                     float(gain) if np.isfinite(gain) else 0.0)

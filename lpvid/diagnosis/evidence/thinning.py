@@ -18,29 +18,29 @@ from lpvid.diagnosis.signals import Signals, SignalStretch
 from lpvid.record import Record
 
 SEARCH_SAMPLES = 3000
-"""samples for a search, whose time is in proportion. An error that is all structure is worth `independence.STRUCTURED_SAMPLES` = 25
-of them; in white noise of 1 %, so many show a cause of .2 % (a log-likelihood ratio of 60)"""
+"""samples for a search, whose time is in proportion. A structured error counts as `STRUCTURED_SAMPLES` = 25 of them; in
+white noise of 1 % they reveal a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
 REACH_RATIO = 1.2
-"""mean square reach of a stretch over that of the median part, from which it is read for its reach: where all parts
-reach as far, none is. Of 60 motions of the foreign rig the samples come within 5 % of the largest stroke in 93 % with
+"""mean square reach of a stretch over that of the median part, from which it is included for its reach: with equal reach
+of all parts none is. Of 60 motions of the foreign rig the samples hold 95 % of the largest stroke in 93 % with
 1.0 and with 1.2, in 92 % with 1.5, in 85 % with 2, in 73 % without such a stretch"""
 FEWEST_STRETCHES = 4
-"""stretches over all records at least, so that slow causes show"""
+"""stretches over all records at least, so that slow causes are detectable"""
 ROUNDING_SAMPLES = 3
-"""samples beyond it, so that start-up and blocks, each rounded to whole samples, find room"""
+"""samples by which a stretch is longer: start-up and blocks are each rounded to whole samples"""
 TRANSITION = START_UP / 2
-"""time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up the trace of
-that dies away"""
+"""time at the head of a stretch of a smooth transition from the one before [s]; in the rest of the start-up its
+transient decays"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
     """Records decimated by a whole factor, and the factor: 1 where stretches suffice, or where decimation is ruled out.
 
     It is ruled out where the records move or jump too fast for a slower clock, and where the baseline runs at its own
-    clock only. A law with memory that runs at less than `SPARE` times the band has errors of the size of those by which
-    its causes are told apart.
+    clock only. A law with memory that runs at less than `SPARE` times the band has errors as large as those that
+    distinguish its causes.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
 
 
 def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
-    """What a search runs on: stretches beside a law of short memory, the first part of every record beside others.
+    """Signals of a search: stretches beside a law of short memory, the first part of every record beside others.
 
-    Either holds the blocks without which nothing is judged, whatever the clock: a block of each record may be cut.
+    Either holds enough blocks at any rate: a block of each record may be cut.
 
     Parameters
     ----------
@@ -119,13 +119,13 @@ def length_of(signals: Sequence[Signals]) -> float:
 
 
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
-    """At most about `SEARCH_SAMPLES` samples: stretches, spread evenly over the records, cut together; all where they are few.
+    """About `SEARCH_SAMPLES` samples at most: stretches, spread evenly over the records and joined; few samples whole.
 
-    From each part of a record comes the stretch in which the inputs move most: a current that jumps once in a part is
-    informative there only. From one part it is the stretch in which the inputs reach farthest: at an end stop little
-    moves. Between two stretches the channels are continued smoothly, over samples that are not weighed; each
+    Each part of a record gives the stretch in which the inputs move most: a current that jumps once in a part is
+    informative there only. One part gives the stretch in which the inputs reach farthest: at an end stop little
+    moves. Between two stretches the channels are continued smoothly, over samples that are not counted; each
     stretch holds the record before it too, from which heat is built up. One run along all stretches costs a fraction of
-    a run along each.
+    a run along each by itself.
 
     Parameters
     ----------
@@ -164,8 +164,9 @@ def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
     ([2, 1, 1], [3, 1])
     """
     counts = [max(min(round(wanted * n / sum(samples)), n // size), 1) for n in samples]
-    while sum(counts) < FEWEST_STRETCHES and (room := [k for k, n in enumerate(samples) if (counts[k] + 1) * size <= n]):
-        counts[max(room, key=lambda k: samples[k] / counts[k])] += 1
+    while sum(counts) < FEWEST_STRETCHES and (
+            longer := [k for k, n in enumerate(samples) if (counts[k] + 1) * size <= n]):
+        counts[max(longer, key=lambda k: samples[k] / counts[k])] += 1
     return counts
 
 
@@ -176,7 +177,7 @@ def _whole(signals: Sequence[Signals], transition: int) -> Signals:
 
 def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tuple[float, float]], transition: int
                   ) -> Signals:
-    """Stretches (signals, first, last), one after the other; in the first `transition` samples of each leading over."""
+    """Stretches (signals, first, last), one after the other, the first `transition` samples of each a transition."""
     head = parts[0][0]
     roles = [r for r in head.channels if all(s.has(r) for s, _, _ in parts)]
     channels = {r: _concatenated([s[r][a:b] for s, a, b in parts], transition) for r in roles}
@@ -189,7 +190,7 @@ def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tup
 
 
 def _concatenated(pieces: Sequence[np.ndarray], transition: int) -> np.ndarray:
-    """Values one after the other; the first of each replaced by a cubic that leads over from the ones before."""
+    """Values one after the other; the first of each replaced by a cubic transition from the ones before."""
     out, at = np.concatenate(pieces), 0
     ease = np.linspace(0.0, 1.0, transition + 1)[:-1]
     ease = ease**2 * (3 - 2 * ease)
@@ -208,7 +209,8 @@ def _most_active(s: Signals, count: int, size: int) -> list[int]:
     """First samples of so many stretches, one in each part of equal length; the start-up does not count.
 
     In each part it is the stretch in which the inputs move most. In the part with the farthest reach it is the stretch
-    of that reach, if this is more than `REACH_RATIO` times the median part's and exceeds it by more than the motion does its.
+    of that reach, if this is more than `REACH_RATIO` times the median part's, and a larger multiple of the median than
+    the motion there.
     """
     motion, reach = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
@@ -230,7 +232,7 @@ def _most_active(s: Signals, count: int, size: int) -> list[int]:
 
 
 def _fits_band(s: Signals, factor: int) -> bool:
-    """Whether less of the output than a good law's misfit lies beyond the band that is left, and no input jumps."""
+    """Whether less of the output than a good law's misfit lies beyond the remaining band, and no input jumps."""
     if any(jumps(c) for c in s.channels.values()):
         return False
     power = np.abs(np.fft.rfft((s.output - s.output.mean()) * np.hanning(s.n_samples))) ** 2

@@ -319,7 +319,7 @@ def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
         lpv.diagnose(measured(), Viscous(), CATALOGUE, parameters={})
 
 
-@pytest.mark.parametrize(("at", "reached"), [("fitting", "fitting viscous"), ("looking", "looking beyond")])
+@pytest.mark.parametrize(("at", "reached"), [("fitting", "fitting viscous"), ("enlarging", "enlarging")])
 def test_an_interruption_leaves_what_is_known(at, reached):
     def stop(text: str) -> None:
         if text.startswith(at):
@@ -413,7 +413,8 @@ def test_the_lpv_extension_leaves_a_filter_out_where_the_scheduling_rests():
 
 
 def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_current(installed):
-    found = replace(plain_diagnosis(), wrong=(ErrorRegime("large |current|", 0.78, 0.25), ErrorRegime("velocity < 0", 0.6, 0.5),
+    found = replace(plain_diagnosis(), wrong=(ErrorRegime("large |current|", 0.78, 0.25),
+                                               ErrorRegime("velocity < 0", 0.6, 0.5),
                                                ErrorRegime("after a change of current", 0.6, 0.2)))
     record = measured()
     commanded = record.with_channel("voltage", np.ones(record.n_samples), "V")

@@ -111,14 +111,14 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
     assert floor < effective_samples(problem, [noise]).floor < 1.5 * floor
 
 
-def test_an_error_that_is_all_structure_is_worth_few_samples():
+def test_an_error_that_is_all_structure_counts_as_few_samples():
     problem, _ = problem_of(record(np.random.default_rng(2)))
     found = effective_samples(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals])
     assert found.structured > 0.9
     assert found.kappa * problem.n_samples < 1.2 * STRUCTURED_SAMPLES
 
 
-def test_a_number_that_the_data_do_not_reach_goes_back_to_its_prior_for_nothing():
+def test_a_shape_that_the_data_do_not_determine_costs_nothing():
     a, h, scale = np.array([3.0]), np.array([2.0]), np.array([0.5])
     product = quad(lambda t: np.exp(-0.5 * h[0] * t**2 - 0.5 * scale[0] * (t + a[0] / np.sqrt(scale[0])) ** 2), -50, 50)
     expected = np.log(product[0]) - 0.5 * np.log(2 * np.pi / (h[0] + scale[0]))
@@ -138,7 +138,7 @@ def test_scales_follow_the_size_of_the_rig():
         assert np.isclose(large.size(unit) / small.size(unit), factor)
 
 
-def test_a_way_that_was_not_measured_is_that_of_the_velocity():
+def test_a_displacement_that_was_not_measured_is_the_integral_of_the_velocity():
     t = np.arange(3000) / 500
     both = {"displacement": 0.02 * np.sin(6 * t), "velocity": 0.12 * np.cos(6 * t)}
     measured = Scales.of([Signals(0.002, both, both["velocity"])])
@@ -219,7 +219,8 @@ def test_how_many_shapes_a_cause_has_does_not_decide_between_rivals():
 
 def test_a_shape_costs_as_much_of_a_parameter_as_the_data_determine():
     """Oracle: h/(h + Λ) by hand; a choice has no precision and counts as one."""
-    assert determined_count(np.array([0.0, 1.0, 3.0, 1e12, 0.0]), np.array([1.0, 1.0, 1.0, 1.0, 0.0])) == pytest.approx(3.25)
+    curvature, precision = np.array([0.0, 1.0, 3.0, 1e12, 0.0]), np.array([1.0, 1.0, 1.0, 1.0, 0.0])
+    assert determined_count(curvature, precision) == pytest.approx(3.25)
 
 
 def test_stretches_of_a_short_record_hold_enough_blocks():
@@ -254,13 +255,13 @@ def test_what_an_explained_error_leaves_for_noise_is_stated(level: float, stated
 
 
 class Linked(Dry):
-    """Dry friction that is sought together with another cause."""
+    """Dry friction that is searched as a pair with another cause."""
 
     name = "linked"
     partners = ("cubic",)
 
 
-def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
+def test_single_causes_are_visited_before_the_pairs_that_fit_the_same_error():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     lines: list[str] = []
     search, _ = prepared([run], Bent(), (Linked(), Cubic()), lines.append)
@@ -270,7 +271,7 @@ def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
     assert any("best so far: linked" in line and "sets" in line for line in lines)
 
 
-def test_weights_are_averaged_over_what_a_structured_error_may_be_worth():
+def test_weights_are_averaged_over_the_samples_that_a_structured_error_counts_as():
     run = record(np.random.default_rng(7), level=0.02, hidden=lambda u: 0.08 * np.sin(1.7 * u) + 0.1 * np.sign(u))
     search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
     search.run(root_of(search.problem, Bent()))
@@ -303,15 +304,15 @@ def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larg
     right, both = search.visited[frozenset({"dry"})], search.visited[frozenset({"dry", "cubic"})]
     elsewhere = right.fit.vector.copy()
     elsewhere[-1] = -3.0
-    stuck = refit(search.problem, right.fit.composition, elsewhere, iterations=0)
-    assert stuck.cost > 2 * right.fit.cost
-    search.visited[frozenset({"dry"})] = EvaluatedSet(search.data, stuck)
+    stopped = refit(search.problem, right.fit.composition, elsewhere, iterations=0)
+    assert stopped.cost > 2 * right.fit.cost
+    search.visited[frozenset({"dry"})] = EvaluatedSet(search.data, stopped)
     search.exchanged.clear()
     search._exchange_members(both)
     assert search.visited[frozenset({"dry"})].fit.cost < 1.001 * right.fit.cost
     kept = search.visited[frozenset({"dry"})]
     search.exchanged.clear()
-    search._exchange_members(both)  # nothing less is in sight now
+    search._exchange_members(both)  # no start vector has a lower cost now
     assert search.visited[frozenset({"dry"})] is kept
 
 
@@ -326,7 +327,7 @@ class Ringing(Added):
         return lambda s: core(s) + values[0] * np.sin(values[1] * s["u"])
 
 
-def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_looked_at_too():
+def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_simulated_too():
     """Oracle: of 12 points 1, 5, 8 and 12 are evenly among them; the third has the number of waves that are there."""
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.3 * np.sin(15 * u))
     search, _ = prepared([run], Bent(), (Dry(), Ringing()), lambda text: None)
@@ -340,7 +341,7 @@ def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_looked_at_too()
     assert [e.name for e in candidates.by_predicted_gain(search, first, beside, found)] == ["ringing"]
 
 
-def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
+def test_support_of_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     search, _ = prepared([run], Bent(), (Dry(), DryForm(), Cubic()), lambda text: None)
     search.run(root_of(search.problem, Bent()))
@@ -353,13 +354,13 @@ def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_a
     assert dry.probability == pytest.approx(1 / (1 + np.exp(-z)))
 
 
-@pytest.mark.parametrize("change, left, of_law, small", [
+@pytest.mark.parametrize("change, left, law_error, small", [
     (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
     (0.03, 0.1, 0.05, True)])
 def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, law_error, small):
     member = SetMember(Dry(), "dry", np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
     stated = member.reason_not_named(left, law_error)
-    assert (stated is not None) is small and (stated is None or "small print" in stated)
+    assert (stated is not None) is small and (stated is None or "too little to be named" in stated)
     assert LEAST_NAMED_CHANGE < NAMED_CHANGE
 
 
@@ -368,8 +369,8 @@ class Knee(Added):
     shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
 
 
-def test_two_that_do_most_of_each_others_work_are_not_small_print_both():
-    """Without either the other follows, and less than half a per cent changes; without both it is more."""
+def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
+    """Without either, with the other refitted, less than half a per cent changes; without both it is more."""
     run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
     found = diagnose([run], Bent(), [Dry(), Knee()])
     assert {c.name for c in found.causes} == {"dry", "knee"}
@@ -529,7 +530,7 @@ class Bounded(Dry):
 
 
 @pytest.mark.parametrize(("there", "named"), [(0.4, ["dry"]), (1.5, [])])
-def test_a_cause_that_would_have_to_be_more_than_there_can_be_is_not_named(there, named):
+def test_a_cause_at_its_bound_is_not_named(there, named):
     data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: there * np.sign(u))
     found = diagnose([data], Bent(), [Bounded(), Cubic()])
     assert [c.name for c in found.causes if c.name == "dry"] == named
@@ -567,8 +568,8 @@ def contradicted() -> tuple[Record, Record]:
 
 
 @pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
-def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contradicted, monkeypatch, weights, kept):
-    """With the wave the error of the other record grows. Where that story holds most weight the baseline stays."""
+def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradicted, monkeypatch, weights, kept):
+    """With the wave the error of the other record grows. Where that set has most weight the baseline stays."""
     training, other = contradicted
 
     def fixed(search):
@@ -580,7 +581,7 @@ def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contr
     monkeypatch.setattr(selection, "reported_set", lambda sets: next(w for w, _ in sets if "dry" in w.members))
     found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
     assert list(found.stand_ins) == kept
-    assert any(r.name == "wave" and "no smaller" in r.why for r in found.rejected)
+    assert any(r.name == "wave" and "no lower" in r.why for r in found.rejected)
     assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)
 
 
@@ -590,7 +591,7 @@ def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contr
     (0.0, 0.25, {"dry"}),  # no better
 ])
 def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hidden, weight, wanted):
-    """The story is friction. What the weights leave uncertain takes no name from what the error out of fold says."""
+    """The most probable set is friction, whose name stays where another set has less error out of fold."""
     data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u) + hidden * np.sin(9 * u))
 
     weights = {frozenset({"dry"}): 1.0 - weight - 1e-9, frozenset({"dry", "wave"}): weight, frozenset(): 1e-9}
@@ -610,7 +611,7 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
     monkeypatch.setattr(selection, "rivals_beside", rivals_beside)
     found = diagnose([data], Bent(), [Dry(), Wave()])
     assert found.extended is not None and set(found.extended.effects) == wanted
-    assert beside["dry"] == {"dry"}  # rivals were sought beside the story, whichever set is reported
+    assert beside["dry"] == {"dry"}  # rivals were sought beside the most probable set, whichever is reported
     assert [c.name for c in found.causes] == ["dry"] and set(found.stand_ins) == wanted - {"dry"}
     assert found.causes[0].delta_bic < -10
     assert found.weights is not None
@@ -623,7 +624,7 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
     ({"friction": 0.4}, False),  # a valve that is less probable does the rest: its number would be no friction's
     ({"valve": 3.0}, False),
 ])
-def test_what_the_story_names_does_half_of_its_work_in_the_set_to_report(here, kept):
+def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept):
     assert selection._names_preserved(here, {"friction": 3.0}) is kept
 
 
@@ -632,15 +633,16 @@ def visited(**changes: float) -> SimpleNamespace:
     effects = [SimpleNamespace(name=n, component=n, contains=("spring",) if n == "loop" else (),
                                family="electrical" if "lag" in n else n) for n in changes]
     components = ["friction" if n == "loop" else n.partition("__")[0] for n in changes]
-    return SimpleNamespace(effects=effects, components=components, changes=list(changes.values()), members=frozenset(changes))
+    return SimpleNamespace(effects=effects, components=components, changes=list(changes.values()),
+                           members=frozenset(changes))
 
 
 @pytest.mark.parametrize(("other", "of_spring", "of_friction"), [
     (visited(power=0.7, mount=0.09), ["power"], ["power"]),  # what changes most
     (visited(friction__breakaway=0.6, mount=0.09), ["mount"], []),  # friction is there, in another form
-    (visited(loop=0.6), ["loop"], []),  # friction that yields before it slides
+    (visited(loop=0.6), ["loop"], []),  # contains friction
 ])
-def test_what_comes_in_the_place_of_a_member_does_its_work(other, of_spring, of_friction):
+def test_alternatives_of_a_member_contain_it_or_change_most(other, of_spring, of_friction):
     best = visited(friction=0.6, spring=0.1)
     sets = [(best, 0.6), (other, 0.4)]
     for effect, wanted in zip(best.effects, (of_friction, of_spring), strict=True):
@@ -669,8 +671,8 @@ def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     assert name == "play" and support.weight == pytest.approx(1.0)
 
 
-def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
-    """A friction's deflection of many strokes is as likely in the entry that may have none as in one that must."""
+def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():
+    """A friction's deflection of many strokes is as probable in the entry that may have none as in one that must."""
     deflection = EffectParameter("deflection", "m", "d", 0.0, (0.0, 3e-4), (0.0, 0.5), (0.0, 1e-5, 1e-4))
     some, or_none = (1e-5, 1e-4), (0.0, 1e-5, 1e-4)
     for value in (1e-4, 1e-3, 1e-2):
@@ -682,50 +684,50 @@ def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
     assert shape_prior(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
 
 
-def stood(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
-    """A visited set that leaves a squared error."""
+def of_cost(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
+    """A visited set of given cost."""
     fit = SimpleNamespace(cost=cost, vector=np.zeros(0), composition=SimpleNamespace(places=[slice(0)] * len(effects)))
     return SimpleNamespace(effects=effects, components=tuple(e.name for e in effects), fit=fit,
                            members=frozenset(e.name for e in effects), at_bounds={"a": "1"} if bounds else {})
 
 
 def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
-    """An effect as rivals see it."""
+    """The attributes of an effect that rivals read."""
     return SimpleNamespace(**{"name": name, "component": name, "family": family, "path": "", "flexible": False,
                               "partners": (), **more})
 
 
-PLAY, SPRING, KIN = part("play", partners=("spring",)), part("spring"), part("kin", "loose")
+PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part("related", "loose")
 
 
 @pytest.mark.parametrize(("other", "wanted"), [
-    (stood(1.2, KIN), ["kin"]),
-    (stood(1.3, KIN), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
-    (stood(1.2, PLAY), []),  # of another family
-    (stood(0.99, PLAY, SPRING), ["play", "spring"]),
-    (stood(1.01, PLAY, SPRING), []),  # with more freedom no allowance
-    (stood(0.99, PLAY, part("friction")), []),  # two that nothing links
-    (stood(0.99, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
-    (stood(1.01, PLAY, part("chain", path="all")), []),
-    (stood(1.2, KIN, bounds=True), []),
-    (stood(0.9, part("form", flexible=True)), []),
-    (stood(1.2, part("form", "loose", flexible=True)), ["form"]),
+    (of_cost(1.2, RELATED), ["related"]),
+    (of_cost(1.3, RELATED), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
+    (of_cost(1.2, PLAY), []),  # of another family
+    (of_cost(0.99, PLAY, SPRING), ["play", "spring"]),
+    (of_cost(1.01, PLAY, SPRING), []),  # with more freedom no allowance
+    (of_cost(0.99, PLAY, part("friction")), []),  # two that nothing links
+    (of_cost(0.99, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
+    (of_cost(1.01, PLAY, part("chain", path="all")), []),
+    (of_cost(1.2, RELATED, bounds=True), []),
+    (of_cost(0.9, part("form", flexible=True)), []),
+    (of_cost(1.2, part("form", "loose", flexible=True)), ["form"]),
 ])
-def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
-    assert _rivals_beside(stood(1.0, part("dead-zone", "loose")), other) == wanted
+def test_effects_that_can_replace_one_at_nearly_the_same_error_are_listed(other, wanted):
+    assert _rivals_beside(of_cost(1.0, part("dead-zone", "loose")), other) == wanted
 
 
 def _rivals_beside(best: SimpleNamespace, *others: SimpleNamespace, filtered: float = 1.0) -> list[str]:
-    """Names listed with the only member of the best set, which beside a filter leaves so much."""
+    """Names listed with the only member of the best set, which beside a filter has this cost."""
     search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, *others)},
-                             refitted_with=lambda w, e, values: stood(filtered, *w.effects, e))
+                             refitted_with=lambda w, e, values: of_cost(filtered, *w.effects, e))
     found = rivals._equally_likely(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
     return [n for n, _ in found]
 
 
 def test_a_rival_with_a_filter_is_compared_with_the_best_set_beside_a_filter():
-    best, other = stood(1.0, part("friction")), stood(0.95, SPRING, part("chain", path="all"))
+    best, other = of_cost(1.0, part("friction")), of_cost(0.95, SPRING, part("chain", path="all"))
     assert [_rivals_beside(best, other, filtered=f) for f in (0.9, 0.97, 1.3)] == [[], ["spring"], ["spring"]]
 
 
@@ -734,15 +736,15 @@ OTHER = part("other", "lags")
 
 
 @pytest.mark.parametrize(("others", "wanted"), [
-    ((stood(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
-    ((stood(0.99, OTHER), stood(0.98, OTHER, FRICTION)), ["other"]),  # friction does nothing there
-    ((stood(1.1), stood(1.09, OTHER)), []),  # without any of them the error is hardly larger
-    ((stood(1.5), stood(1.2, OTHER)), ["other"]),
-    ((stood(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
+    ((of_cost(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
+    ((of_cost(0.99, OTHER), of_cost(0.98, OTHER, FRICTION)), ["other"]),  # friction does nothing there
+    ((of_cost(1.1), of_cost(1.09, OTHER)), []),  # without any of them the error is hardly larger
+    ((of_cost(1.5), of_cost(1.2, OTHER)), ["other"]),
+    ((of_cost(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
 ])
-def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
+def test_a_rival_achieves_the_reduction_itself(others, wanted, monkeypatch):
     monkeypatch.setattr(rivals, "_cost_without_sensor_noise", rivals._cost)  # clean sensors
-    best = stood(1.0, part("lag", "lags"))
+    best = of_cost(1.0, part("lag", "lags"))
     for w in others:
         if "lag" in w.members:
             w.components = ("play",)
@@ -752,9 +754,9 @@ def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
 def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(monkeypatch):
     """Two sets with "dry" hold most weight. That a wave adds nothing to one of them says nothing against "dry"."""
     dry, spring, wave = part("dry"), SPRING, part("wave")
-    sets = [stood(1.0, dry, wave), stood(1.2, spring), stood(1.1, dry), stood(2.0)]
+    sets = [of_cost(1.0, dry, wave), of_cost(1.2, spring), of_cost(1.1, dry), of_cost(2.0)]
     monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
-    search = SimpleNamespace(visited={w.members: w for w in sets})
+    search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[3])
     smaller = {frozenset({"dry", "wave"}): frozenset({"dry"})}
     found = [(set(w.members), p) for w, p in selection._confirmed_sets(search, (), smaller)]
     assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
@@ -762,12 +764,12 @@ def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(m
     assert selection._confirmed_sets(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
     smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited: the largest within it is
     assert [p for w, p in selection._confirmed_sets(search, (), smaller) if w is sets[3]] == [pytest.approx(0.45)]
-    refused = {w.members for w in sets}
-    assert selection._confirmed_sets(search, refused, {}) == [(sets[3], 1.0)]
+    rejected = {w.members for w in sets}
+    assert selection._confirmed_sets(search, rejected, {}) == [(sets[3], 1.0)]
 
 
-def test_sets_that_held_out_data_refused_take_no_name():
-    best, other = stood(1.0, part("dead-zone", "loose")), stood(1.05, KIN)
+def test_sets_that_held_out_data_rejected_take_no_name():
+    best, other = of_cost(1.0, part("dead-zone", "loose")), of_cost(1.05, RELATED)
     search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, other)})
     assert not rivals._equally_likely(search, [(best, 1.0)], best, best.effects[0])
