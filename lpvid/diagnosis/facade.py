@@ -37,14 +37,14 @@ AUTO = "auto"
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisTask:
-    """Everything a diagnosis starts from, ready to run.
+    """Prepared records, baseline and catalogue of a diagnosis.
 
     Attributes
     ----------
     prepared : PreparedRecords
         Records on one clock.
     baseline : Baseline
-        With its structure settled; fitted only if it was given with its parameters.
+        Fitted only if it was given with its parameters.
     fitted : bool
         Whether the parameters were given; they are then where the search starts, and what `as_given` measures.
     catalogue : tuple of Effect
@@ -102,9 +102,9 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     """
     training, kept = ([] if part is None else as_records(part, name, units)
                       for part, name in ((records, "data"), (held_out, "held-out")))
-    question = prepare_task(training, baseline, catalogue, kept, parameters=parameters, sample_rate=sample_rate,
+    task = prepare_task(training, baseline, catalogue, kept, parameters=parameters, sample_rate=sample_rate,
                     progress=progress)
-    return run_task(question, settings, progress)
+    return run_task(task, settings, progress)
 
 
 def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -177,13 +177,13 @@ def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
                          mend="check the sensor, or leave these files out")
 
 
-def run_task(question: DiagnosisTask, settings: DiagnosisSettings | None = None,
+def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
            progress: Progress | None = None) -> Diagnosis:
-    """Run the engine on a question; the notes list what was done to the data.
+    """Run the engine on a task; the notes list what was done to the data.
 
     Parameters
     ----------
-    question : DiagnosisTask
+    task : DiagnosisTask
     settings : DiagnosisSettings, optional
     progress : callable, optional
         Receives a line of text at every stage.
@@ -198,7 +198,7 @@ def run_task(question: DiagnosisTask, settings: DiagnosisSettings | None = None,
     from lpvid.diagnosis.settings import DiagnosisSettings
 
     settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
-    prepared, baseline = question.prepared, question.baseline
+    prepared, baseline = task.prepared, task.baseline
     notes = [*_polarity_note(baseline), *_unused_note(baseline, prepared.training), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
@@ -207,30 +207,30 @@ def run_task(question: DiagnosisTask, settings: DiagnosisSettings | None = None,
         report_progress(text)
 
     def examined() -> Audit:
-        return audit(question.raw,
-                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
+        return audit(task.raw,
+                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in task.raw)))
 
     report_progress("auditing")
     given = audited = None
-    if question.fitted:
+    if task.fitted:
         given = {"training": _esr(baseline, prepared.training),
                  "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
         notes.append("the baseline's parameters were given; the search moves them along with each candidate, so that a "
                      "wrong parameter is not taken for a cause" if baseline.vector.size else
                      "the baseline's parameters were given and stay as they are")
     try:
-        if settings.fit_baseline and not question.fitted and not question.baseline_fitted:
+        if settings.fit_baseline and not task.fitted and not task.baseline_fitted:
             described(f"fitting {baseline.name}")
             baseline, audited = _in_parallel(lambda start=baseline: start.fit(prepared.training), examined)
-        found = engine.diagnose(prepared.training, baseline, question.catalogue, prepared.held_out,
+        found = engine.diagnose(prepared.training, baseline, task.catalogue, prepared.held_out,
                                 replace(settings, fit_baseline=False), described)
     except KeyboardInterrupt as stop:
         from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
-    extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
+    extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    return replace(_with_channel_names(found, question.raw), audit=audited or examined(), notes=(*found.notes, *notes),
+    return replace(_with_channel_names(found, task.raw), audit=audited or examined(), notes=(*found.notes, *notes),
                    extended=extended, baseline=baseline_text)
 
 
@@ -296,10 +296,10 @@ def _channels(model: Any) -> tuple[str, ...]:
     return (*(s.name for s in model.inputs), *model.box.names, *(s.name for s in model.outputs))
 
 
-def _with_roles(extended: ExtendedModel, question: DiagnosisTask) -> ExtendedModel:
+def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     """The extended model, with the channel of the files that played each of its roles in its metadata."""
-    raw = with_current(question.raw[:1])[0][0]
-    names = [n for n in (*extended.reads, question.baseline.output) if raw.has(n)]
+    raw = with_current(task.raw[:1])[0][0]
+    names = [n for n in (*extended.reads, task.baseline.output) if raw.has(n)]
     return replace(extended, metadata={**extended.metadata, "roles": roles(raw, names)})
 
 

@@ -56,7 +56,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
     Returns
     -------
     tuple of ErrorRegime
-        At most eight regimes, those that stand out most; the share of the frequency bands is that of the error's power.
+        At most eight regimes; the share of the frequency bands is that of the error's power.
     """
     squared = problem.stack([e**2 for e in errors])
     total = float(squared.sum())

@@ -19,7 +19,7 @@ AT_BOUND = 1e-6
 """of its own scale, within which a parameter lies on a bound"""
 ITERATIONS = 25
 LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
-"""predicted fall of the log-likelihood from which a step is worth a run, and in a rough refit"""
+"""predicted increase of the log-likelihood below which a refit ends, and below which a rough refit does"""
 DECREASE_RATIO = 0.25
 """share of the predicted decrease that a step by an updated Jacobian must reach, else that is computed anew"""
 STEP_SHARES = (1.0, 0.3, 0.1)
@@ -36,7 +36,7 @@ SECANT_STEPS = 4
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Where a refit ended.
+    """Result of a refit.
 
     Attributes
     ----------
@@ -78,14 +78,14 @@ class Refit:
 
     @property
     def jacobian(self) -> np.ndarray:
-        """(N, P) derivative of the simulation, all stacked samples; taken when it is first asked for."""
+        """(N, P) derivative of the simulation, all stacked samples; computed at first use."""
         return self.cached("jacobian", lambda: _jacobian(self.problem, self.composition, self.vector))
 
     @property
     def free_jacobian(self) -> np.ndarray:
-        """(N, k) derivative in the parameters that are free to take up an error.
+        """(N, k) derivative in the parameters that are free to reduce an error.
 
-        All parameters, except those of a fleet's law that stand at a bound of the fleet's range.
+        All parameters, except those of a fleet's law at a bound of the fleet's range.
         """
         if self.composition.flat is None:
             return self.jacobian
@@ -94,7 +94,7 @@ class Refit:
 
     @property
     def variance(self) -> float:
-        """Mean squared error, degrees of freedom taken off."""
+        """Mean squared error per degree of freedom."""
         return self.cost / max(self.n_samples - self.vector.size, 1)
 
     def at_bounds(self) -> np.ndarray:

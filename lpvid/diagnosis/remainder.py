@@ -1,4 +1,4 @@
-"""Remainder: whether the error that is left still follows the inputs, where no repeats give the noise."""
+"""Remainder: the share of the error left that is predictable from the inputs."""
 
 from __future__ import annotations
 

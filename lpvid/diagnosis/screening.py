@@ -207,8 +207,8 @@ def screen(
 ) -> list[ScreeningResult]:
     """Likelihood ratios of all candidates and block p-values of the largest statistic, strongest first.
 
-    Under "nothing hidden" the block sums u_b have random signs whatever the noise's size and (within a block) colour,
-    so that flipping whole blocks gives the distribution of the maximum over all candidates and grid points.
+    Under the null hypothesis the block sums u_b have random signs whatever the noise's size and, within a block, its
+    colour, so that flipping whole blocks gives the distribution of the maximum over all candidates and grid points.
 
     Parameters
     ----------

@@ -38,14 +38,14 @@ _REPEAT = ("Repeat the run. An error that the repeat does not show again is nois
            "these data can show; one that it shows again has a cause which none of those known here explains.")
 
 
-def diagnosis_page(found: Diagnosis, question: DiagnosisTask, lpv: LpvExtension | None = None,
+def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | None = None,
                    experiment: Sequence[str] = ()) -> Page:
     """A page about a diagnosis.
 
     Parameters
     ----------
     found : Diagnosis
-    question : DiagnosisTask
+    task : DiagnosisTask
         Records and baseline.
     lpv : LpvExtension, optional
         The same causes in an LPV model.
@@ -56,7 +56,7 @@ def diagnosis_page(found: Diagnosis, question: DiagnosisTask, lpv: LpvExtension 
     -------
     Page
     """
-    shown = before_after(found, question)
+    shown = before_after(found, task)
     extended = found.extended is not None and bool(found.extended.effects)
     mark, advice = _MARKS[found.verdict], _ADVICE[found.verdict]
     if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
@@ -79,14 +79,14 @@ def diagnosis_page(found: Diagnosis, question: DiagnosisTask, lpv: LpvExtension 
                 tuple(sections))
 
 
-def before_after(found: Diagnosis, question: DiagnosisTask) -> list[draw.BeforeAfter]:
+def before_after(found: Diagnosis, task: DiagnosisTask) -> list[draw.BeforeAfter]:
     """The records with the free runs of the baseline and of the extended model, in the records' sense.
 
     Parameters
     ----------
     found : Diagnosis
         Its baseline's refitted parameters are used where it holds them.
-    question : DiagnosisTask
+    task : DiagnosisTask
         What was diagnosed, with its prepared records.
 
     Returns
@@ -95,10 +95,10 @@ def before_after(found: Diagnosis, question: DiagnosisTask) -> list[draw.BeforeA
         Training records, then held-out ones; without an extended model its run is that of the baseline.
     """
     values = np.array([p["value"] for p in found.baseline.get("parameters", [])], dtype=float)
-    baseline = question.baseline if found.extended is None else found.extended.composition.baseline
+    baseline = task.baseline if found.extended is None else found.extended.composition.baseline
     baseline = baseline.with_vector(values) if values.size == baseline.vector.size else baseline
     listed = []
-    for part, records in (("training", question.prepared.training), ("held-out", question.prepared.held_out)):
+    for part, records in (("training", task.prepared.training), ("held-out", task.prepared.held_out)):
         for record in records:
             s = baseline.signals(record)
             before = baseline.core(baseline.vector)(s)

@@ -194,9 +194,9 @@ def answers(row: dict) -> dict[str, dict]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         cases.written(world, cases.measured(world, world.run(hidden)), path)
-        question = prepare_task(lpv.read(str(path)), plan.baseline)
-    record = question.prepared.training[0]
-    baseline = question.baseline.fit(list(question.prepared.training))
+        task = prepare_task(lpv.read(str(path)), plan.baseline)
+    record = task.prepared.training[0]
+    baseline = task.baseline.fit(list(task.prepared.training))
     bench = bench_of(baseline, baseline.signals(record))
     found = {}
     for name, peer in PEERS.items():

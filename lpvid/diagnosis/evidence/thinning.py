@@ -23,8 +23,8 @@ white noise of 1 % they reveal a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
 REACH_RATIO = 1.2
-"""mean square reach of a stretch over that of the median part, from which it is included for its reach: with equal reach
-of all parts none is. Of 60 motions of the foreign rig the samples hold 95 % of the largest stroke in 93 % with
+"""mean square reach of a stretch over that of the median part, from which it is included for its reach: with equal
+reach of all parts none is. Of 60 motions of the foreign rig the samples hold 95 % of the largest stroke in 93 % with
 1.0 and with 1.2, in 92 % with 1.5, in 85 % with 2, in 73 % without such a stretch"""
 FEWEST_STRETCHES = 4
 """stretches over all records at least, so that slow causes are detectable"""

@@ -294,20 +294,20 @@ def test_gaps_rates_and_missing_velocity_are_prepared():
     force[20000:20050] = np.nan
     record = lpv.Record({"displacement": fast["displacement"], "force": force}, fast.sample_time, name="run",
                         units={"displacement": "m", "force": "N"})
-    question = prepare_task(record, Viscous(), CATALOGUE)
-    assert [round(1 / r.sample_time) for r in question.prepared.training] == [500, 500]
-    stated = " ".join(question.prepared.notes)
+    task = prepare_task(record, Viscous(), CATALOGUE)
+    assert [round(1 / r.sample_time) for r in task.prepared.training] == [500, 500]
+    stated = " ".join(task.prepared.notes)
     assert "velocity derived" in stated and "decimated by 4" in stated and "cut into 2" in stated
-    v = question.prepared.training[0]["velocity"]
+    v = task.prepared.training[0]["velocity"]
     assert np.corrcoef(v[50:4000], fast["velocity"][::4][50:4000])[0, 1] > 0.999
-    found = run_task(question)
+    found = run_task(task)
     assert [c.name for c in found.causes] == ["dry"]
 
 
 def test_a_channel_that_only_some_records_have_is_left_out():
-    question = prepare_task([measured(0, temperature=np.linspace(0, 1, 4000)), measured(1)], Viscous(), CATALOGUE)
-    assert not question.prepared.training[0].has("temperature")
-    assert "temperature is left out: only 1 of 2 records have it" in question.prepared.notes
+    task = prepare_task([measured(0, temperature=np.linspace(0, 1, 4000)), measured(1)], Viscous(), CATALOGUE)
+    assert not task.prepared.training[0].has("temperature")
+    assert "temperature is left out: only 1 of 2 records have it" in task.prepared.notes
 
 
 def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):

@@ -34,10 +34,10 @@ def test_it_is_the_same_after_its_file(tmp_path: Path) -> None:
     free = FleetLaw.free(found)
     assert np.isinf(free.upper).any()
     np.testing.assert_array_equal(lpv.load(lpv.save(free, tmp_path / "free.json")).upper, free.upper)
-    question = prepare_task(record, tmp_path / "law.json")
-    s = again.signals(question.prepared.training[0])
+    task = prepare_task(record, tmp_path / "law.json")
+    s = again.signals(task.prepared.training[0])
     np.testing.assert_array_equal(again.core(again.vector)(s), law.core(law.vector)(s))
-    shifted = {e.name: e for e in question.catalogue if isinstance(e, FleetEffect)}
+    shifted = {e.name: e for e in task.catalogue if isinstance(e, FleetEffect)}
     assert shifted.keys() == shared.keys()
     assert [shifted[n].neutral[0] for n in shared] == [v[0] for v in shared.values()]
     # a spring that is softer in one file lies where the fleet's is, and is exact there: one spring of another stiffness
