@@ -198,7 +198,7 @@ class Effect(ABC):
     behind: ClassVar[str] = ""
     """stage without which it has no effect of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""
-    """channel that it changes before the law reads it; no candidate where neither the law nor another effect reads it"""
+    """channel that it changes before the law reads it; no candidate where neither the law nor an effect reads it"""
     brings: ClassVar[tuple[str, ...]] = ()
     """channels that a simulation reads with it though the law does not"""
 
