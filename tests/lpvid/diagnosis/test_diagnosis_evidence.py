@@ -24,6 +24,7 @@ from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, D
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
+from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.priors import (
     STRENGTH_SCALE,
     determined_count,
@@ -669,6 +670,43 @@ def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     sets = [(SimpleNamespace(effects=[air], components=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
     name, _, support = rivals.reported_name(air, "play", sets, 0.9)
     assert name == "play" and support.weight == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("cost", "value", "name"), [
+    (1.1, 0.2, "loss"),  # the simpler effect leaves as much
+    (2.0, 0.2, "orifice"),  # it does not
+    (2.0, 0.0, "loss"),  # at its bound it is the simpler effect
+    (None, 0.2, "loss"),  # nothing is known of that
+])
+def test_an_effect_keeps_its_name_where_the_simpler_one_leaves_notably_more(cost, value, name):
+    """An orifice that opens at low speed is a quadratic loss, if the law gives up some of its viscous share."""
+    orifice = SimpleNamespace(name="orifice", component="orifice", form_of="", flexible=False)
+
+    def held(cost: float) -> SimpleNamespace:
+        fit = SimpleNamespace(cost=cost, vector=np.array([3.0, value]), composition=SimpleNamespace(
+            places=[slice(0, 2)], bounds=(np.zeros(2), np.array([9.0, 9.0]))))
+        return SimpleNamespace(effects=(orifice,), components=("loss",), fit=fit, members=frozenset({"orifice"}))
+
+    w = held(1.0)
+    search = SimpleNamespace(kappa=0.1, problem=SimpleNamespace(n_samples=300), structured=0.9,
+                             visited={} if cost is None else {frozenset({"loss"}): held(cost)})
+    found, _, support = rivals.name_in(search, [(w, 1.0)], w, orifice)
+    assert found == name and support.weight == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("error", "name"), [(0.1, "coil-lag"), (0.01, "rise-fall-lag")])
+def test_edges_that_are_equal_within_their_error_are_one_lag(error, name):
+    edges, lag = RiseFallLag(), CoilLag()
+    sets = [(SimpleNamespace(effects=(edges,), components=("coil-lag",)), 1.0)]
+    fit = SimpleNamespace(composition=SimpleNamespace(effects=(edges,), places=[slice(0, 2)]))
+    outcome = SimpleNamespace(search=SimpleNamespace(candidates=(edges, lag), structured=0.5),
+                              selected=SimpleNamespace(fit=fit, sets=sets))
+    member = SetMember(edges, "rise-fall-lag", np.array([0.03, 1.05]), 0.7, 0.9, 0.7, (("coil-lag", 0.2),), 1.0, 50.0,
+                       1.0, 0.1, 10.0)
+    found = EvidenceOutcome._simplified(outcome, member, np.array([0.001, error]))
+    assert found.name == name and (found.rivals == ()) is (name == "coil-lag")
+    if name == "coil-lag":
+        assert found.weight == pytest.approx(1.0)
 
 
 def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():
