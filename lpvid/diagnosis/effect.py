@@ -188,6 +188,8 @@ class Effect(ABC):
     """whether the strength is a lag that acts in whole samples of a held signal, so that it has no useful derivative"""
     flexible: ClassVar[bool] = False
     """whether it is so general that its prior probability is lower (`evidence.priors.FORM_PROBABILITY`)"""
+    visible: ClassVar[bool] = False
+    """whether it is a candidate only where the samples show it before any fit, so that it is more probable than not"""
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
     form_of: ClassVar[str] = ""

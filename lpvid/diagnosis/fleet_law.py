@@ -18,8 +18,8 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
 
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
-         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
-         "form_of", "differs_by", "contains", "behind", "turns", "brings")
+         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "visible",
+         "placement_of", "form_of", "differs_by", "contains", "behind", "turns", "brings")
 """what an effect that starts from a fleet's values has of its own"""
 WITHIN, CONSISTENT = 3.0, 1.4826
 """standard deviations within which 99.7 % of normal specimens lie; a median absolute deviation in these"""

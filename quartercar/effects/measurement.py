@@ -254,6 +254,7 @@ class ForceClipping(Effect):
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a larger force range of the amplifier, or a smaller motion"
     smooth: ClassVar[bool] = False
+    visible: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -45,6 +45,7 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 from quartercar.effects import CATALOGUE
 from quartercar.effects.electrical import CoilLag, RiseFallLag
+from quartercar.effects.measurement import ForceClipping
 
 
 def test_the_marginal_is_that_of_a_dense_normal_density():
@@ -670,6 +671,12 @@ def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     sets = [(SimpleNamespace(effects=[air], components=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
     name, _, support = rivals.reported_name(air, "play", sets, 0.9)
     assert name == "play" and support.weight == pytest.approx(1.0)
+
+
+def test_what_the_samples_show_is_as_probable_as_another_cause_is_improbable():
+    """A force clipped by its amplifier rests at its largest value, and is a candidate only where it does."""
+    assert inclusion_prior(ForceClipping()) == pytest.approx(-inclusion_prior(CoilLag())) and \
+        inclusion_prior(CoilLag()) < 0
 
 
 @pytest.mark.parametrize(("cost", "value", "name"), [
