@@ -142,7 +142,7 @@ class EvidenceOutcome:
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember]
                  ) -> tuple[str, str]:
-        law_error, left = self.selected.law_error, self.selected.relative_error
+        law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after.errors)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
         noise = "" if left <= ACCEPTABLE_MISFIT else \
             f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
@@ -162,7 +162,8 @@ class EvidenceOutcome:
             return "unexplained", f"the best set is {names}, of which nothing can be named; {structure}"
         if self.selected.least_error_set is not None:
             causes, lower = self.selected.least_error_set
-            fall = f"{', '.join(causes)} it falls out of fold from {left:.1%} to {lower:.1%} of the output"
+            fall = f"{', '.join(causes)} it falls out of fold from {self.selected.relative_error:.1%} to {lower:.1%} " \
+                   "of the output"
             return "unexplained", f"no cause is probable enough to be named, and the error is no noise: with {fall}"
         if law_error > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
