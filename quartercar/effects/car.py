@@ -13,8 +13,8 @@ from quartercar.baselines.quarter_car import QuarterCarBaseline
 from quartercar.vehicle.strut_friction import CarCore
 
 SMALL = (-1e-6, 1e-6)
-"""relative changes at which a parameter is looked at: so small that their effect is the derivative, which a free
-parameter of the car takes up whole"""
+"""relative changes at which a parameter is screened: so small that their effect is the derivative, which a free
+parameter of the car explains completely"""
 
 
 class CarEffect(GridEffect):
@@ -43,7 +43,7 @@ class StrutFriction(CarEffect):
     name: ClassVar[str] = "strut-friction"
     title: ClassVar[str] = "dry friction in the strut"
     equation: ClassVar[str] = "F_strut += F_c sign(dz_s/dt - dz_us/dt)"
-    experiment: ClassVar[str] = "slow, small steps of the road: the body stays where friction leaves it"
+    experiment: ClassVar[str] = "slow, small steps of the road: the body stays within the band of the friction"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

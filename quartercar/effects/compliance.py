@@ -89,7 +89,7 @@ class Backlash(SeriesElement):
 
 
 class EntrainedAir(SeriesElement):
-    """Air in the oil: soft until it is compressed, a polytropic spring in series (equation sheet 3.5)."""
+    """Air in the oil: a polytropic spring in series, soft until the air is compressed (equation sheet 3.5)."""
 
     name: ClassVar[str] = "entrained-air"
     form_of: ClassVar[str] = "series-compliance"
