@@ -191,7 +191,7 @@ def test_a_force_that_is_no_number_leads_to_none_and_not_beyond_a_table() -> Non
     trace[:, 2] = np.nan, np.inf, -np.inf, 1e300
     _series_kernels.softer(trace, soft, Elements(compliance=1e-6).numbers(0.0), out)
     assert np.isnan(out[0])
-    assert np.isfinite(_series_kernels._given(-1e12, soft)).all()
+    assert np.isfinite(_series_kernels._play_and_air(-1e12, soft)).all()
 
 
 def test_elements_in_one_series_are_one_element() -> None:
