@@ -10,11 +10,8 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.baselines.quarter_car import QuarterCarBaseline
+from quartercar.effects.sensors import SMALL
 from quartercar.vehicle.strut_friction import CarCore
-
-SMALL = (-1e-6, 1e-6)
-"""relative changes at which a parameter is screened: so small that their effect is the derivative, which a free
-parameter of the car explains completely"""
 
 
 class CarEffect(GridEffect):

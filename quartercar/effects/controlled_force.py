@@ -11,6 +11,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import rests
+from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import REVERSAL, SLOW
 
 
@@ -92,8 +93,8 @@ class CurrentDependence(Effect):
         -------
         str or None
         """
-        if baseline.output != "force":
-            return f"{baseline.name} does not simulate a force"
+        if reason := no_force(baseline):
+            return reason
         if "current" in baseline.channels:
             return f"{baseline.name} reads the current"
         if at_rest(signals):

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 
 REVERSAL = 2e-3
 """speed over which the sign of the velocity is smoothed [m/s]"""
@@ -33,7 +34,7 @@ class ParallelForce(GridEffect):
     stage: ClassVar[str] = "force"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
 
 class CoulombFriction(ParallelForce):

@@ -12,6 +12,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.series import in_series
 from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
 
@@ -54,7 +55,7 @@ class HydraulicEffect(Effect):
         """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         if values[0] == self.parameters[0].neutral:
@@ -365,7 +366,7 @@ class Cavitation(Effect):
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if all(float(s.output.min()) >= 0 for s in signals):
             return "the force is never one of compression"
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return in_series(core, baseline, limit=1 / float(values[0])) if values[0] > 0 else core

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
 from quartercar.effects.viscous import viscous_slope
@@ -115,7 +116,7 @@ class ForceDeadZone(GridEffect):
         return (EffectParameter("threshold", "N", "F_d", 0.0, (0.0, 100.0), (0.0, 1e6), (5.0, 20.0)),)
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         threshold = float(values[0])

@@ -13,6 +13,7 @@ from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChang
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
+from quartercar.effects.force_output import no_force
 from quartercar.effects.splines import glided
 
 MOTION = ("displacement", "velocity", "acceleration")
@@ -48,7 +49,7 @@ class ChainEffect(GridEffect):
     family: ClassVar[str] = "measurement"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
 
 class DisplacementDelay(ChainEffect, LateEffect):
@@ -265,8 +266,8 @@ class ForceClipping(Effect):
         return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        if baseline.output != "force":
-            return f"{baseline.name} does not simulate a force"
+        if reason := no_force(baseline):
+            return reason
         if piled_up(np.concatenate([s.output for s in signals])):
             return None
         return "the samples do not pile up at the largest force, as those of a clipped one do"

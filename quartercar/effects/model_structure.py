@@ -11,6 +11,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import NO_BEND, CurrentEffect
+from quartercar.effects.force_output import no_force
 from quartercar.effects.structure import swung
 
 MODES, SCANNED = 10, 7
@@ -88,7 +89,7 @@ class MissingScheduling(Effect):
         return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         if not np.any(values):
@@ -153,7 +154,7 @@ class ModelOrder(GridEffect):
                 EffectParameter("damping", "", "zeta", 0.3, (0.01, 1.5), (0.005, 3.0), (0.1, 0.3, 0.8)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         share, period, damping = (float(v) for v in values)

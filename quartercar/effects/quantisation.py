@@ -10,8 +10,9 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
+from quartercar.effects.measurement import MOTION
 
-MOTION = ("displacement", "velocity", "acceleration")
 COARSE = 2e-3
 """share of its range from which a channel's step counts as coarse"""
 DITHER = 0.15
@@ -48,8 +49,8 @@ class Quantisation(Effect):
         return [np.array([1.0, grid_step(np.concatenate([s.output for s in signals])) or 0.0])]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        if baseline.output != "force":
-            return f"{baseline.name} does not simulate a force"
+        if reason := no_force(baseline):
+            return reason
         coarse = grid_step(np.concatenate([s.output for s in signals])) or any(_coarse(s) for s in signals)
         return None if coarse else "the values of no channel lie on a coarse grid"
 

@@ -11,13 +11,14 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import in_proportion
+from quartercar.effects.measurement import MOTION
 
 SENSORS: Mapping[str, tuple[str, ...]] = {
-    "road": ("road",), "actuator": ("actuator",), "motion": ("displacement", "velocity", "acceleration"),
+    "road": ("road",), "actuator": ("actuator",), "motion": MOTION,
     "current": ("current",)}
 """Sensors of inputs, and the channels that each of them feeds."""
 SMALL = (-1e-6, 1e-6)
-"""gains at which it is screened: so small that their effect is the derivative"""
+"""relative changes at which a gain or a parameter of a car is screened: so small that their effect is the derivative"""
 LAST = len(SENSORS) - 1.0
 CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, LAST), (0.0, LAST), (0.0,), tuple(SENSORS))
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Core, Remembered, Signals, most_kept
+from lpvid.diagnosis.signals import Core, Remembered, Signals
 from lpvid.toolkit import checks
 from quartercar.effects.corners import corners
 from quartercar.effects.series_law import Law, read_law
@@ -112,14 +110,7 @@ class SeriesMarch:
 
         if not isinstance(self.core, Remembered):
             return read()
-        kept: OrderedDict = s.cached("laws", OrderedDict)
-        key = (self.core.key, self.elements, self.static)
-        law = kept.pop(key, None) or read()
-        kept[key] = law
-        with suppress(KeyError):  # several threads may share the signals
-            if len(kept) > most_kept(LAWS, s.n_samples):
-                kept.popitem(last=False)
-        return law
+        return s.remembered("laws", (self.core.key, self.elements, self.static), read, LAWS)
 
     def steps(self, s: Signals, law: Law) -> tuple[np.ndarray, np.ndarray]:
         """(n,) steps up to each sample, and whether a short one precedes it.

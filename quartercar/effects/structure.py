@@ -14,6 +14,7 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, derivative
 from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
+from quartercar.effects.force_output import no_force
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is defined [m]"""
@@ -50,7 +51,7 @@ class EndStop(Effect):
         return [np.array([3e4, float(np.quantile(reach, q)), 1.0]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         stiffness, position, exponent = map(float, values)
@@ -93,7 +94,7 @@ class FixtureInertia(GridEffect):
         return (EffectParameter("mass", "kg", "m", 0.0, (0.0, 20.0), (0.0, 1e6), (1.0,)),)
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         mass = float(values[0])
@@ -126,7 +127,7 @@ class FixtureResonance(GridEffect):
                 EffectParameter("damping", "", "zeta", 0.1, (0.005, 1.0), (0.002, 2.0), (0.05, 0.3)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         period, damping = float(values[0]), float(values[1])

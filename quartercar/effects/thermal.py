@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.viscous import static_share, viscous_slope
 
 COOLING_TIME = EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), (20.0, 200.0))
@@ -111,7 +112,7 @@ class ThermalEffect(GridEffect):
     reference: ClassVar[str] = "equation sheet 3.16"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
 
 class ThermalFade(ThermalEffect):
