@@ -454,7 +454,7 @@ class Steep(Added):
 
 @pytest.mark.thinned(2)
 @pytest.mark.parametrize(("misfit", "named", "rivals"), [(0.1, ["dry"], []), (0.4, [], [("dry", "steep")])])
-def test_next_of_kin_are_told_apart_where_they_differ_by_more_than_the_law_errs(misfit, named, rivals):
+def test_related_components_are_separated_where_they_differ_by_more_than_the_error_of_the_law(misfit, named, rivals):
     """The change by either is the same but near zero; the law errs by .07 and by .28 of the output's unit."""
     def hidden(u: np.ndarray) -> np.ndarray:
         return 1.5 * np.sign(u) + misfit * np.sin(9 * u) * np.sign(np.roll(u, 30))
