@@ -290,29 +290,103 @@ def _kinds(pieces: Sequence[Record]) -> list[tuple[str, float | None]]:
     found: list[tuple[str, float | None]] = [("none", None)] * len(pieces)
     if not having:
         return found
-    largest = max(float(np.abs(np.median(i)) if np.ptp(i) == 0 else np.abs(i).max()) for _, i in having)
-    noise = [float(np.median(np.abs(np.diff(i)))) / (0.6745 * np.sqrt(2)) for _, i in having]
+    resolution = resolution_of([i for _, i in having])
     medians: list[tuple[float, int]] = []
-    for (k, i), sigma in zip(having, noise, strict=True):
-        low, high = np.quantile(i, (0.005, 0.995))
-        if high - low <= max(DISTINCT * largest, NOISE * sigma):
+    for k, i in having:
+        if resolution.held(i):
             medians.append((float(np.median(i)), k))
         else:
             found[k] = ("varies", None)
-    medians.sort()
-    gap = max([DISTINCT * largest, *noise])
-    groups: list[list[tuple[float, int]]] = []
-    for value, k in medians:
-        if groups and value - groups[-1][-1][0] <= gap:
-            groups[-1].append((value, k))
-        else:
-            groups.append([(value, k)])
-    for group in groups:
-        level = float(np.median([v for v, _ in group]))
-        level = 0.0 if abs(level) <= gap else level
+    for group in resolution.groups(medians):
+        level = resolution.level([v for v, _ in group])
         for _, k in group:
             found[k] = ("constant", level)
     return found
+
+
+@dataclass(frozen=True)
+class CurrentResolution:
+    """Which currents of a data set are one level, and which stretches hold one.
+
+    Attributes
+    ----------
+    share : float
+        Two per cent of the largest current, in its unit.
+    apart : float
+        Currents that differ by more are two levels: `share`, or the noise where it is larger.
+    """
+
+    share: float
+    apart: float
+
+    def held(self, current: np.ndarray) -> bool:
+        """Whether a stretch stays at one current, but for its noise and for 1 % of its samples.
+
+        Parameters
+        ----------
+        current : (n,) array
+
+        Returns
+        -------
+        bool
+        """
+        low, high = np.quantile(current, (0.005, 0.995))
+        return bool(high - low <= max(self.share, NOISE * _noise(current)))
+
+    def groups(self, values: Sequence[tuple[float, int]]) -> list[list[tuple[float, int]]]:
+        """(current, number) sorted into groups between which the current is further apart than `apart`.
+
+        Parameters
+        ----------
+        values : sequence of (float, int)
+
+        Returns
+        -------
+        list of list of (float, int)
+            Of rising current.
+        """
+        found: list[list[tuple[float, int]]] = []
+        for value, k in sorted(values):
+            if found and value - found[-1][-1][0] <= self.apart:
+                found[-1].append((value, k))
+            else:
+                found.append([(value, k)])
+        return found
+
+    def level(self, values: Sequence[float]) -> float:
+        """The level of a group: its median, and 0 where that is no further from 0 than `apart`.
+
+        Parameters
+        ----------
+        values : sequence of float
+
+        Returns
+        -------
+        float
+        """
+        level = float(np.median(values))
+        return 0.0 if abs(level) <= self.apart else level
+
+
+def resolution_of(currents: Sequence[np.ndarray]) -> CurrentResolution:
+    """From the largest current of a data set, and from its noise.
+
+    Parameters
+    ----------
+    currents : sequence of (n,) array
+        Of its pieces.
+
+    Returns
+    -------
+    CurrentResolution
+    """
+    largest = max(float(np.abs(np.median(i)) if np.ptp(i) == 0 else np.abs(i).max()) for i in currents)
+    return CurrentResolution(DISTINCT * largest, max([DISTINCT * largest, *map(_noise, currents)]))
+
+
+def _noise(current: np.ndarray) -> float:
+    """Standard deviation of white noise on a current, from its median step."""
+    return float(np.median(np.abs(np.diff(current)))) / (0.6745 * np.sqrt(2)) if current.size > 1 else 0.0
 
 
 def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
@@ -323,8 +397,8 @@ def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
     elif sense == 0:
         stated.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
                     "taken as positive in tension.")
-    if cut := [(float(r.cut_off.mean()), r.name) for r in runs if r.cut_off.any()]:
-        share, name = max(cut)
+    if cut := {r.name: float(r.cut_off.mean()) for r in runs if r.cut_off.any()}:
+        share, name = max((share, name) for name, share in cut.items())
         records = f"{len(cut)} record" + ("s" if len(cut) > 1 else "")
         stated.append(f"The force of {records} rests on an end of its range (up to "
                       f"{100 * share:.2g} % of the time, '{name}'): forces there are not given, loops, energies and "
