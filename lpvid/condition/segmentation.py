@@ -13,6 +13,7 @@ from lpvid.condition.resampling import on_clock, resample, true_runs
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
+from lpvid.remark import Cut, LeftOut
 from lpvid.timebase import JITTER_LIMIT
 from lpvid.units import contradiction_mend, contradicts, in_doubt
 
@@ -181,12 +182,12 @@ def _one_rate(listed: Sequence[Record], cut: list[list[Record]]) -> list[list[Re
 def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int, remedy: str) -> list[Record]:
     """Name the pieces, drop the short ones, and note what was lost."""
     result: list[Record] = []
-    orphaned: list[str] = []
+    orphaned: list[LeftOut] = []
     for record, pieces in zip(listed, cut, strict=True):
         kept = [piece for piece in pieces if piece.n_samples >= minimum]
         notes = _losses(record, pieces, minimum)
         if not kept:
-            orphaned += [f"record '{record.name}' left out: {note}" for note in notes]
+            orphaned += [LeftOut(f"record '{record.name}' left out: {note}") for note in notes]
             continue
         many = len(pieces) > 1
         result += [replace(piece, time=None, name=f"{record.name}#{i}" if many else record.name,
@@ -214,16 +215,17 @@ def _whole(record: Record, piece: Record) -> bool:
     return not record.time_base.gaps and all(np.isfinite(record[n]).all() for n in piece.channels)
 
 
-def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[str]:
+def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[Cut]:
     notes = []
     gaps = len(record.time_base.gaps)
     if len(pieces) > 1:
-        notes.append(f"cut into {len(pieces)} pieces at missing samples" + (f" and {gaps} time gap(s)" if gaps else ""))
+        beside = f" and {gaps} time gap(s)" if gaps else ""
+        notes.append(Cut(f"cut into {len(pieces)} pieces at missing samples{beside}"))
     short = [piece for piece in pieces if piece.n_samples < minimum]
     if short:
         spans = ", ".join(f"{piece.n_samples} samples from {piece.start:.6g} s" for piece in short[:5])
         more = f" and {len(short) - 5} more" if len(short) > 5 else ""
-        notes.append(f"dropped {len(short)} piece(s) shorter than {minimum} samples: {spans}{more}")
+        notes.append(Cut(f"dropped {len(short)} piece(s) shorter than {minimum} samples: {spans}{more}"))
     if not pieces:
-        notes.append("no row has all channels in use")
+        notes.append(Cut("no row has all channels in use"))
     return notes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quartercar.characterisation.forces import BETWEEN, propose_sine, round_down
+from quartercar.characterisation.forces import Between, TooSlow, propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
 
 if TYPE_CHECKING:
@@ -76,14 +76,14 @@ def _forces(found: Readings) -> list[Missing]:
     whole = {v: sum(f.speed == v for f in found.forces) for v in found.settings.speeds}
     short = {v: [f for f in lacking if f.speed == v] for v in found.settings.speeds}
     never = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
-             and all(f.why.startswith("fastest") for f in short[v])]
+             and all(isinstance(f.why, TooSlow) for f in short[v])]
     if never:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
         fastest = max(float(np.quantile(np.abs(r.velocity), 0.999)) for r in found.data.runs)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
                             f"fastest reaches {fastest:.3g} m/s", f"{_own_speeds(found)}run sines: {tests}"))
     between = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
-               and all(f.why.startswith(BETWEEN) for f in short[v])]
+               and all(isinstance(f.why, Between) for f in short[v])]
     if between:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in between)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in between)} m/s", "the triangles have one speed "

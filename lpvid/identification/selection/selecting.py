@@ -166,7 +166,8 @@ def _concluded(
     tested = [i for i, row in enumerate(table) if row.esr is not None]
     if not tested and complete:
         reasons = list(dict.fromkeys(row.reason for row in table))
-        mend = "allow a share outside with outside=…, or try other" if "frozen" in reasons[0] else "try other"
+        inside = (table[0].outside or 0.0) <= search.limit
+        mend = "try other" if inside else "allow a share outside with outside=…, or try other"
         raise InputError(f"none of {len(table)} candidates survives", got="; ".join(reasons[:2]),
                          mend=f"{mend} orders, bases or longer records")
     left_out = _left_out(search)

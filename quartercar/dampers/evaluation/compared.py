@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from lpvid.caveat import Caveat
 from lpvid.codec import encode
 from lpvid.errors import InputError
+from lpvid.remark import Cost
 from lpvid.toolkit import Shown
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import Passivity
@@ -251,7 +252,7 @@ def energy_lines(damper: Damper) -> list[str]:
 
 def _costs(row: Compared) -> list[str]:
     """What a constraint costs a fitted model."""
-    return [f"{row.name}, {n}" for n in (() if row.fit is None else row.fit.notes) if n.startswith("what it costs")]
+    return [f"{row.name}, {n}" for n in (() if row.fit is None else row.fit.notes) if isinstance(n, Cost)]
 
 
 def _row(row: Compared) -> str:
