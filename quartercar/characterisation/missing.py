@@ -9,6 +9,7 @@ import numpy as np
 
 from quartercar.characterisation.forces import Between, TooSlow, propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
+from quartercar.characterisation.settings import CREEP
 
 if TYPE_CHECKING:
     from quartercar.characterisation.forces import StandardForce
@@ -116,6 +117,10 @@ def _static(found: Readings) -> list[Missing]:
         return []
     slow = min((s.speed for s in found.static), default=None)
     why = "no record of constant current and constant speed below 10 mm/s"
+    if slow is not None and slow <= CREEP:
+        return [Missing("gas force, spring rate and friction at creep", "at the slowest steady test's "
+                        f"{1e3 * slow:.3g} mm/s the force is damping for the most part: it grows with the speed, to "
+                        "the next faster test", f"run a triangle of ±2 mm at {100 * slow:.1g} mm/s (three cycles)")]
     if slow is not None:
         why += (f"; the slowest steady test reaches {1e3 * slow:.3g} mm/s: half its difference bounds the friction, "
                 "its mean holds what the dampings of the two directions differ by")

@@ -14,7 +14,7 @@ from lpvid.record import Record
 from lpvid.toolkit import checks
 from quartercar.characterisation.settings import CharacteriseSettings
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
-from quartercar.dampers.drive import UNITS
+from quartercar.dampers.drive import UNITS, wrong_unit
 from quartercar.dampers.facts import DISTINCT
 from quartercar.dampers.polarity import common_polarity
 from quartercar.dampers.preparing import SHORTEST
@@ -209,8 +209,7 @@ def _need_channels(records: Sequence[Record]) -> None:
     for r in records:
         for role, wanted in (*UNITS.items(), ("temperature", "K")):
             if r.has(role) and role != "current" and r.unit(role) not in (wanted, "") and r.channel(role).unit_known:
-                raise InputError(f"record '{r.name}': {role} has a wrong unit", got=r.unit(role),
-                                 why=f"{wanted} expected", mend="correct the unit in the header")
+                raise wrong_unit(r, role, wanted)
         if not (r.has("displacement") or r.has("velocity")):
             raise InputError(f"record '{r.name}' has neither displacement nor velocity", got=", ".join(r.channels),
                              mend=checks.role_mend("displacement", "velocity"))
