@@ -13,7 +13,7 @@ from lpvid.condition.resampling import on_clock, resample, true_runs
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
-from lpvid.remark import Cut, LeftOut
+from lpvid.remark import Cut, Derivation, LeftOut
 from lpvid.timebase import JITTER_LIMIT
 from lpvid.units import contradiction_mend, contradicts, in_doubt
 
@@ -82,6 +82,9 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
         if not channel.unit_known:
             raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
                              mend="correct the unit in the header, or leave it out if the values are SI")
+        made_of = name == "velocity" and any(isinstance(n, Derivation) for n in record.notes)
+        if made_of and record.has("displacement"):  # whose unit the derivative has
+            _refuse_unit(record, record.resolve("displacement"), ["displacement"])
         _refuse_unit(record, name, [w for w in wanted if record.resolve(w) == name])
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:

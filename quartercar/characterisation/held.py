@@ -53,7 +53,7 @@ def with_held_levels(data: RecordPieces, blocks: Sequence[Block]) -> tuple[Recor
     if not found:
         return data, tuple(blocks)
     levels = tuple(sorted({*data.levels, *(r.level for r in runs.values() if r.level is not None)}))
-    records = len({r.name for r in runs.values()})
+    records = len({r.source for r in runs.values()})
     note = (f"current held over several cycles at {len({r.level for r in runs.values()})} levels within {records} "
             f"record{'s' if records > 1 else ''}: the cycles at each level are read like a record of their own")
     return replace(data, runs=(*data.runs, *runs.values()), levels=levels, notes=(*data.notes, note)), (*blocks, *found)

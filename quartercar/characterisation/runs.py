@@ -42,6 +42,8 @@ class RecordPiece:
     integrated : bool
         Whether the displacement is the integral of the velocity.
     polarity : {1, −1}
+    source : str
+        Name of the record as read, of which this may be one of several pieces.
     """
 
     record: Record
@@ -51,6 +53,7 @@ class RecordPiece:
     current: str
     integrated: bool
     polarity: int
+    source: str
 
     @property
     def name(self) -> str:
@@ -174,10 +177,12 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Record
 
     standing, notes = with_current(list(records))
     pieces: list[tuple[Record, Record, str, bool]] = []
+    sources: dict[int, str] = {}
     done: list[str] = []
     for record in standing:
         found, stated = _pieces(record, settings)
         pieces += found
+        sources |= {id(piece): record.name for piece, *_ in found}
         done += list(dict.fromkeys(stated))
     if not pieces:
         raise InputError("no record is long enough to characterise", got=", ".join(
@@ -195,7 +200,7 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Record
                          mend="check the load cell, or leave that file out")
     sense = common_polarity(with_force) if with_force else 1
     current = _kinds([p[0] for p in moving])
-    runs = tuple(RecordPiece(a, b, name, level, kind, integrated, sense or 1)
+    runs = tuple(RecordPiece(a, b, name, level, kind, integrated, sense or 1, sources[id(a)])
                  for (a, b, name, integrated), (kind, level) in zip(moving, current, strict=True))
     unit = next((r.record.unit("current") or "1" for r in runs if r.record.has("current")), "A")
     levels = tuple(sorted({r.level for r in runs if r.level is not None}))

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from lpvid import Record
+from lpvid import InputError, Record
 from lpvid.condition.band_limited import with_quiet_velocity
 from lpvid.condition.differentiation import DERIVED, with_velocity
 from lpvid.condition.preparing import losses, with_motion
@@ -58,3 +58,9 @@ def test_the_kind_stays_where_some_records_only_are_derived_and_in_another_proce
     assert [type(n) for n in notes] == [Derivation] and "in 1 of 2 records" in notes[0]
     again, = pickle.loads(pickle.dumps(notes))
     assert isinstance(again, Derivation) and again == notes[0]
+
+
+def test_a_derived_velocity_of_a_wrong_unit_names_the_displacement():
+    wrong = with_velocity(moved().with_channel("displacement", moved()["displacement"], "N"))
+    with pytest.raises(InputError, match=r"channel 'displacement' has a unit of another quantity.*calls for m\b"):
+        segments([wrong], ["velocity", "force"], minimum=10)

@@ -660,3 +660,12 @@ def test_a_slow_test_whose_force_is_damping_does_not_give_friction(damping, fric
     if lacking:
         assert "damping for the most part" in lacking[0].why and "0.6 mm/s" in lacking[0].run
         assert "friction at most" in str(found)
+
+
+def test_a_record_with_missing_samples_is_one_record_in_pieces():
+    t = np.arange(0, 12.0, 2e-3)
+    x = 0.02 * np.sin(2 * np.pi * t)
+    force = 1000 * np.gradient(x, t)
+    x[::2000] = np.nan
+    found = qc.characterise([record(t, x, force)])
+    assert found.verdict.startswith("1 record in 3 pieces, ")
