@@ -152,7 +152,7 @@ def hidden_effect() -> list[str]:
     lags = {"rise-fall-lag", "coil-lag", "command-delay", "valve-dynamics"}
     rows = [
         ["verdict", found["verdict"]],
-        ["named" if found["causes"] else "cannot be kept apart", ", ".join(f"`{n}`" for n in named)],
+        ["named" if found["causes"] else "cannot be distinguished", ", ".join(f"`{n}`" for n in named)],
         *found["numbers"],
         ["free-run ESR, held-out, before", number(found["before"])],
         ["free-run ESR, held-out, with the lag", number(found["after"])],

@@ -13,7 +13,7 @@ from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.diagnosis import Diagnosis
-    from lpvid.diagnosis.facade import Question
+    from lpvid.diagnosis.facade import DiagnosisTask
     from lpvid.diagnosis.lpv_extension import LpvExtension
     from lpvid.record import Record
 
@@ -52,7 +52,7 @@ def diagnose(
     """
     from lpvid.cli.data import asked_rate, read_parts_clocked, split_names
     from lpvid.condition.preparing import common_rate
-    from lpvid.diagnosis.facade import answer, pose
+    from lpvid.diagnosis.facade import prepare_task, run_task
     from lpvid.diagnosis.settings import DiagnosisSettings
     from lpvid.errors import InputError
 
@@ -65,7 +65,7 @@ def diagnose(
         start, is_model = _starting_point(baseline)
         training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
-        question = pose(
+        task = prepare_task(
             training,
             start,
             split_names(catalogue) or None,
@@ -74,10 +74,10 @@ def diagnose(
             sample_rate=common_rate(training) if raw else None if clockless else rate,
             progress=report_progress,
         )
-        found = answer(question, DiagnosisSettings(seed=seed), report_progress)
+        found = run_task(task, DiagnosisSettings(seed=seed), report_progress)
         report_progress("the same causes in an LPV model")
-        lpv = _lpv_extension(found, question)
-        described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
+        lpv = _lpv_extension(found, task)
+        described = _deliver(results, found, task, lpv, plan_experiment, report_progress)
     if not found.complete:
         typer.echo("interrupted: no cause was assessed; the result only states where the baseline is wrong", err=True)
     conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
@@ -107,19 +107,19 @@ def _with_parts(record: Record, model: Any, named: dict[str, tuple[str, ...]]) -
     return record.with_roles(parts(acting(model, record.time_base.period), named))
 
 
-def _lpv_extension(found: Diagnosis, question: Question) -> LpvExtension | None:
+def _lpv_extension(found: Diagnosis, task: DiagnosisTask) -> LpvExtension | None:
     """The named causes in an LPV model, where there are some and the records allow one."""
     from lpvid.diagnosis.lpv_extension import common_structure, measured_extension
     from lpvid.errors import InputError
 
     names = {c.name for c in found.causes}
-    records = question.prepared.training
-    structure = common_structure((*records, *question.prepared.held_out), question.baseline.output) if names else None
+    records = task.prepared.training
+    structure = common_structure((*records, *task.prepared.held_out), task.baseline.output) if names else None
     if structure is None:
         return None
     try:
-        return measured_extension(records, structure, [e for e in question.catalogue if e.name in names],
-                                  question.prepared.held_out)
+        return measured_extension(records, structure, [e for e in task.catalogue if e.name in names],
+                                  task.prepared.held_out)
     except InputError:  # data on which no model of this structure can be fitted: the grey box stands alone
         return None
 
@@ -129,12 +129,12 @@ def _described(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
     return {**found.to_dict(), "extended_lpv": None if lpv is None else {**lpv.to_dict(), "model": LPV_MODEL}}
 
 
-def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
+def _deliver(results: Results, found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | None, plan: bool,
              report_progress: Callable[[str], None]) -> Sequence[str]:
     """Queue the files; lines to print about the LPV model and the experiment."""
     from lpvid.auditing import record_remarks
 
-    described = [f"  audit: {remark}" for remark in record_remarks(question.raw)]
+    described = [f"  audit: {remark}" for remark in record_remarks(task.raw)]
     described += [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
         return described
@@ -148,7 +148,7 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
         results.save(LPV_MODEL, lpv.extended.model)
     if found.extended is not None:
         results.save("extended_model.json", found.extended)
-        queue_run(results, found.extended, question.prepared.held_out or question.prepared.training)
+        queue_run(results, found.extended, task.prepared.held_out or task.prepared.training)
     proposal = proposed(found) if plan else None
     planned = proposal is not None and bool(proposal.text)
     if proposal is not None and planned:
@@ -164,5 +164,5 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
     words = (
         () if proposal is None else (*([f"{PLAN} holds the plan: {proposal.description}"] if planned else []), *advice)
     )
-    results.report(diagnosis_page(found, question, lpv, words))
+    results.report(diagnosis_page(found, task, lpv, words))
     return described

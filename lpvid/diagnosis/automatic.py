@@ -9,14 +9,12 @@ import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.effective_samples import effective_samples
 from lpvid.diagnosis.folds import out_of_fold
-from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.registry import factories
-from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -82,10 +80,10 @@ def automatic(
     if not found:
         raise InputError("no installed law suits these records", why="; ".join(why[:3]) or "none is installed",
                          mend="name a baseline")
-    problem, best = _problem(found[0].baseline, records), min(found, key=lambda law: law.error)
+    problem, best = problem_of(records, found[0].baseline), min(found, key=lambda law: law.error)
     composition = Composition(best.baseline)
-    kept = independent(problem, problem.errors(composition, best.baseline.vector)).kept
-    count = kept * problem.n_samples
+    kappa = effective_samples(problem, problem.errors(composition, best.baseline.vector)).kappa
+    count = kappa * problem.n_samples
 
     def criterion(law: Law) -> float:
         return count * float(np.log(max(law.error, 1e-300))) + law.baseline.vector.size * float(np.log(max(count, 2.0)))
@@ -98,13 +96,8 @@ def automatic(
                     f"fold {described}")
 
 
-def _problem(baseline: Baseline, records: Sequence[Record]) -> DiagnosisProblem:
-    signals = in_turn([baseline.signals(r) for r in records])
-    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
-
-
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:
-    problem = _problem(baseline, records)
+    problem = problem_of(records, baseline)
     fit = refit(problem, Composition(baseline), baseline.vector, iterations=0)  # its errors as fitted, no second fit
-    error = float(np.mean(out_of_fold(problem, fit).plain ** 2))
+    error = float(np.mean(out_of_fold(problem, fit).errors ** 2))
     return Law(baseline, error)

@@ -149,7 +149,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
-        """Parameters from which a search may begin where the present ones are far off; none where there is one fit.
+        """Further start vectors of a fit; none where the fit is unique.
 
         Parameters
         ----------

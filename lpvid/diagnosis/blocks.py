@@ -1,4 +1,4 @@
-"""Blocks: the stretches of the records on which evidence is counted, in two alternating folds."""
+"""Blocks: stretches of the records that count as independent, in two alternating folds."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LONGEST, SHORTEST = 2.0, 0.4
 WANTED = 30
 """blocks wanted over all records"""
 FEWEST = 8
-"""blocks without which no p-value is worth its name"""
+"""blocks at least, for a p-value of the sign-flip test"""
 GAP = 0.1
-"""share of a block left out at its start, so that neighbours do not lean on each other"""
+"""share of a block left out at its start, so that neighbours are independent"""
 START_UP = 0.25
 """time left out at the head of every record [s], or a twentieth of it if that is less; all of it at the head of a
 stretch out of one, before which there is another motion"""

@@ -14,9 +14,9 @@ from lpvid.diagnosis.effect import STAGES, Effect
 from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
 
 STEP = 1e-5
-"""share of a parameter's scale by which it is moved to see what it does."""
+"""step of a finite difference, as a share of the parameter's scale"""
 CARRIED = ("inside", "core", "series")
-"""stages of what the damper's own force passes; what stands beside it there is added behind them"""
+"""stages in series with the damper's own force; a parallel force (`Baseline.apart`) is added behind them"""
 ROUNDING = 1e-13
 """share of the largest force below which a change by such a step is rounding"""
 
@@ -72,7 +72,7 @@ class Composition:
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
-        """Where the parameters of each effect stand in the vector."""
+        """Places of the parameters of each effect in the vector."""
         first, found = self.own, []
         for effect in self.effects:
             found.append(slice(first, first + len(effect.parameters)))
@@ -81,7 +81,7 @@ class Composition:
 
     @cached_property
     def flat(self) -> tuple[Composition, np.ndarray] | None:
-        """The law, its own effects and the effects around it as one; where each of its parameters stands in the vector.
+        """The law, its own effects and the effects around it as one; the place of each of its parameters in the vector.
 
         None for a baseline that is a law itself. An effect around it takes the place of its own of that name.
         """
@@ -128,12 +128,12 @@ class Composition:
 
     @property
     def chosen(self) -> np.ndarray:
-        """(P,) bool: parameters that are a choice among things, which no derivative moves."""
+        """(P,) bool: parameters that are a choice, which has no derivative."""
         return np.array([False] * self.own + [bool(p.choices) for e in self.effects
                                                                for p in e.parameters])
 
     def core(self, vector: np.ndarray, given: Core | None = None) -> Core:
-        """The whole simulation at a parameter vector; `given` stands for the baseline's own.
+        """The whole simulation at a parameter vector; `given` replaces that of the baseline alone.
 
         The output of the baseline, and of each effect around it, is kept for the same signals and parameters: a change
         of an outer effect then needs no new run of the inner ones.
@@ -191,7 +191,7 @@ class Composition:
         """A core with some of the effects around it, by number."""
         for k in range(first, last):
             effect, place = self.effects[k], self.places[k]
-            if effect.stage == "inside":  # it takes the simulation apart
+            if effect.stage == "inside":  # it changes parts of the simulation
                 core = core.core if isinstance(core, Remembered) else core
             elif remember and not isinstance(core, Remembered):
                 core = Remembered(core, (self.baseline, self.effects[:k], vector[: place.start].tobytes()))
@@ -269,7 +269,7 @@ class Composition:
             else:
                 there = self.predict(signals, moved)
             change = there - here
-            if np.abs(change).max() > rounding:  # else a step would follow the last digits to the end of the range
+            if np.abs(change).max() > rounding:  # else the derivative would be one of rounding errors
                 out[:, column] = change / (moved[j] - vector[j])
         return out
 

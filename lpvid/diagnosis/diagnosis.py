@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lpvid._shown import Shown
-from lpvid.diagnosis.localise import Wrong
+from lpvid.diagnosis.localise import ErrorRegime
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -70,19 +70,19 @@ class Cause:
     delta_bic : float
         BIC with it less BIC without it, the others in place; negative is evidence for it.
     share_alone, share_given_others : float
-        Share of the baseline's excess squared error it takes away by itself; and on top of the other causes.
+        Share of the baseline's excess squared error that it removes by itself; and in addition to the other causes.
     held_out_gain : float
         100 (1 − squared error with / without it) on held-out blocks, the others in place [%].
     blocks_better : float
-        Share of the held-out blocks in which it helps.
+        Share of the held-out blocks in which the error is lower with it.
     contribution : float
         Root mean square of what it adds to the output, in the output's unit.
     probability : float or None
-        That it is there, calibrated on cases of two rigs; None where no sets were weighed.
+        That it is present, calibrated on cases of two rigs; None where no sets were evaluated.
     family : str
-        Of causes; "" where none was weighed.
+        Of causes; "" where no sets were evaluated.
     weight : float or None
-        Of the sets of causes that hold it, among those that were looked at.
+        Posterior weight of the visited sets of causes that hold it.
     form : str
         Effect that simulates it in the extended model, where that is a special form which is not sure; else "".
     """
@@ -108,8 +108,8 @@ class Cause:
         Returns
         -------
         dict
-            Of the attributes by name; ``probability``, ``family`` and ``weight`` only where sets were weighed, ``form``
-            only where there is one.
+            Of the attributes by name; ``probability``, ``family`` and ``weight`` only where sets were evaluated,
+            ``form`` only where there is one.
         """
         weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family,
                                                             "weight": self.weight}
@@ -123,16 +123,16 @@ class Cause:
 
 @dataclass(frozen=True)
 class Rivals:
-    """Causes that these data cannot keep apart, and what would.
+    """Causes that these data do not distinguish, and the experiment that would.
 
     Attributes
     ----------
     names : tuple of str
         The one of the most probable set first.
     similarity : float
-        Weight of the sets without the first: what its rivals may hold.
+        One less the probability of the first.
     experiment : str
-        What would keep them apart.
+        That would distinguish them.
     parameters : mapping of str to tuple of Estimated
         Of each in a set of its own.
     """
@@ -164,7 +164,7 @@ class CannotTell:
         Of the effect.
     reason : str
     smallest_detectable : float or None
-        Strength from which on it would show, in `unit`; None where no strength would, or it could not be looked at.
+        Strength from which on it is detectable, in `unit`; None where no strength is, or it could not be screened.
     unit : str
         Of the strength.
     experiment : str
@@ -179,7 +179,7 @@ class CannotTell:
 
     @property
     def unmeasured(self) -> str:
-        """The channels without which the cause could not be looked at, with commas; empty where it could."""
+        """The channels without which the cause could not be screened, with commas; empty where it could."""
         found = re.fullmatch(r"no (.+) was measured", self.reason)
         return "" if found is None else found[1]
 
@@ -197,7 +197,7 @@ class CannotTell:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A candidate that was looked at and not named.
+    """A candidate that was screened and not named.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ class Rejected:
 
 @dataclass(frozen=True)
 class VisitedSet:
-    """A set of causes that was looked at, its probability among these, and its error where it was measured.
+    """A visited set of causes, its posterior weight among these, and its error where it was measured.
 
     Attributes
     ----------
@@ -259,9 +259,9 @@ class SetProbabilities:
     nothing : float
         That none is.
     discrepancy : float
-        Root mean square of what the law itself leaves, a smooth function of its inputs, over that of the output.
+        Error of the law itself, a smooth function of its inputs, over the output: root mean squares.
     where : str
-        Where that lies, above all.
+        Regimes that hold most of it.
     sets : tuple of VisitedSet
         Best first.
     components : mapping of str to Support
@@ -329,7 +329,7 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
-    """The answer.
+    """Verdict, causes, rivals and the extended model of a diagnosis.
 
     Attributes
     ----------
@@ -345,7 +345,7 @@ class Diagnosis(Shown):
         Standard deviation of the noise [output's unit], from repeats; None where nothing repeats.
     noise : mapping
         Colour of what is left: order of its autoregressive model, level, whether it is coloured.
-    wrong : tuple of Wrong
+    wrong : tuple of ErrorRegime
     causes : tuple of Cause
     rivals : tuple of Rivals
     cannot_tell : tuple of CannotTell
@@ -366,7 +366,7 @@ class Diagnosis(Shown):
     complete : bool
         False after an interruption.
     weights : SetProbabilities or None
-        Of sets and families, where the engine weighs them.
+        Of sets and families; None where no sets were evaluated.
     """
 
     verdict: str
@@ -376,7 +376,7 @@ class Diagnosis(Shown):
     after: Errors
     noise_floor: float | None
     noise: Mapping[str, Any]
-    wrong: tuple[Wrong, ...]
+    wrong: tuple[ErrorRegime, ...]
     causes: tuple[Cause, ...]
     rivals: tuple[Rivals, ...]
     cannot_tell: tuple[CannotTell, ...]
@@ -412,7 +412,7 @@ class Diagnosis(Shown):
         Returns
         -------
         dict
-            Plain data for JSON of schema ``lpvid/diagnosis/2`` where sets were weighed, else ``lpvid/diagnosis/1``.
+            Plain data for JSON of schema ``lpvid/diagnosis/2`` where sets were evaluated, else ``lpvid/diagnosis/1``.
         """
         share = self.explained_share
         return {
@@ -442,7 +442,7 @@ class Diagnosis(Shown):
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
                   + ("" if c.probability is None else f", probability {c.probability:.2f}")
                   for c in self.causes[:3]]
-        lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
+        lines += [f"  cannot be distinguished: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
             other = f"; with {', '.join(self.stand_ins)}, not named" if self.stand_ins else ""
             lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} {self.after.part}, "
@@ -450,8 +450,8 @@ class Diagnosis(Shown):
         if self.wrong:
             lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"
                                                            for w in self.wrong[:3]))
-        if unseen := [c.name for c in self.cannot_tell if not c.unmeasured]:
-            lines.append(f"  {len(unseen)} candidates these data could not reveal: " + ", ".join(unseen[:6]))
+        if hidden := [c.name for c in self.cannot_tell if not c.unmeasured]:
+            lines.append(f"  {len(hidden)} candidates these data could not reveal: " + ", ".join(hidden[:6]))
         if absent := [c.unmeasured for c in self.cannot_tell if c.unmeasured]:
             lines.append(f"  {len(absent)} need a channel that was not measured: " + "; ".join(dict.fromkeys(absent)))
         lines += [f"  note: {n}" for n in self.notes[:4]]

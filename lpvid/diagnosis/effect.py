@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.baseline import Baseline
 
 MOST_POINTS = 14
-"""grid points at which an effect is looked at"""
+"""grid points at which an effect is screened"""
 BETWEEN = 0.01
 """share of a sample to which a time is known at best"""
 SPREAD = (0.003, 0.1, 1.0)
-"""least, middle and largest share of its natural size at which a number is looked at"""
+"""least, middle and largest share of its natural size at which a parameter is screened"""
 MOST_SIZES = 6
 """sizes of a strength, two to a decade"""
 STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")
@@ -50,7 +50,7 @@ class EffectParameter:
         Range in which a physical instance lies, SI; the search stays inside the wider `bounds`.
     bounds : (float, float)
     grid : tuple of float
-        Values to look at when screening: strengths away from neutral, or shapes.
+        Values at which it is screened: strengths away from neutral, or shapes.
     choices : tuple of str
         For a parameter that can only be one of several things: what its values 0, 1, 2 … mean. A search takes it from
         the grid and leaves it there.
@@ -75,7 +75,7 @@ class EffectParameter:
     def spread(self, scale: float | None, strength: bool) -> tuple[float, ...]:
         """The grid at the natural size of the data: as many decades apart, evenly in the logarithm, signs kept.
 
-        A strength that is looked at in one size, as one that acts in proportion is, is looked at in a tenth of it.
+        A strength with a single size in its grid, as one that acts in proportion, is screened at a tenth of the scale.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class LpvChange:
-    """What to change in the structure of an LPV model so that it can show an effect.
+    """Change of the structure of an LPV model by which it can represent an effect.
 
     Attributes
     ----------
@@ -146,10 +146,10 @@ class LpvChange:
 
 
 class Effect(ABC):
-    """A cause by name: what it does to a simulation, with which numbers, and which measurement would show it.
+    """A cause by name: its change of a simulation, its parameters, and the measurement that reveals it.
 
     The first parameter is the strength; at its neutral value the composition is the baseline to the last bit. A further
-    parameter is a shape (a corner frequency, a Stribeck speed), which means nothing at neutral strength.
+    parameter is a shape (a corner frequency, a Stribeck speed), which is without effect at neutral strength.
     """
 
     name: ClassVar[str]
@@ -175,7 +175,7 @@ class Effect(ABC):
     smooth: ClassVar[bool] = True
     """False where the output is not differentiable in the strength: scanned, never linearised"""
     partners: ClassVar[tuple[str, ...]] = ()
-    """names of effects with which it works together physically, tried as a pair where neither helps alone"""
+    """names of effects with which it is linked physically, visited as a pair: each alone may be without gain"""
     added_later: ClassVar[tuple[str, ...]] = ()
     """parameters that it had not from the first: a file without them is read with them at neutral"""
     rugged: ClassVar[str] = ""
@@ -185,20 +185,20 @@ class Effect(ABC):
     """what a lag, a delay or a filter acts on: "current", "motion", "force" or "all"; "" for everything else. Those of
     motion and force can fit each other's error and that of every dynamic cause: a set holds one of them"""
     stepwise: ClassVar[bool] = False
-    """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
+    """whether the strength is a lag that acts in whole samples of a held signal, so that it has no useful derivative"""
     flexible: ClassVar[bool] = False
-    """whether it is so general that it must win more than a component (`evidence.priors.FORM`)"""
+    """whether it is so general that its prior probability is lower (`evidence.priors.FORM_PROBABILITY`)"""
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
     form_of: ClassVar[str] = ""
     """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
     of its own. A special case that is another component (a stop, a linear spring) is none"""
     contains: ClassVar[tuple[str, ...]] = ()
-    """names of other components that its equation has inside, so that it can do their work besides its own"""
+    """names of other components that its equation contains, so that it can replace them"""
     behind: ClassVar[str] = ""
-    """stage without which it is nothing of its own: friction behind a spring needs something in series"""
+    """stage without which it has no effect of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""
-    """channel that it changes before the law reads it; nothing where neither the law nor another effect reads it"""
+    """channel that it changes before the law reads it; no candidate where neither the law nor an effect reads it"""
     brings: ClassVar[tuple[str, ...]] = ()
     """channels that a simulation reads with it though the law does not"""
 
@@ -209,7 +209,7 @@ class Effect(ABC):
 
     @abstractmethod
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        """Parameter vectors away from neutral at which it is looked at when screening; at most about a dozen.
+        """Parameter vectors away from neutral at which it is screened; at most about a dozen.
 
         Parameters
         ----------
@@ -236,9 +236,9 @@ class Effect(ABC):
         return self.points(signals)
 
     def refit_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """Where a refit may begin when the effect replaces another of its family.
+        """Start points of a refit in which the effect replaces another of its family.
 
-        At `spread_points`, and at further shapes, too many to be looked at always.
+        At `spread_points`, and at further shapes, too many to be screened always.
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ class Effect(ABC):
         """
 
     def determined(self, signals: tuple[Signals, ...]) -> str | None:
-        """Why these data could not show it whatever the law reads.
+        """Why these data could not reveal it whatever the law reads.
 
         Parameters
         ----------
@@ -442,7 +442,7 @@ class Effect(ABC):
 
 
 class GridEffect(Effect):
-    """An effect that is looked at on the product of its parameters' grids, whatever the data."""
+    """An effect that is screened on the product of its parameters' grids, whatever the data."""
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return _product([p.grid for p in self.parameters])
@@ -461,7 +461,7 @@ def _product(grids: Sequence[Sequence[float]]) -> list[np.ndarray]:
 
 
 def by_name(catalogue: tuple[Effect, ...]) -> Mapping[str, Effect]:
-    """The catalogue as a table; two effects of one name are refused.
+    """The catalogue as a table; two effects of one name are an error.
 
     Parameters
     ----------

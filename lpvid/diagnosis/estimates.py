@@ -41,7 +41,7 @@ def errors_of(
     power = max(sum(about), 1e-300)
     training = float(fit.errors @ fit.errors) / power
     if not held_out:
-        squares = float(folds.plain @ folds.plain)
+        squares = float(folds.errors @ folds.errors)
         return Errors(training, squares / power, float(np.sqrt(squares / problem.n_samples)))
     error, total, count = 0.0, 0.0, 0
     for record in held_out:

@@ -72,7 +72,7 @@ class ExtendedModel(Adaptable):
 
     @classmethod
     def of(cls, fit: Refit, covariance: np.ndarray, baseline: Baseline) -> ExtendedModel:
-        """From where a refit ended.
+        """From the result of a refit.
 
         Parameters
         ----------

@@ -36,21 +36,21 @@ AUTO = "auto"
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
-    """Everything a diagnosis starts from, ready to run.
+class DiagnosisTask:
+    """Prepared records, baseline and catalogue of a diagnosis.
 
     Attributes
     ----------
     prepared : PreparedRecords
         Records on one clock.
     baseline : Baseline
-        With its structure settled; fitted only if it was given with its parameters.
+        Fitted only if it was given with its parameters.
     fitted : bool
         Whether the parameters were given; they are then where the search starts, and what `as_given` measures.
     catalogue : tuple of Effect
     raw : tuple of Record
         As read, for the audit.
-    settled : bool
+    baseline_fitted : bool
         Whether the baseline has been fitted to these records already.
     """
 
@@ -59,7 +59,7 @@ class Question:
     fitted: bool
     catalogue: tuple[Effect, ...]
     raw: tuple[Record, ...]
-    settled: bool = False
+    baseline_fitted: bool = False
 
 
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -86,7 +86,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     sample_rate : float, optional
         Resample to this rate [Hz].
     progress : callable, optional
-        Receives in words what is being done.
+        Receives a line of text at every stage.
     units : mapping of str to str, optional
         Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
 
@@ -102,14 +102,14 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     """
     training, kept = ([] if part is None else as_records(part, name, units)
                       for part, name in ((records, "data"), (held_out, "held-out")))
-    question = pose(training, baseline, catalogue, kept, parameters=parameters, sample_rate=sample_rate,
+    task = prepare_task(training, baseline, catalogue, kept, parameters=parameters, sample_rate=sample_rate,
                     progress=progress)
-    return answer(question, settings, progress)
+    return run_task(task, settings, progress)
 
 
-def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
+def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
          held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
-         sample_rate: float | None = None, progress: Progress | None = None) -> Question:
+         sample_rate: float | None = None, progress: Progress | None = None) -> DiagnosisTask:
     """Resolve names, read the model, prepare the records; arguments as for `diagnose`.
 
     Parameters
@@ -125,7 +125,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
 
     Returns
     -------
-    Question
+    DiagnosisTask
 
     Raises
     ------
@@ -160,7 +160,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
     _check_moving(found, prepared.training)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
     causes = found.candidates(effects) if isinstance(found, ComposedBaseline) else tuple(effects)
-    return Question(prepared, found, fitted, causes, (*training, *kept), given == AUTO)
+    return DiagnosisTask(prepared, found, fitted, causes, (*training, *kept), given == AUTO)
 
 
 def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
@@ -177,16 +177,16 @@ def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
                          mend="check the sensor, or leave these files out")
 
 
-def answer(question: Question, settings: DiagnosisSettings | None = None,
+def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
            progress: Progress | None = None) -> Diagnosis:
-    """Run the engine on a question; the notes list what was done to the data.
+    """Run the engine on a task; the notes list what was done to the data.
 
     Parameters
     ----------
-    question : Question
+    task : DiagnosisTask
     settings : DiagnosisSettings, optional
     progress : callable, optional
-        Receives in words what is being done.
+        Receives a line of text at every stage.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
     from lpvid.diagnosis.settings import DiagnosisSettings
 
     settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
-    prepared, baseline = question.prepared, question.baseline
+    prepared, baseline = task.prepared, task.baseline
     notes = [*_polarity_note(baseline), *_unused_note(baseline, prepared.training), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
@@ -207,34 +207,34 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         report_progress(text)
 
     def examined() -> Audit:
-        return audit(question.raw,
-                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
+        return audit(task.raw,
+                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in task.raw)))
 
     report_progress("auditing")
     given = audited = None
-    if question.fitted:
+    if task.fitted:
         given = {"training": _esr(baseline, prepared.training),
                  "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
         notes.append("the baseline's parameters were given; the search moves them along with each candidate, so that a "
                      "wrong parameter is not taken for a cause" if baseline.vector.size else
                      "the baseline's parameters were given and stay as they are")
     try:
-        if settings.fit_baseline and not question.fitted and not question.settled:
+        if settings.fit_baseline and not task.fitted and not task.baseline_fitted:
             described(f"fitting {baseline.name}")
-            baseline, audited = _beside(lambda start=baseline: start.fit(prepared.training), examined)
-        found = engine.diagnose(prepared.training, baseline, question.catalogue, prepared.held_out,
+            baseline, audited = _in_parallel(lambda start=baseline: start.fit(prepared.training), examined)
+        found = engine.diagnose(prepared.training, baseline, task.catalogue, prepared.held_out,
                                 replace(settings, fit_baseline=False), described)
     except KeyboardInterrupt as stop:
         from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
-    extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
+    extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    return replace(_in_words_of_files(found, question.raw), audit=audited or examined(), notes=(*found.notes, *notes),
+    return replace(_with_channel_names(found, task.raw), audit=audited or examined(), notes=(*found.notes, *notes),
                    extended=extended, baseline=baseline_text)
 
 
-def _in_words_of_files(found: Diagnosis, records: Sequence[Record]) -> Diagnosis:
+def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosis:
     """The places of the error with the channel's own name, where one of another unit stands for the current."""
     first = with_current(records)[0][0]
     if not first.has("current") or first.unit("current") == "A":
@@ -249,7 +249,7 @@ def _in_words_of_files(found: Diagnosis, records: Sequence[Record]) -> Diagnosis
                    weights=None if weights is None else replace(weights, where=own(weights.where)))
 
 
-def _beside(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
+def _in_parallel(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
     """What two calls return, side by side where there are processors for both."""
     results: list[Any] = in_forks(lambda call: call(), (one, other))
     return results[0], results[1]
@@ -296,10 +296,10 @@ def _channels(model: Any) -> tuple[str, ...]:
     return (*(s.name for s in model.inputs), *model.box.names, *(s.name for s in model.outputs))
 
 
-def _with_roles(extended: ExtendedModel, question: Question) -> ExtendedModel:
+def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     """The extended model, with the channel of the files that played each of its roles in its metadata."""
-    raw = with_current(question.raw[:1])[0][0]
-    names = [n for n in (*extended.reads, question.baseline.output) if raw.has(n)]
+    raw = with_current(task.raw[:1])[0][0]
+    names = [n for n in (*extended.reads, task.baseline.output) if raw.has(n)]
     return replace(extended, metadata={**extended.metadata, "roles": roles(raw, names)})
 
 
@@ -372,11 +372,11 @@ def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:
     if "current" in baseline.channels or not all(r.has("current") for r in records):
         return []
     currents = [r["current"] for r in records]
-    together = np.concatenate(currents)
+    pooled = np.concatenate(currents)
     steps = float(np.mean(np.concatenate([np.diff(c) for c in currents]) ** 2))
-    if not steps / 2 < 0.5 * float(together.var()) > np.finfo(float).eps * float(np.mean(together**2)):
+    if not steps / 2 < 0.5 * float(pooled.var()) > np.finfo(float).eps * float(np.mean(pooled**2)):
         return []
-    return [f"the current moves between {together.min():.3g} and {together.max():.3g} and {baseline.name} does not use "
+    return [f"the current moves between {pooled.min():.3g} and {pooled.max():.3g} and {baseline.name} does not use "
             f"it: what it changes counts as error here, or as a cause of its own. --baseline {AUTO} looks for a law "
             "that uses it"]
 

@@ -306,13 +306,13 @@ def _refit(composition: Composition, starts: Sequence[np.ndarray], records: Sequ
     """The best of refits along what a search would look at of records."""
     from lpvid.diagnosis.blocks import Blocks
     from lpvid.diagnosis.evidence.thinning import for_search, thinned
-    from lpvid.diagnosis.facade import pose
+    from lpvid.diagnosis.facade import prepare_task
     from lpvid.diagnosis.problem import DiagnosisProblem
     from lpvid.diagnosis.refitting import refit
     from lpvid.diagnosis.signals import in_turn
 
     baseline = composition.baseline
-    thin, _ = thinned(pose(records, baseline, composition.effects).prepared.training, baseline)
+    thin, _ = thinned(prepare_task(records, baseline, composition.effects).prepared.training, baseline)
     signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     return min((refit(problem, composition, v, rough=True) for v in starts), key=lambda f: f.cost).vector

@@ -10,21 +10,21 @@ import numpy as np
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 
-STEPS = 8
+FOLD_ITERATIONS = 8
 """iterations of a refit to one fold, which begins at the fit to both"""
 
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Errors out of fold of one composition: each sample by the fit to the other fold, in which it weighs `LENT`.
+    """Errors out of fold: each sample by the fit to the other fold, in which it has the weight `OTHER_FOLD_WEIGHT`.
 
     Attributes
     ----------
-    plain : (N,) array
+    errors : (N,) array
         In the output's unit.
     """
 
-    plain: np.ndarray
+    errors: np.ndarray
 
 
 def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
@@ -40,10 +40,10 @@ def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
     -------
     Folds
     """
-    return joined(problem, [errors_beside(problem, fit, fold) for fold in (0, 1)])
+    return join_folds(problem, [errors_on_other_fold(problem, fit, fold) for fold in (0, 1)])
 
 
-def errors_beside(problem: DiagnosisProblem, fit: Refit, fold: int) -> np.ndarray:
+def errors_on_other_fold(problem: DiagnosisProblem, fit: Refit, fold: int) -> np.ndarray:
     """Errors on the samples of the other fold, by a refit to this one from the fit to both.
 
     Parameters
@@ -59,24 +59,24 @@ def errors_beside(problem: DiagnosisProblem, fit: Refit, fold: int) -> np.ndarra
     (n,) array
         In the output's unit.
     """
-    half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=STEPS, near=fit, rough=True)
+    half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=FOLD_ITERATIONS, near=fit, rough=True)
     return half.errors[problem.in_fold(1 - fold)]
 
 
-def joined(problem: DiagnosisProblem, beside: Sequence[np.ndarray]) -> Folds:
+def join_folds(problem: DiagnosisProblem, parts: Sequence[np.ndarray]) -> Folds:
     """Errors out of fold of all samples.
 
     Parameters
     ----------
     problem : DiagnosisProblem
-    beside : sequence of (n,) array
-        `errors_beside` fold 0 and fold 1.
+    parts : sequence of (n,) array
+        `errors_on_other_fold` fold 0 and fold 1.
 
     Returns
     -------
     Folds
     """
     errors = np.empty(problem.n_samples)
-    for fold, part in enumerate(beside):
+    for fold, part in enumerate(parts):
         errors[problem.in_fold(1 - fold)] = part
     return Folds(errors)

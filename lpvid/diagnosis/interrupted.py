@@ -1,4 +1,4 @@
-"""What an interrupted diagnosis holds: the baseline, where it is wrong, the state of the search."""
+"""Interrupted diagnoses: the baseline, its error, and the best set so far."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 
 @dataclass(frozen=True, eq=False)
 class BestSoFar:
-    """What an interrupted search had found.
+    """The best set of an interrupted search.
 
     Attributes
     ----------
     composition : Composition
-        The most probable set by then.
+        The most probable set so far.
     vector : (P,) array
     probability : float
         Its share among the sets that were visited.
@@ -38,7 +38,7 @@ class BestSoFar:
 
 
 class InterruptedSearch(KeyboardInterrupt):
-    """An interruption (Ctrl-C) of a search that had found something.
+    """An interruption (Ctrl-C) of a search after its first set.
 
     Attributes
     ----------
@@ -51,15 +51,15 @@ class InterruptedSearch(KeyboardInterrupt):
 
 
 def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best: BestSoFar | None = None) -> Diagnosis:
-    """A partial diagnosis: no verdict on any cause, the baseline's error and where it lies, the best set by then.
+    """A partial diagnosis: no verdict on any cause, the baseline's error and where it lies, the best set so far.
 
     Parameters
     ----------
     baseline : Baseline
-        Fitted, if the fit had ended.
+        Fitted, if the fit was complete.
     prepared : PreparedRecords
     stage : str
-        What was being done.
+        That was interrupted.
     best : BestSoFar, optional
         Of a search that had begun; it becomes the extended model, and nothing of it is named.
 
@@ -81,7 +81,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
         names = ", ".join(sorted(composition.members))
         reason += f"; best set so far: {names}, {best.probability:.2f} of the sets visited"
     unknown = np.full((vector.size, vector.size), np.nan)
-    return Diagnosis("cannot-tell", reason, baseline.describe(), before, after, None, {"name": "not looked at"}, wrong,
+    return Diagnosis("cannot-tell", reason, baseline.describe(), before, after, None, {"name": "not computed"}, wrong,
                      (), (), (), (), None, "training samples, nothing was held out",
                      ExtendedModel(composition, vector, unknown), baseline.output_unit, complete=False,
                      weights=None if best is None else best.weights)

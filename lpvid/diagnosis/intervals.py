@@ -1,4 +1,4 @@
-"""Intervals: the covariance of the parameters of a fitted set, with what the clock leaves open of a lag."""
+"""Intervals: the covariance of the parameters of a fitted set, with the resolution of the clock for lags."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """(P, P) covariance of a refit to all blocks; NaN for parameters at a bound, but for the strength of a lag.
 
     Two independent parts: the sandwich covariance of the fit (`refitting.covariance`), and the variance of a lag whose
-    signals are unknown between their samples (`Effect.clock_errors`). A lag that acts in whole samples makes the error
-    jump where it passes one, so that no derivative measures it: the variance of its strength is the second part alone.
+    signals are unknown between their samples (`Effect.clock_errors`). A lag that acts in whole samples has no
+    useful derivative: the variance of its strength is the second part alone.
 
     Parameters
     ----------

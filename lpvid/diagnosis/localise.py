@@ -1,4 +1,4 @@
-"""Localise: where the simulation goes wrong, in the words in which an engineer looks at it."""
+"""Localise: the regimes of the inputs, of time and of frequency that hold most of the error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOTABLE = 1.5
 
 
 @dataclass(frozen=True)
-class Wrong:
+class ErrorRegime:
     """A regime that holds more of the error than of the time.
 
     Attributes
@@ -44,7 +44,7 @@ class Wrong:
         return {"where": self.where, "share": self.share, "time": self.time}
 
 
-def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[Wrong, ...]:
+def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[ErrorRegime, ...]:
     """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency; worst first.
 
     Parameters
@@ -55,8 +55,8 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[W
 
     Returns
     -------
-    tuple of Wrong
-        At most eight regimes, those that stand out most; the share of the frequency bands is that of the error's power.
+    tuple of ErrorRegime
+        At most eight regimes; the share of the frequency bands is that of the error's power.
     """
     squared = problem.stack([e**2 for e in errors])
     total = float(squared.sum())
@@ -75,7 +75,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[W
             regimes.append(("after a change of current", np.abs(rate) > 0.1 * np.abs(rate).max()))
     place = np.concatenate([np.linspace(0, 1, n.size)[n >= 0] for n in problem.blocks.number])
     regimes += [("first third of the time", place < 1 / 3), ("last third of the time", place > 2 / 3)]
-    found = [Wrong(where, float(squared[inside].sum()) / total, float(inside.mean()))
+    found = [ErrorRegime(where, float(squared[inside].sum()) / total, float(inside.mean()))
              for where, inside in regimes if 0 < inside.mean() < 1]
     found += _bands(problem, errors)
     notable = [w for w in found if w.share > max(NOTABLE * w.time, 0.05) or (w.share > 0.65 and w.time < 0.55)]
@@ -110,7 +110,7 @@ def _after_reversal(velocity: np.ndarray) -> np.ndarray:
     return out
 
 
-def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[Wrong]:
+def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[ErrorRegime]:
     """Shares of the error's power; a frequency between 0 and half the rate counts twice, for its negative too."""
     period = problem.signals[0].sample_time
     power = np.zeros(len(BANDS))
@@ -123,5 +123,5 @@ def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[Wron
     total = float(power.sum())
     if not total > 0:
         return []
-    return [Wrong(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total, (min(b, top) - a) / top)
-            for (a, b), p in zip(BANDS, power, strict=True) if a < top]
+    return [ErrorRegime(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total,
+                        (min(b, top) - a) / top) for (a, b), p in zip(BANDS, power, strict=True) if a < top]

@@ -31,7 +31,7 @@ class NoiseLevel:
     description: str
 
     def bounded(self, most: float) -> NoiseLevel:
-        """The same, limited to what a model leaves on data not seen: no model predicts noise.
+        """The same, limited to the error of a model on data not seen: no model predicts noise.
 
         Repeats with slightly different inputs, or another initial state, differ by more than noise.
 
@@ -47,7 +47,7 @@ class NoiseLevel:
         if self.variance is None or self.variance <= most:
             return self
         return replace(self, variance=most, description=f"{self.description}: they differ by "
-                       f"{np.sqrt(2 * self.variance):.3g} rms, and what the model leaves out of fold bounds the noise")
+                       f"{np.sqrt(2 * self.variance):.3g} rms, and the error of the model out of fold bounds the noise")
 
 
 def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequence[np.ndarray]) -> NoiseLevel:

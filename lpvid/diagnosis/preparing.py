@@ -17,7 +17,7 @@ ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "
          "actuator")
 """roles that baselines and effects look for, where a baseline does not name its own"""
 SHORTEST = 50
-"""samples of a piece worth keeping"""
+"""samples of a piece at least"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Problem: records and their blocks; what every statistic of a diagnosis is computed from."""
+"""Problem: records and their blocks, of which every statistic of a diagnosis is computed."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.signals import Signals, in_turn
+from lpvid.record import Record
 
 EXPLODED = 1e100
 """size from which on a simulation counts as exploded; its square and the sums of that are finite still"""
@@ -128,6 +130,23 @@ class DiagnosisProblem:
         (N,) bool array
         """
         return self.blocks.fold[self.block] == fold
+
+
+def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:
+    """The problem of diagnosing a baseline along records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate; all of their samples are used.
+    baseline : Baseline
+
+    Returns
+    -------
+    DiagnosisProblem
+    """
+    signals = in_turn([baseline.signals(r) for r in records])
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
 
 
 def projector(jacobian: np.ndarray) -> np.ndarray:

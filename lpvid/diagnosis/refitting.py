@@ -11,31 +11,32 @@ import numpy as np
 
 from lpvid._memory import give_back
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.hopping import hop, hopped
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 from lpvid.diagnosis.signals import LONG
+from lpvid.diagnosis.trial_steps import step_by_trial, trial_parameters
 
 AT_BOUND = 1e-6
 """of its own scale, within which a parameter lies on a bound"""
 ITERATIONS = 25
-LEAST_DECREASE, ROUGHLY = 0.02, 0.3
-"""predicted fall of the log-likelihood from which a step is worth a run, and in a rough refit"""
-KEPT = 0.25
-"""share of the predicted decrease that a step by a carried-on Jacobian must reach, else it may lead elsewhere"""
-SHORTER = (1.0, 0.3, 0.1)
-"""shares of a step that are tried one after the other before it is damped: the valley may be bent"""
-BENT = 0.75
-"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is rejected"""
+LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
+"""predicted increase of the log-likelihood below which a refit ends, and below which a rough refit does"""
+DECREASE_RATIO = 0.25
+"""share of the predicted decrease that a step by an updated Jacobian must reach, else that is computed anew"""
+STEP_SHARES = (1.0, 0.3, 0.1)
+"""shares of a step that are tried one after the other before it is damped"""
+MOST_CORRECTION = 0.75
+"""length of the geodesic correction over that of the step, in units of the derivatives' norms, beyond which it is
+rejected"""
 FIRST_DAMPING, LEAST_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e10
-LENT = 0.01
-"""weight of the other fold in a fit to one: it holds what the samples of the one leave open, and little else"""
-SECANTS = 4
-"""steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
+OTHER_FOLD_WEIGHT = 0.01
+"""weight of the other fold in a fit to one: it determines what the samples of the one leave open, and little else"""
+SECANT_STEPS = 4
+"""steps for which a Jacobian is updated by secants (Broyden 1965) before it is computed anew"""
 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Where a refit ended.
+    """Result of a refit.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Refit:
     cache: dict = field(default_factory=dict, repr=False)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
-        """What `make` returns, found once for this fit; several threads may ask, for this fit and others.
+        """What `make` returns, computed once for this fit; several threads may ask, for this fit and others.
 
         Parameters
         ----------
@@ -77,14 +78,14 @@ class Refit:
 
     @property
     def jacobian(self) -> np.ndarray:
-        """(N, P) derivative of the simulation, all stacked samples; taken when it is first asked for."""
+        """(N, P) derivative of the simulation, all stacked samples; computed at first use."""
         return self.cached("jacobian", lambda: _jacobian(self.problem, self.composition, self.vector))
 
     @property
-    def yielding(self) -> np.ndarray:
-        """(N, k) derivative in the parameters that are free to take up an error.
+    def free_jacobian(self) -> np.ndarray:
+        """(N, k) derivative in the parameters that are free to reduce an error.
 
-        All parameters, except those of a fleet's law that stand at a bound of the fleet's range.
+        All parameters, except those of a fleet's law at a bound of the fleet's range.
         """
         if self.composition.flat is None:
             return self.jacobian
@@ -93,7 +94,7 @@ class Refit:
 
     @property
     def variance(self) -> float:
-        """Mean squared error, degrees of freedom taken off."""
+        """Mean squared error per degree of freedom."""
         return self.cost / max(self.n_samples - self.vector.size, 1)
 
     def at_bounds(self) -> np.ndarray:
@@ -110,17 +111,17 @@ class Refit:
 
 def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
               errors: list[np.ndarray] | None = None) -> np.ndarray:
-    """(N, P) exact (to differences) derivative, stacked."""
+    """(N, P) derivative, stacked, computed anew."""
     if problem.n_samples > LONG:  # it takes most; what was freed in pieces counts as used
         give_back()
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
                                                                zip(problem.signals, errors, strict=True)]
-    return _bounded(problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
+    return _finite(problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
                                    zip(problem.signals, at, strict=True)]))
 
 
-def _borrowed(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
-              near: Refit) -> np.ndarray:
+def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
+                     errors: list[np.ndarray], near: Refit) -> np.ndarray:
     """(N, P) derivative with the columns that a fit of a related composition has, the others taken at `vector`."""
     have = {name: k for k, name in enumerate(near.composition.names)}
     new = [k for k, name in enumerate(composition.names) if name not in have]
@@ -129,24 +130,24 @@ def _borrowed(problem: DiagnosisProblem, composition: Composition, vector: np.nd
         if name in have:
             out[:, k] = near.jacobian[:, have[name]]
     if new:
-        out[:, new] = _bounded(problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
+        out[:, new] = _finite(problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
                                               for s, e in zip(problem.signals, errors, strict=True)]))
     return out
 
 
-def _bounded(derivatives: np.ndarray) -> np.ndarray:
-    """The same array, written over: 0 where a law explodes. Column by column, as all below, for little memory."""
+def _finite(derivatives: np.ndarray) -> np.ndarray:
+    """The same array, 0 where a law diverges; column by column, as all below, for little memory."""
     for column in derivatives.T:
         column[~(np.abs(column) < EXPLODED)] = 0.0
     return derivatives
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that diverges has a large cost
 def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
     """Minimise the squared error over the blocks, or those of one fold, from `start`, inside the bounds.
 
-    By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
+    By `descend`; parameters without a useful derivative are also changed by trial, unless only one fold is fitted.
 
     Parameters
     ----------
@@ -155,24 +156,24 @@ def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray
     start : (P,) array
         What lies beyond the bounds is set on them.
     fold : {None, 0, 1}
-        Whose samples count, those of the other by `LENT` only; None for all alike.
+        Whose samples count, those of the other by `OTHER_FOLD_WEIGHT` only; None for all alike.
     iterations : int
         Of a descent at most; 0 for the errors at the start.
     near : Refit, optional
-        Of a related composition, whose derivatives serve until they fail.
+        Of a related composition, whose derivatives are used until a step by them fails.
     rough : bool
-        Whether to end where a carried-on Jacobian predicts no further decrease.
+        Whether to end where an updated Jacobian predicts no further decrease.
 
     Returns
     -------
     Refit
     """
     found = descend(problem, composition, start, fold, iterations, near, rough)
-    return found if fold is not None else hopped_on(found, iterations, rough)
+    return found if fold is not None else refined_by_trial(found, iterations, rough)
 
 
-def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -> Refit:
-    """A refit with its lags of whole samples hopped, and descended again where that helps.
+def refined_by_trial(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -> Refit:
+    """A refit with some parameters changed by trial (`trial_steps`), and refitted where that lowers the cost.
 
     Parameters
     ----------
@@ -186,12 +187,12 @@ def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -
     Returns
     -------
     Refit
-        The same one where there is no such lag or no hop lowers the cost.
+        The same one where there is no such parameter, or no trial lowers the cost.
     """
     problem, composition = found.problem, found.composition
-    if not hopped(composition):
+    if not trial_parameters(composition):
         return found
-    vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian)
+    vector, cost = step_by_trial(problem, composition, found.vector, found.cost, found.jacobian)
     if not cost < found.cost:
         return found
     after = descend(problem, composition, vector, None, iterations, None, rough)
@@ -199,7 +200,7 @@ def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -
 
 
 def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, worth: float = 1.0
+            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, sample_weight: float = 1.0
             ) -> Refit:
     """Minimise the squared error by derivatives: where `descent` is after so many iterations.
 
@@ -213,19 +214,19 @@ def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         At most; 0 for the errors at the start.
     near : Refit, optional
     rough : bool
-    worth : float
+    sample_weight : float
         As these of `descent`.
 
     Returns
     -------
     Refit
     """
-    *_, found = islice(descent(problem, composition, start, fold, near, rough, worth), iterations + 1)
+    *_, found = islice(descent(problem, composition, start, fold, near, rough, sample_weight), iterations + 1)
     return found
 
 
 def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            near: Refit | None = None, rough: bool = False, worth: float = 1.0) -> Iterator[Refit]:
+            near: Refit | None = None, rough: bool = False, sample_weight: float = 1.0) -> Iterator[Refit]:
     """The iterates of a minimisation by derivatives, from its start until no step has a further predicted decrease.
 
     Levenberg-Marquardt with columns scaled by their norms; a parameter at a bound is held if its step would cross it.
@@ -238,15 +239,15 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     composition : Composition
     start : (P,) array
     fold : {None, 0, 1}
-        Whose samples count, those of the other by `LENT` only: a level of the current that stands in one block alone
-        belongs to one fold, and without a trace of it the law runs away there.
+        Whose samples count, those of the other by `OTHER_FOLD_WEIGHT` only: a level of the current that occurs in
+        a single block belongs to one fold, and without its samples the law is undetermined there.
     near : Refit, optional
-        Of a related composition, whose derivatives serve until they fail.
+        Of a related composition, whose derivatives are used until a step by them fails.
     rough : bool
-        Whether to end where a carried-on Jacobian predicts no further decrease.
-    worth : float
-        Independent samples that each sample counts for: where the error is structure, a fall of the log-likelihood by
-        `LEAST_DECREASE` takes more.
+        Whether to end where an updated Jacobian predicts no further decrease.
+    sample_weight : float
+        Independent samples that each sample counts as: for a structured error, a fall of the log-likelihood by
+        `LEAST_DECREASE` requires a larger decrease of the cost.
 
     Yields
     ------
@@ -254,7 +255,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     """
     low, high = composition.bounds
     own = np.ones(problem.n_samples, dtype=bool) if fold is None else problem.in_fold(fold)
-    count, weights = int(own.sum()), np.where(own, 1.0, LENT)
+    count, weights = int(own.sum()), np.where(own, 1.0, OTHER_FOLD_WEIGHT)
 
     def at(vector: np.ndarray) -> tuple[Refit, list[np.ndarray]]:
         vector = np.clip(vector, low, high)
@@ -270,16 +271,16 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     if near is None:
         jacobian, age = derivative(), 0
     else:
-        jacobian, age = _borrowed(problem, composition, now.vector, errors, near), 1
+        jacobian, age = _reused_jacobian(problem, composition, now.vector, errors, near), 1
     damping, failed = FIRST_DAMPING, False
     while damping <= MAX_DAMPING:
-        if age > SECANTS:
+        if age > SECANT_STEPS:
             del jacobian  # before another one of its size is taken
             jacobian, age = derivative(), 0
         step, predicted = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
-        little = predicted < (ROUGHLY if rough else LEAST_DECREASE) * now.cost / (worth * count)
+        little = predicted < (ROUGH_DECREASE if rough else LEAST_DECREASE) * now.cost / (sample_weight * count)
         if little:
-            if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step predicts little
+            if damping > LEAST_DAMPING and not failed:  # along a curved valley a damped step predicts little
                 damping = max(damping / 100, LEAST_DAMPING)
                 continue
             if age == 0 or rough:
@@ -288,15 +289,16 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             jacobian, age = derivative(), 0
             yield now
             continue
-        for share in (SHORTER if age == 0 else SHORTER[:1]):
+        for share in (STEP_SHARES if age == 0 else STEP_SHARES[:1]):
             there = at(now.vector + share * step)
-            if age == 0 and now.cost - there[0].cost < KEPT * share * predicted:
-                missed = now.errors - there[0].errors - share * (jacobian @ step)
-                bend = _bend(jacobian, missed / share**2, step, weights, now.vector, damping, low, high)
-                bent = there if bend is None else at(now.vector + step + bend)
-                there = bent if bent[0].cost < there[0].cost else there
-            if now.cost - there[0].cost > (KEPT * predicted if age else 0.0):
-                _carry(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
+            if age == 0 and now.cost - there[0].cost < DECREASE_RATIO * share * predicted:
+                deviation = now.errors - there[0].errors - share * (jacobian @ step)
+                correction = _geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping,
+                                                  low, high)
+                corrected = there if correction is None else at(now.vector + step + correction)
+                there = corrected if corrected[0].cost < there[0].cost else there
+            if now.cost - there[0].cost > (DECREASE_RATIO * predicted if age else 0.0):
+                _broyden_update(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
                 (now, errors), age, damping, failed = there, age + 1, max(damping / 5, LEAST_DAMPING), False
                 break
         else:
@@ -308,40 +310,41 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         yield now
 
 
-def _bend(jacobian: np.ndarray, missed: np.ndarray, step: np.ndarray, weights: np.ndarray, vector: np.ndarray,
-          damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """By how much a step must bend to stay in a curved valley; None where that is not finite, or too much.
+def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.ndarray, weights: np.ndarray,
+                         vector: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+    """Second-order correction of a step in a curved valley; None where it is not finite, or too long.
 
     Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
-    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, kept below `BENT` of the step.
+    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, below `MOST_CORRECTION` of the step.
 
     Parameters
     ----------
     jacobian : (N, P) array
-    missed : (N,) array
-        f_ss/2: what a step changed beyond what the derivatives give, over the square of its share.
+    deviation : (N,) array
+        f_ss/2: the change by a step beyond that of the derivatives, over the square of its share.
     step : (P,) array
     weights : (N,) array
     vector : (P,) array
     damping : float
     low, high : (P,) array
     """
-    if not np.isfinite(missed).all():
+    if not np.isfinite(deviation).all():
         return None
-    bend, _ = _step(jacobian, -missed, weights, np.clip(vector + step, low, high), damping, low, high)
+    correction, _ = _step(jacobian, -deviation, weights, np.clip(vector + step, low, high), damping, low, high)
     norms = np.linalg.norm(jacobian, axis=0)
-    return bend if 0.0 < np.linalg.norm(bend * norms) <= BENT * np.linalg.norm(step * norms) else None
+    length = np.linalg.norm(correction * norms)
+    return correction if 0.0 < length <= MOST_CORRECTION * np.linalg.norm(step * norms) else None
 
 
-def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
+def _broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
     """Broyden's update in place, in parameters scaled by the columns' norms: J step = change afterwards."""
     norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     scaled = step * norms
     length = float(scaled @ scaled)
     if length > 0 and np.isfinite(change).all():
-        missed = change - jacobian @ step
+        deviation = change - jacobian @ step
         for k, share in enumerate(scaled * norms / length):
-            jacobian[:, k] += missed * share
+            jacobian[:, k] += deviation * share
 
 
 def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector: np.ndarray, damping: float,
@@ -361,12 +364,12 @@ def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector:
     scale = norms[free]
     matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)
     room = (low - vector)[free] * scale, (high - vector)[free] * scale
-    step[free] = _inside(matrix, gradient[free] / scale, *room) / scale
+    step[free] = _bounded_minimiser(matrix, gradient[free] / scale, *room) / scale
     step = np.clip(vector + step, low, high) - vector
     return step, float(2 * step @ gradient - step @ hessian @ step)
 
 
-def _inside(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _bounded_minimiser(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """(k,) minimiser of xᵀ M x/2 − bᵀ x, between bounds, for a positive semidefinite M."""
     try:
         x = np.linalg.solve(matrix, right)

@@ -1,4 +1,4 @@
-"""Remainder: whether the error that is left still follows the inputs, where no repeats give the noise."""
+"""Remainder: the share of the error left that is predictable from the inputs."""
 
 from __future__ import annotations
 
@@ -86,9 +86,9 @@ def predicted_share(problem: DiagnosisProblem, errors: Sequence[np.ndarray], cha
 def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.ndarray]:
     """Per record, (n, f) random functions of the inputs, the same for all records."""
     raw = [_regressors(s, channels) for s in signals]
-    together = np.vstack(raw)
-    centre, spread = together.mean(axis=0), together.std(axis=0)
-    moving = spread > 1e-9 * np.maximum(np.abs(together).max(axis=0), 1e-300)
+    pooled = np.vstack(raw)
+    centre, spread = pooled.mean(axis=0), pooled.std(axis=0)
+    moving = spread > 1e-9 * np.maximum(np.abs(pooled).max(axis=0), 1e-300)
     rng = np.random.default_rng(0)
     width = int(moving.sum())
     weights = rng.standard_normal((width, UNITS)) / np.sqrt(max(width, 1))

@@ -1,4 +1,4 @@
-"""Directions of the candidates, what the data could reveal of them, and which of them the residual contains."""
+"""Screening: changes of the output by single effects, their detectability, and their p-values in the residual."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
 
-FLIPS = 2000
+SIGN_PATTERNS = 2000
 """sign patterns drawn for the distribution of the largest statistic"""
-DETECT = 10.0
+DETECTABLE_RATIO = 10.0
 """log-likelihood ratio, beyond ln n, at which a strength counts as detectable"""
-FAINT = 1e-4
+VISIBLE_SHARE = 1e-4
 """share of its own norm below which a direction is a combination of the baseline's sensitivities"""
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What one strength and shape of an effect does to the output, beyond what the baseline can do.
+    """Change of the output by an effect at one grid point, the sensitivities of a fit projected out.
 
     Attributes
     ----------
@@ -36,9 +36,9 @@ class Direction:
     size : float
         Root mean square of f(values) − f(neutral) in the output's unit.
     gain : float
-        Squared error that it takes away, in its own sense: (change·e)₊²/‖change‖².
+        Reduction of the squared error when scaled, in its own sense: (change·e)₊²/‖change‖².
     share : float
-        Share of the change at which it takes away most: (change·e)₊/‖change‖².
+        Factor on the change of the largest reduction: (change·e)₊/‖change‖².
     """
 
     effect: Effect
@@ -51,8 +51,8 @@ class Direction:
     share: float
 
     @property
-    def at_face_value(self) -> float:
-        """Squared error that it takes away as it stands: 2 change·e − ‖change‖², which may be negative."""
+    def unscaled_gain(self) -> float:
+        """Reduction of the squared error without scaling: 2 change·e − ‖change‖², which may be negative."""
         return (2 * self.share - 1) * self.norm**2
 
     @property
@@ -63,12 +63,12 @@ class Direction:
 
     @property
     def visible(self) -> bool:
-        """Whether the baseline's own parameters could not produce it."""
-        return self.norm > FAINT * max(self.raw_norm, 1e-300) and self.norm > 0
+        """Whether it is no combination of the sensitivities of the fit."""
+        return self.norm > VISIBLE_SHARE * max(self.raw_norm, 1e-300) and self.norm > 0
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ScreeningResult:
     """Result of the screening for one effect.
 
     Attributes
@@ -95,8 +95,8 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
-    """What one strength and shape of an effect does to the simulation, record by record, as it stands.
+class CandidateChange:
+    """Change of the simulation by an effect at one grid point, record by record.
 
     Attributes
     ----------
@@ -111,10 +111,9 @@ class Move:
     change: tuple[np.ndarray, ...]
 
 
-def move(
-    problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray, now: Sequence[np.ndarray] | None = None
-) -> Move | None:
-    """One candidate at given values; None where it does not simulate. `now` is the simulation of the fit, if known.
+def candidate_change(problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray,
+                     simulated: Sequence[np.ndarray] | None = None) -> CandidateChange | None:
+    """Change of the simulation of a fit by one effect at given values; None where it is not finite.
 
     Parameters
     ----------
@@ -124,64 +123,58 @@ def move(
     effect : Effect
     values : (k,) array
         Its parameters.
-    now : sequence of (n,) arrays, optional
-        One for each record, in the output's unit.
+    simulated : sequence of (n,) arrays, optional
+        The simulation of the fit, if known: one for each record, in the output's unit.
 
     Returns
     -------
-    Move or None
+    CandidateChange or None
     """
-    now = [fit.composition.predict(s, fit.vector) for s in problem.signals] if now is None else now
-    return _move(problem, fit, now, effect, values)
-
-
-def _move(
-    problem: DiagnosisProblem, fit: Refit, now: Sequence[np.ndarray], effect: Effect, values: np.ndarray
-) -> Move | None:
-    bigger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
-    vector = placed(bigger, fit, {effect.name: values})
+    simulated = [fit.composition.predict(s, fit.vector) for s in problem.signals] if simulated is None else simulated
+    larger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
+    vector = start_vector(larger, fit, {effect.name: values})
     with np.errstate(all="ignore"):
-        change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))
+        change = tuple(larger.predict(s, vector) - f for s, f in zip(problem.signals, simulated, strict=True))
     if not all(np.isfinite(c).all() for c in change):
         return None
-    rounding = ROUNDING * max(float(np.abs(f).max()) for f in now)
-    return Move(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
+    rounding = ROUNDING * max(float(np.abs(f).max()) for f in simulated)
+    return CandidateChange(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
 
 
-def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move], basis: np.ndarray | None = None
-               ) -> list[Direction]:
-    """Moves with the sensitivities of the fitted composition projected out; `basis` is theirs, where it is known.
+def directions(problem: DiagnosisProblem, fit: Refit, changes: Sequence[CandidateChange],
+               basis: np.ndarray | None = None) -> list[Direction]:
+    """Changes with the sensitivities of a fit projected out.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     fit : Refit
-        Whose errors they are compared with.
-    moved : sequence of Move
+        With whose errors they are compared.
+    changes : sequence of CandidateChange
     basis : (N, r) array, optional
-        Orthonormal.
+        Orthonormal, of the sensitivities, if known.
 
     Returns
     -------
     list of Direction
-        One for each move, in their order.
+        One for each change, in their order.
     """
-    if not moved:
+    if not changes:
         return []
-    basis = projector(fit.yielding) if basis is None else basis
-    raw = np.array([problem.stack(m.change) for m in moved])
-    changes = without(basis, raw.T).T
-    norms, raw_norms = np.linalg.norm(changes, axis=1), np.linalg.norm(raw, axis=1)
-    shares = np.maximum(changes @ fit.errors, 0.0) / np.where(norms > 0, norms, np.inf) ** 2
+    basis = projector(fit.free_jacobian) if basis is None else basis
+    raw = np.array([problem.stack(m.change) for m in changes])
+    beyond = without(basis, raw.T).T
+    norms, raw_norms = np.linalg.norm(beyond, axis=1), np.linalg.norm(raw, axis=1)
+    shares = np.maximum(beyond @ fit.errors, 0.0) / np.where(norms > 0, norms, np.inf) ** 2
     out = []
-    for m, change, norm, raw_norm, share in zip(moved, changes, norms.tolist(), raw_norms.tolist(), shares.tolist(),
+    for m, change, norm, raw_norm, share in zip(changes, beyond, norms.tolist(), raw_norms.tolist(), shares.tolist(),
                                                 strict=True):
         out.append(Direction(m.effect, m.values, change, norm, raw_norm, raw_norm / np.sqrt(problem.n_samples),
                              share**2 * norm**2, share))
     return out
 
 
-def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -> np.ndarray:
+def start_vector(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -> np.ndarray:
     """(P,) start of a larger composition: a fit's parameters where it has them, `given` for the new effects.
 
     Parameters
@@ -190,12 +183,12 @@ def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -
     fit : Refit
         Beside the same baseline.
     given : dict of str to (k,) array
-        Parameters by the name of the effect; they come before the fit's.
+        Parameters by the name of the effect, in place of the fit's.
 
     Returns
     -------
     (P,) array
-        Neutral for an effect that neither has.
+        Neutral for any other effect.
     """
     own = {e.name: fit.vector[p] for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     vector = composition.neutral
@@ -211,53 +204,53 @@ def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -
 
 def screen(
     problem: DiagnosisProblem, fit: Refit, found: Sequence[Direction], rng: np.random.Generator
-) -> list[Evidence]:
+) -> list[ScreeningResult]:
     """Likelihood ratios of all candidates and block p-values of the largest statistic, strongest first.
 
-    Under "nothing hidden" the block sums u_b have random signs whatever the noise's size and (within a block) colour,
-    so that flipping whole blocks gives the distribution of the maximum over all candidates and grid points.
+    Under the null hypothesis the block sums u_b have random signs whatever the noise's size and, within a block, its
+    colour, so that flipping whole blocks gives the distribution of the maximum over all candidates and grid points.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     fit : Refit
-        What the directions were taken around.
+        Whose sensitivities were projected out of the directions.
     found : sequence of Direction
     rng : Generator
 
     Returns
     -------
-    list of Evidence
+    list of ScreeningResult
         One for each effect that has a direction.
     """
-    residual = without(projector(fit.yielding), fit.errors)
+    residual = without(projector(fit.free_jacobian), fit.errors)
     variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), 1e-300)
-    seen = [d for d in found if d.visible]
-    by_effect: dict[str, Evidence] = {}
-    if seen:
-        unit = np.column_stack([d.change / d.norm for d in seen])
+    visible = [d for d in found if d.visible]
+    by_effect: dict[str, ScreeningResult] = {}
+    if visible:
+        unit = np.column_stack([d.change / d.norm for d in visible])
         sums = problem.block_sums(unit * residual[:, None])
-        score = np.maximum(sums.sum(axis=0), 0.0)  # a move counts in its own sense: friction is never negative
+        score = np.maximum(sums.sum(axis=0), 0.0)  # a change counts in its own sense: friction is never negative
         ratio = score**2 / variance
         power = np.maximum((sums**2).sum(axis=0), 1e-300)
         statistic = score**2 / power
-        signs = rng.choice([-1.0, 1.0], size=(FLIPS, problem.blocks.count))
+        signs = rng.choice([-1.0, 1.0], size=(SIGN_PATTERNS, problem.blocks.count))
         squares = np.maximum(signs @ sums, 0.0) ** 2
         null = np.column_stack([(squares / power).max(axis=1), squares.max(axis=1)])
         p_values = _p_values(null, np.column_stack([statistic, score**2]))
     for effect in dict.fromkeys(d.effect for d in found):
-        mine = [k for k, d in enumerate(seen) if d.effect is effect]
-        if not mine:
-            by_effect[effect.name] = Evidence(effect, 0.0, 0.0, 1.0, None, None)
+        own = [k for k, d in enumerate(visible) if d.effect is effect]
+        if not own:
+            by_effect[effect.name] = ScreeningResult(effect, 0.0, 0.0, 1.0, None, None)
             continue
-        best = max(mine, key=lambda k: ratio[k])
-        p = float(p_values[mine].min())
-        by_effect[effect.name] = Evidence(effect, float(ratio[best]), float(statistic[best]), p, seen[best],
-                                          _smallest(effect, [seen[k] for k in mine], variance, problem.n_samples))
+        best = max(own, key=lambda k: ratio[k])
+        p = float(p_values[own].min())
+        by_effect[effect.name] = ScreeningResult(effect, float(ratio[best]), float(statistic[best]), p, visible[best],
+                                          _smallest(effect, [visible[k] for k in own], variance, problem.n_samples))
     return sorted(by_effect.values(), key=lambda e: -e.likelihood_ratio)
 
 
-def _p_values(null: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _p_values(null: np.ndarray, visible: np.ndarray) -> np.ndarray:
     """(k,) p-values of k candidates by the better of two statistics, (flips, 2) under the null and (k, 2) as seen.
 
     The share of sign patterns in which the largest value of either statistic ranks as high among all patterns: as cheap
@@ -267,14 +260,14 @@ def _p_values(null: np.ndarray, seen: np.ndarray) -> np.ndarray:
     ordered = np.sort(null, axis=0)
     size = len(null)
     best = np.min([size - np.searchsorted(o, n, side="left") for o, n in zip(ordered.T, null.T, strict=True)], axis=0)
-    mine = np.min([size - np.searchsorted(o, s, side="left") for o, s in zip(ordered.T, seen.T, strict=True)], axis=0)
-    return (1 + np.searchsorted(np.sort(best), mine, side="right")) / (1 + size)
+    own = np.min([size - np.searchsorted(o, s, side="left") for o, s in zip(ordered.T, visible.T, strict=True)], axis=0)
+    return (1 + np.searchsorted(np.sort(best), own, side="right")) / (1 + size)
 
 
-def _smallest(effect: Effect, seen: Sequence[Direction], variance: float, n: int) -> float | None:
-    """Smallest strength with a likelihood ratio of 10 + ln n at some shape: by proportion, or off the scan."""
-    wanted = np.sqrt(variance * (DETECT + np.log(n)))
+def _smallest(effect: Effect, visible: Sequence[Direction], variance: float, n: int) -> float | None:
+    """Smallest strength with a likelihood ratio of 10 + ln n at some shape: in proportion, or of the grid points."""
+    wanted = np.sqrt(variance * (DETECTABLE_RATIO + np.log(n)))
     if effect.smooth:
-        return float(min(d.strength * wanted / d.norm for d in seen))
-    enough = [d.strength for d in seen if d.norm >= wanted]
-    return float(min(enough)) if enough else None
+        return float(min(d.strength * wanted / d.norm for d in visible))
+    detectable = [d.strength for d in visible if d.norm >= wanted]
+    return float(min(detectable)) if detectable else None

@@ -21,7 +21,7 @@ class FileCauses:
     probabilities : tuple of (float or None)
         That each is there, calibrated on cases of two rigs with named laws as baselines; None where none was computed.
     rivals : tuple of tuple of str
-        Groups of causes that the file's data cannot keep apart.
+        Groups of causes that the file's data cannot distinguish.
     verdict : str
     strengths : mapping of str to str
         Of a cause, its strength here and the median of healthy files, in words.

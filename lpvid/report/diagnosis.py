@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
-from lpvid.diagnosis.evidence.discrepancy import MISSED
-from lpvid.diagnosis.facade import Question
+from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
+from lpvid.diagnosis.facade import DiagnosisTask
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.plot.style import label
@@ -38,14 +38,14 @@ _REPEAT = ("Repeat the run. An error that the repeat does not show again is nois
            "these data can show; one that it shows again has a cause which none of those known here explains.")
 
 
-def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | None = None,
+def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | None = None,
                    experiment: Sequence[str] = ()) -> Page:
     """A page about a diagnosis.
 
     Parameters
     ----------
     found : Diagnosis
-    question : Question
+    task : DiagnosisTask
         Records and baseline.
     lpv : LpvExtension, optional
         The same causes in an LPV model.
@@ -56,11 +56,11 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     -------
     Page
     """
-    shown = before_after(found, question)
+    shown = before_after(found, task)
     extended = found.extended is not None and bool(found.extended.effects)
     mark, advice = _MARKS[found.verdict], _ADVICE[found.verdict]
     if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
-            found.after.esr_held_out > MISSED**2:  # much, and nothing shows that it is noise
+            found.after.esr_held_out > ACCEPTABLE_MISFIT**2:  # much, and nothing shows that it is noise
         mark, advice = "warn", _REPEAT
     sections = [Section("What to do", (Paragraph(advice, strong=True), *_proposal(found, experiment)))]
     if found.causes or found.rivals:
@@ -79,14 +79,14 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
                 tuple(sections))
 
 
-def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]:
+def before_after(found: Diagnosis, task: DiagnosisTask) -> list[draw.BeforeAfter]:
     """The records with the free runs of the baseline and of the extended model, in the records' sense.
 
     Parameters
     ----------
     found : Diagnosis
         Its baseline's refitted parameters are used where it holds them.
-    question : Question
+    task : DiagnosisTask
         What was diagnosed, with its prepared records.
 
     Returns
@@ -95,10 +95,10 @@ def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]
         Training records, then held-out ones; without an extended model its run is that of the baseline.
     """
     values = np.array([p["value"] for p in found.baseline.get("parameters", [])], dtype=float)
-    baseline = question.baseline if found.extended is None else found.extended.composition.baseline
+    baseline = task.baseline if found.extended is None else found.extended.composition.baseline
     baseline = baseline.with_vector(values) if values.size == baseline.vector.size else baseline
     listed = []
-    for part, records in (("training", question.prepared.training), ("held-out", question.prepared.held_out)):
+    for part, records in (("training", task.prepared.training), ("held-out", task.prepared.held_out)):
         for record in records:
             s = baseline.signals(record)
             before = baseline.core(baseline.vector)(s)
@@ -164,7 +164,8 @@ def _causes(found: Diagnosis) -> list[Item]:
         described = [(" / ".join(r.names), number(r.similarity, 3),
                  "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
                 for r in found.rivals]
-        heads = ("cannot be kept apart", "weight of the others", "parameters, each taken alone", "what separates them")
+        heads = ("cannot be distinguished", "weight of the others", "parameters, each taken alone",
+                 "what separates them")
         items.append(PageTable(heads, tuple(described), "", (1,), ("warn",) * len(described)))
     return items
 

@@ -73,7 +73,7 @@ def _who(found: FleetResult) -> list[Item]:
                 "Score: distance from the fleet over the typical one. q: least false discovery rate at "
                 "which the file is named. Cause: what the file has beyond the law and the causes that healthy files "
                 "share, or in a strength outside theirs, with its probability; after it, those that the file's data "
-                "cannot keep apart; without either, the verdict. As in healthy files: named by its diagnosis, but no "
+                "cannot distinguish; without either, the verdict. As in healthy files: named by its diagnosis, but no "
                 "stronger than there.",
                 (1, 2, 3, 4, 5),
             )

@@ -14,7 +14,7 @@ from lpvid.report import Section
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.diagnosis import Diagnosis
-    from lpvid.diagnosis.facade import Question
+    from lpvid.diagnosis.facade import DiagnosisTask
 
 HIDDEN = (("coil-lag", 0.5), ("coulomb-friction", 1.0), ("gas-stiffness", 1.5), ("asymmetry", 0.3))
 """causes of which the seed hides one, with strengths in units of the rig's"""
@@ -30,14 +30,14 @@ class HiddenCause(Encoded):
     ----------
     hidden : str
         The rig's cause.
-    question : Question
+    task : DiagnosisTask
     found : Diagnosis
     """
 
     JSON = ("hidden", "named", "verdict", ("diagnosis", "found"))
 
     hidden: str
-    question: Question
+    task: DiagnosisTask
     found: Diagnosis
 
     @property
@@ -74,7 +74,7 @@ class HiddenCause(Encoded):
         from lpvid.report import Item, PageFigure, Paragraph
         from lpvid.report.diagnosis import before_after
 
-        shown = [replace(s, origin="virtual") for s in before_after(self.found, self.question)]
+        shown = [replace(s, origin="virtual") for s in before_after(self.found, self.task)]
         items: list[Item] = [Paragraph(self.verdict, strong=True)]
         items += [Paragraph(f"{c.name}: {', '.join(map(str, c.parameters))}.") for c in self.found.causes]
         drawn = draw.loops(shown[-1:], bool(self.named))
@@ -105,13 +105,13 @@ def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda
     HiddenCause
         The same for the same seed.
     """
-    from lpvid.diagnosis.facade import answer, pose
+    from lpvid.diagnosis.facade import prepare_task, run_task
     from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
 
     name, strength = HIDDEN[int(np.random.default_rng([seed, 1]).integers(len(HIDDEN)))]
     rig = Rig(damper=RigDamper.static(), effects=(effect(name, strength),))
     test = replace(EXPERIMENTS["test-3"], duration=DURATION)
-    question = pose([rig.run(test, seed, 0)], "guo", "quartercar", [rig.run(test, seed, 1)])
-    found = HiddenCause(name, question, answer(question, None, report_progress))
+    task = prepare_task([rig.run(test, seed, 0)], "guo", "quartercar", [rig.run(test, seed, 1)])
+    found = HiddenCause(name, task, run_task(task, None, report_progress))
     report_progress(f"drawing {found.section.title.lower()}")
     return found

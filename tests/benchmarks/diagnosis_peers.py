@@ -35,7 +35,7 @@ from scipy.stats import chi2
 
 import lpvid as lpv
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.facade import pose
+from lpvid.diagnosis.facade import prepare_task
 from lpvid.diagnosis.signals import Signals
 
 LIMIT = 6
@@ -194,9 +194,9 @@ def answers(row: dict) -> dict[str, dict]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         cases.written(world, cases.measured(world, world.run(hidden)), path)
-        question = pose(lpv.read(str(path)), plan.baseline)
-    record = question.prepared.training[0]
-    baseline = question.baseline.fit(list(question.prepared.training))
+        task = prepare_task(lpv.read(str(path)), plan.baseline)
+    record = task.prepared.training[0]
+    baseline = task.baseline.fit(list(task.prepared.training))
     bench = bench_of(baseline, baseline.signals(record))
     found = {}
     for name, peer in PEERS.items():

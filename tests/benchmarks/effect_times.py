@@ -24,10 +24,10 @@ import numpy as np  # noqa: E402
 
 import lpvid as lpv  # noqa: E402
 from lpvid.diagnosis.composition import Composition  # noqa: E402
-from lpvid.diagnosis.evidence.engine import problem_of, usable_of  # noqa: E402
+from lpvid.diagnosis.evidence.engine import usable_of  # noqa: E402
 from lpvid.diagnosis.evidence.scaling import Scales  # noqa: E402
 from lpvid.diagnosis.preparing import prepare  # noqa: E402
-from lpvid.diagnosis.problem import DiagnosisProblem  # noqa: E402
+from lpvid.diagnosis.problem import DiagnosisProblem, problem_of  # noqa: E402
 from lpvid.diagnosis.refitting import descend  # noqa: E402
 from lpvid.diagnosis.registry import named_baseline  # noqa: E402
 from lpvid.record import Record  # noqa: E402

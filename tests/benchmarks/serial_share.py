@@ -46,7 +46,7 @@ class Stages:
         """The same call, its seconds noted; one inside another counts with that."""
         def noted(*given: Any) -> Any:
             frame = sys._getframe(1)
-            caller = (frame.f_back if frame.f_code.co_name == "each" else frame).f_code.co_name  # type: ignore
+            caller = (frame.f_back if frame.f_code.co_name == "in_parallel" else frame).f_code.co_name  # type: ignore
             before, self.inside = spent(), self.inside + 1
             try:
                 return call(*given)

@@ -15,7 +15,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.screening import Direction, directions, move
+from lpvid.diagnosis.screening import Direction, candidate_change, directions
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Channel, Record
 
@@ -206,5 +206,5 @@ def fitted(*records: Record) -> tuple[DiagnosisProblem, Refit]:
 
 def seen(problem: DiagnosisProblem, fit: Refit, effects: Sequence[Effect] = CAUSES) -> list[Direction]:
     """Directions of effects at their grid points, beside a fit."""
-    found = [move(problem, fit, e, v) for e in effects for v in e.points(problem.signals)]
+    found = [candidate_change(problem, fit, e, v) for e in effects for v in e.points(problem.signals)]
     return directions(problem, fit, [m for m in found if m is not None])

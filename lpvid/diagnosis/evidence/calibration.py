@@ -1,4 +1,4 @@
-"""Calibration: from what a search found of a cause to the probability that it is there."""
+"""Calibration: from the weight of a cause among the visited sets to the probability that it is present."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.weighing import Weighed
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 
 COEFFICIENTS = (-1.64, 1.01, 1.67)
 """a, b and c of the map, by logistic regression (Platt 1999) on cases of both rigs and measured records, each source
-counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md says
-how far they hold"""
-TINY = 1e-300
-Finding = Callable[[Weighed], Effect | None]
-"""The effect of a set by which it holds something; None where it does not."""
+counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md has
+their validation"""
+LEAST_WEIGHT = 1e-300
+Matcher = Callable[[EvaluatedSet], Effect | None]
+"""From a set to its effect that matches; None where none does."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """What speaks for something that some sets hold.
+    """Support of the visited sets for a component, a form or a family.
 
     Attributes
     ----------
     weight, against : float
-        Of these sets and of the others among all.
+        Of the sets with a match and of those without.
     structured : float
-        Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
-        the law gets wrong by less than the noise is taken for a cause.
+        Share of the error of the best set beyond the noise floor. Where all is noise every sample counts, so that an
+        error of the law below the noise level has the weight of a cause.
     """
 
     weight: float
@@ -37,15 +37,14 @@ class Support:
     structured: float
 
     @classmethod
-    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding, structured: float) -> Support:
+    def of(cls, sets: Sequence[tuple[EvaluatedSet, float]], match: Matcher, structured: float) -> Support:
         """From all visited sets.
 
         Parameters
         ----------
-        sets : sequence of (Weighed, float)
+        sets : sequence of (EvaluatedSet, float)
             With their weights, which add up to one.
-        finding : callable
-            The effect of a set by which it holds it; None where it does not.
+        match : Matcher
         structured : float
             Share of the error of the best set beyond the noise floor.
 
@@ -53,20 +52,20 @@ class Support:
         -------
         Support
         """
-        inside = [finding(w) is not None for w, _ in sets]
-        weight, against = (float(sum(p for (_, p), there in zip(sets, inside, strict=True) if there is wanted))
+        held = [match(w) is not None for w, _ in sets]
+        weight, against = (float(sum(p for (_, p), holds in zip(sets, held, strict=True) if holds is wanted))
                            for wanted in (True, False))
         return cls(weight, against, structured)
 
     @property
     def features(self) -> tuple[float, ...]:
         """1, ±ln(1 + |l|) of the logarithm l of the odds, and the structured share."""
-        odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
+        odds = float(np.log(max(self.weight, LEAST_WEIGHT)) - np.log(max(self.against, LEAST_WEIGHT)))
         return 1.0, float(np.sign(odds) * np.log1p(abs(odds))), self.structured
 
     @property
     def probability(self) -> float:
-        """That it is there, by its `features` f and the `COEFFICIENTS` β: ln p/(1 − p) = β·f.
+        """Calibrated probability that it is present, by its `features` f and the `COEFFICIENTS` β: ln p/(1 − p) = β·f.
 
         Examples
         --------
@@ -81,23 +80,23 @@ class Support:
         return float(1 / (1 + np.exp(-np.dot(COEFFICIENTS, self.features))))
 
 
-def component(kind: str) -> Finding:
-    """Finds a component, in whatever form.
+def match_component(component: str) -> Matcher:
+    """Matches a component, in any form.
 
     Parameters
     ----------
-    kind : str
+    component : str
         Its name.
 
     Returns
     -------
-    callable
+    Matcher
     """
-    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if k == kind), None)
+    return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if k == component), None)
 
 
-def family(name: str) -> Finding:
-    """Finds any effect of a family.
+def match_family(name: str) -> Matcher:
+    """Matches any effect of a family.
 
     Parameters
     ----------
@@ -106,17 +105,17 @@ def family(name: str) -> Finding:
 
     Returns
     -------
-    callable
+    Matcher
     """
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
-def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict[str, Support]:
-    """What speaks for every component that some set holds, in whatever form; the most probable first.
+def component_support(sets: Sequence[tuple[EvaluatedSet, float]], structured: float) -> dict[str, Support]:
+    """Support for every component that some set holds, in any form; the most probable first.
 
     Parameters
     ----------
-    sets : sequence of (Weighed, float)
+    sets : sequence of (EvaluatedSet, float)
         All visited, with weights that add up to one.
     structured : float
         Share of the error of the best set beyond the noise floor.
@@ -125,5 +124,5 @@ def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict
     -------
     dict of str to Support
     """
-    found = {k: Support.of(sets, component(k), structured) for k in {k for w, _ in sets for k in w.kinds}}
+    found = {k: Support.of(sets, match_component(k), structured) for k in {k for w, _ in sets for k in w.components}}
     return dict(sorted(found.items(), key=lambda t: (-t[1].probability, t[0])))

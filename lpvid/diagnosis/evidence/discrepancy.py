@@ -1,4 +1,4 @@
-"""Discrepancy: the few per cent by which every law is wrong, a smooth function of the inputs that is integrated out."""
+"""Discrepancy: the misfit of the law, a smooth function of the inputs that is integrated out."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.problem import DiagnosisProblem
 
-COLUMNS = 80
-"""random Fourier features; with twice as many no evidence changed by more than its own rounding (diagnosis_real)"""
-USUAL = 0.015
+FEATURES = 80
+"""random Fourier features; with twice as many no evidence changed beyond rounding (diagnosis_real)"""
+TYPICAL_MISFIT = 0.015
 """root mean square of the misfit of a good physical law over that of the force: half-normal scale of its prior. Fits of
 twenty measured record groups left 1 to 3 %"""
-MISSED = 2 * USUAL
-"""root mean square of an error, over the output's, that a good law may leave: twice the usual"""
-SIZES = USUAL * np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0])
-"""sizes at which the prior is looked at"""
-SWEEPS, PLACES = 4, 17
-"""rounds in which the most probable noise is closed in on, and places looked at in each: to a 5000th"""
-WIDTHS = (0.4, 1.0, 2.5)
-"""rates at which the features turn, in radians per standard deviation of the inputs: smooth, not a table"""
+ACCEPTABLE_MISFIT = 2 * TYPICAL_MISFIT
+"""root mean square of an error, over the output's, that a good law may leave: twice the typical one"""
+MISFIT_SIZES = TYPICAL_MISFIT * np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0])
+"""values of τ, of which the most probable is taken"""
+REFINEMENTS, GRID_SIZE = 4, 17
+"""refinements of the grid about the most probable noise, and points of each grid: to a 5000th"""
+FEATURE_RATES = (0.4, 1.0, 2.5)
+"""angular rates of the features [rad per standard deviation of the inputs]: smooth, not a table"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +34,17 @@ class Discrepancy:
         Orthogonal; Φ/√K, so that the weights' variance is (τF)².
     power : (K,) array
         Their squared norms.
-    force : float
+    output_rms : float
         F, root mean square of the output.
     """
 
     columns: np.ndarray
     power: np.ndarray
-    force: float
+    output_rms: float
 
     @classmethod
     def of(cls, problem: DiagnosisProblem, baseline: Baseline) -> Discrepancy:
-        """Functions of the velocity and what schedules the law together, and of every other input by itself.
+        """Functions of the velocity and the scheduling variables jointly, and of every other input alone.
 
         Additive: products of speed and position reproduce every loop of a periodic record (diagnosis_real).
         Rahimi and Recht (2007), random Fourier features.
@@ -53,7 +53,7 @@ class Discrepancy:
         ----------
         problem : DiagnosisProblem
         baseline : Baseline
-            Its channels that every record has are the inputs, the output apart; without any there is one column of
+            Its channels that every record has are the inputs, except the output; without any there is one column of
             zeros.
 
         Returns
@@ -69,40 +69,41 @@ class Discrepancy:
             z = problem.stack([np.column_stack([s[c] for c in group]) for s in problem.signals])
             spread = z.std(axis=0)
             z = (z - z.mean(axis=0))[:, spread > 0] / spread[spread > 0]
-            count = COLUMNS // len(groups)
-            rates = rng.standard_normal((z.shape[1], count)) * np.resize(WIDTHS, count)
+            count = FEATURES // len(groups)
+            rates = rng.standard_normal((z.shape[1], count)) * np.resize(FEATURE_RATES, count)
             parts.append(np.sqrt(2.0) * np.cos(z @ rates + rng.uniform(0, 2 * np.pi, count)))
         features = np.hstack(parts) if parts else np.zeros((problem.n_samples, 1))
         power, directions = np.linalg.eigh(features.T @ features)
         keep = power > 1e-9 * max(float(power[-1]), 1e-300)
-        force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
+        output_rms = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
         count = features.shape[1]
-        return cls(features @ directions[:, keep] / np.sqrt(count), power[keep] / count, force)
+        return cls(features @ directions[:, keep] / np.sqrt(count), power[keep] / count, output_rms)
 
 
 @dataclass(frozen=True, eq=False)
-class Marginal:
-    """Where noise and discrepancy of a fit are most probable.
+class MarginalLikelihood:
+    """Marginal likelihood of a fit at its most probable noise and discrepancy.
 
     Attributes
     ----------
     likelihood : float
-        Log-likelihood with the discrepancy integrated out, its size and the noise's at their most probable.
+        Log-likelihood with the discrepancy integrated out, its size and the noise's at their most probable values.
     noise : float
         Variance of the noise.
     size : float
         τ.
-    taken : (K,) array
-        Weights of the columns in the inverse covariance, by Woodbury's identity: C⁻¹ = κ/σ² (I − Φ diag(taken) Φᵀ).
+    woodbury_weights : (K,) array
+        Weights of the columns in the inverse covariance, by Woodbury's identity: C⁻¹ = κ/σ² (I − Φ diag(w) Φᵀ).
     """
 
     likelihood: float
     noise: float
     size: float
-    taken: np.ndarray
+    woodbury_weights: np.ndarray
 
 
-def marginal(squared: float, along: np.ndarray, d: Discrepancy, count: int, kept: float) -> Marginal:
+def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count: int, kappa: float
+             ) -> MarginalLikelihood:
     """The most probable split of an error into noise and discrepancy.
 
     −κN/2 ln 2πσ² − ½ Σ ln(1 + κ s²λ/σ²) − κ/2σ² (e'e − Σ κ s²/(σ² + κ s²λ) a²) − τ²/2τ₀², s = τF: the data's part is
@@ -112,40 +113,40 @@ def marginal(squared: float, along: np.ndarray, d: Discrepancy, count: int, kept
     ----------
     squared : float
         e'e.
-    along : (K,) array
+    projected_error : (K,) array
         Φ'e.
     d : Discrepancy
     count : int
         N.
-    kept : float
+    kappa : float
         κ.
 
     Returns
     -------
-    Marginal
-        Of the sizes in `SIZES`, the one that is most probable.
+    MarginalLikelihood
+        Of the sizes in `MISFIT_SIZES`, the one that is most probable.
     """
     mean = max(squared / count, 1e-300)
-    low, high = np.full(SIZES.size, np.log(mean) - 9.0), np.full(SIZES.size, np.log(mean) + 1.0)
-    variance = (SIZES * d.force) ** 2
-    rows = np.arange(SIZES.size)
-    for _ in range(SWEEPS):
-        grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, PLACES)
-        values = _log_likelihood(np.exp(grid), variance[:, None], squared, along, d.power, count, kept)
+    low, high = np.full(MISFIT_SIZES.size, np.log(mean) - 9.0), np.full(MISFIT_SIZES.size, np.log(mean) + 1.0)
+    variance = (MISFIT_SIZES * d.output_rms) ** 2
+    rows = np.arange(MISFIT_SIZES.size)
+    for _ in range(REFINEMENTS):
+        grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, GRID_SIZE)
+        values = _log_likelihood(np.exp(grid), variance[:, None], squared, projected_error, d.power, count, kappa)
         k = values.argmax(axis=1)
-        low, high = grid[rows, np.maximum(k - 1, 0)], grid[rows, np.minimum(k + 1, PLACES - 1)]
-    total = values.max(axis=1) - (SIZES / USUAL) ** 2 / 2
+        low, high = grid[rows, np.maximum(k - 1, 0)], grid[rows, np.minimum(k + 1, GRID_SIZE - 1)]
+    total = values.max(axis=1) - (MISFIT_SIZES / TYPICAL_MISFIT) ** 2 / 2
     best = int(np.argmax(total))
     noise = float(np.exp(grid[best, k[best]]))
-    return Marginal(float(total[best]), noise, float(SIZES[best]),
-                    kept * variance[best] / (noise + kept * variance[best] * d.power))
+    return MarginalLikelihood(float(total[best]), noise, float(MISFIT_SIZES[best]),
+                    kappa * variance[best] / (noise + kappa * variance[best] * d.power))
 
 
-def _log_likelihood(noise: np.ndarray, variance: np.ndarray, squared: float, along: np.ndarray, power: np.ndarray,
-                    count: int, kept: float) -> np.ndarray:
-    """(sizes, places) at several variances of the noise and of the discrepancy's weights."""
-    share = kept * variance / noise
+def _log_likelihood(noise: np.ndarray, variance: np.ndarray, squared: float, projected_error: np.ndarray,
+                    power: np.ndarray, count: int, kappa: float) -> np.ndarray:
+    """(sizes, points) at several variances of the noise and of the discrepancy's weights."""
+    share = kappa * variance / noise
     ratio = share[..., None] * power
-    left = squared - (share[..., None] / (1 + ratio)) @ along**2
-    return -0.5 * kept * count * np.log(2 * np.pi * noise) - 0.5 * np.log1p(ratio).sum(axis=-1) - \
-        0.5 * kept * left / noise
+    left = squared - (share[..., None] / (1 + ratio)) @ projected_error**2
+    return -0.5 * kappa * count * np.log(2 * np.pi * noise) - 0.5 * np.log1p(ratio).sum(axis=-1) - \
+        0.5 * kappa * left / noise

@@ -1,4 +1,4 @@
-"""Engine: from records, a baseline and a catalogue to a diagnosis, by the probability of sets of causes."""
+"""Engine: from records, a baseline and a catalogue to a diagnosis, by the evidence of sets of causes."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.effect import Effect, by_name
-from lpvid.diagnosis.evidence.calibration import components
+from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
-from lpvid.diagnosis.evidence.judging import JudgedSet, judge, on_all_samples
-from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
+from lpvid.diagnosis.evidence.laplace import EvidenceData
+from lpvid.diagnosis.evidence.outcome import LISTED_SETS, EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import SetSearch
+from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, select_set
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
-from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import noise_level
-from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
@@ -39,7 +39,7 @@ from lpvid.record import Record
 def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
              held_out: Sequence[Record] = (), settings: DiagnosisSettings | None = None,
              progress: Callable[[str], None] | None = None) -> Diagnosis:
-    """Find the most probable sets of causes, name what all of them hold, extend the model, measure the gain.
+    """Find the most probable sets of causes, name the probable components, extend the model, measure the gain.
 
     y = f(u; θ, S) + δ(u) + e over sets S: the steps and priors are those of docs/diagnosis_method.md.
 
@@ -53,7 +53,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         Further records on which the gain is measured.
     settings : DiagnosisSettings, optional
     progress : callable, optional
-        Receives in words what is being done.
+        Receives a line of text at every stage.
 
     Returns
     -------
@@ -64,9 +64,9 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     InputError
         Too little data, missing channels, no candidates.
     InterruptedSearch
-        Ctrl-C during the search, with the best set by then.
+        Ctrl-C during the search, with the best set so far.
     """
-    begun, settings = time.perf_counter(), settings or DiagnosisSettings()
+    started, settings = time.perf_counter(), settings or DiagnosisSettings()
 
     def report_progress(text: str) -> None:
         give_back()
@@ -88,15 +88,14 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
             if not search.visited:
                 raise
             raise InterruptedSearch(best_of(search)) from stop
-    return replace(found, seconds=time.perf_counter() - begun)
+    return replace(found, seconds=time.perf_counter() - started)
 
 
 def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, held_out: Sequence[Record],
               unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
     """The diagnosis by the most probable set that lowers the error on data not seen, measured on all samples.
 
-    Sets that do not lower it are passed over while they hold at most half of the weight: beyond that the weights are
-    not to be trusted.
+    Sets that do not lower it are rejected while these hold at most half of the weight; beyond that nothing is named.
 
     Parameters
     ----------
@@ -112,51 +111,53 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     seed : int
         Of the sign patterns.
     report_progress : callable
-        Receives in words what is being done.
+        Receives a line of text at every stage.
 
     Returns
     -------
     Diagnosis
         Of the first set that lowers the error on data not seen; without any, of the most probable one, nothing named.
     """
-    problem, alone = search.problem, search.visited[frozenset()].fit
-    screened = tuple(screen(problem, alone, directions(problem, alone, search.seen.moved), np.random.default_rng(seed)))
+    problem, alone = search.problem, search.root.fit
+    screened = tuple(screen(problem, alone, directions(problem, alone, search.baseline_screening.changes),
+                            np.random.default_rng(seed)))
     weights = {w.members: p for w, p in posterior(search)}
-    refused: list[frozenset[str]] = []
+    rejected: list[frozenset[str]] = []
     first = None
     while True:
-        judged = _measured(search, refused, records, baseline, report_progress)
-        whole = judged.problem
+        selected = _measured(search, rejected, records, baseline, report_progress)
+        whole = selected.problem
         driving = [c for c in baseline.channels if c != baseline.output]
-        level = noise_level(whole.signals, driving, whole.blocks.mask()).bounded(float(np.mean(judged.after.plain**2)))
-        found = EvidenceOutcome(baseline, search, judged, screened, unusable, level, held_out,
-                                tuple(sorted({n for members in refused for n in members})))
+        level = noise_level(whole.signals, driving, whole.blocks.mask())
+        level = level.bounded(float(np.mean(selected.after.errors**2)))
+        found = EvidenceOutcome(baseline, search, selected, screened, unusable, level, held_out,
+                                tuple(sorted({n for members in rejected for n in members})))
         first = first or found
         if found.predicts:
-            return (found if judged.members else first).diagnosis()
-        refused.append(judged.fit.composition.members)
-        report_progress(f"no smaller an error on further data: {', '.join(sorted(refused[-1]))}")
-        if sum(weights[members] for members in refused) > 0.5:
+            return (found if selected.members else first).diagnosis()
+        rejected.append(selected.fit.composition.members)
+        report_progress(f"no lower error on further data: {', '.join(sorted(rejected[-1]))}")
+        if sum(weights[members] for members in rejected) > 0.5:
             return first.diagnosis()
 
 
-def _measured(search: SetSearch, refused: Sequence[frozenset[str]], records: Sequence[Record], baseline: Baseline,
-              report_progress: Callable[[str], None]) -> JudgedSet:
-    """The set to report but for the refused ones, on all samples."""
+def _measured(search: SetSearch, rejected: Sequence[frozenset[str]], records: Sequence[Record], baseline: Baseline,
+              report_progress: Callable[[str], None]) -> SelectedSet:
+    """The set to report, the rejected ones left out, refitted to all samples."""
     problem = search.problem
-    judged = judge(search, report_progress, refused)
+    selected = select_set(search, report_progress, rejected)
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         for s in problem.signals:
-            s.cache.clear()  # what is along the stretches; what lies ahead takes memory of its own
+            s.cache.clear()  # of the search, to free memory for the refit
         if sum(r.n_samples for r in records) > LONG:
             collect()
         report_progress("refitting the best set to all samples")
-        judged = on_all_samples(search, judged, problem_of(records, baseline))
-    return judged
+        selected = on_all_samples(search, selected, problem_of(records, baseline))
+    return selected
 
 
 def best_of(search: SetSearch) -> BestSoFar:
-    """What a search has found by now.
+    """The best set of an interrupted search.
 
     Parameters
     ----------
@@ -170,15 +171,15 @@ def best_of(search: SetSearch) -> BestSoFar:
     sets = posterior(search)
     best, share = sets[0]
     nothing = sum(p for w, p in sets if not w.members)
-    weights = SetProbabilities({}, float(nothing), 0.0, "not looked at", tuple(
-        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]),
-        components(sets, search.structured))
+    weights = SetProbabilities({}, float(nothing), 0.0, "not computed", tuple(
+        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:LISTED_SETS]),
+        component_support(sets, search.structured))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 
 
 def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
              report_progress: Callable[[str], None]) -> tuple[SetSearch, tuple[CannotTell, ...]]:
-    """A search over sets of the causes that these records can show, and the causes that they cannot show.
+    """A search over sets of the causes that these records can reveal, and the causes that they cannot reveal.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         Fitted, or with its parameters given.
     catalogue : sequence of Effect
     report_progress : callable
-        Receives in words what is being done.
+        Receives a line of text at every stage.
 
     Returns
     -------
@@ -202,31 +203,14 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     recorded = in_turn([baseline.signals(r) for r in thin])
     signals = for_search(recorded, baseline.static)
     problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
-    usable, unusable = usable_of(catalogue, baseline, recorded)  # cut together, currents at rest would move
+    usable, unusable = usable_of(catalogue, baseline, recorded)  # not joined: constant currents would vary
     scale = Scales.of(problem.signals).size
-    looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
+    grid_points = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
                  for e in usable}
-    data = Data(problem, Discrepancy.of(problem, baseline), looked_at, usable)
+    data = EvidenceData(problem, Discrepancy.of(problem, baseline), grid_points, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
     return SetSearch(data, usable, channels, report_progress), unusable
-
-
-def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:
-    """Records as what statistics are computed from.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Uniform, one rate; all of their samples are used.
-    baseline : Baseline
-
-    Returns
-    -------
-    DiagnosisProblem
-    """
-    signals = in_turn([baseline.signals(r) for r in records])
-    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
 
 
 def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
@@ -243,14 +227,14 @@ def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
     Refit
     """
     composition = Composition(baseline)
-    begun = [baseline.vector, *baseline.starts(problem.signals)]
-    fits = [refit(problem, composition, v, rough=k > 0) for k, v in enumerate(begun)]
+    starts = [baseline.vector, *baseline.starts(problem.signals)]
+    fits = [refit(problem, composition, v, rough=k > 0) for k, v in enumerate(starts)]
     return min(fits, key=lambda f: f.cost)
 
 
 def usable_of(catalogue: Sequence[Effect], baseline: Baseline, signals: tuple[Signals, ...]
               ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
-    """Candidates that these data can show, and why they cannot show the others.
+    """Candidates that these data can reveal, and why they cannot reveal the others.
 
     Parameters
     ----------

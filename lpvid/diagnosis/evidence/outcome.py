@@ -1,4 +1,4 @@
-"""Outcome: verdict and diagnosis in plain data, from what was judged."""
+"""Outcome: verdict and diagnosis as plain data, from the selected set."""
 
 from __future__ import annotations
 
@@ -21,194 +21,195 @@ from lpvid.diagnosis.diagnosis import (
     VisitedSet,
 )
 from lpvid.diagnosis.estimates import errors_of, estimates
-from lpvid.diagnosis.evidence.calibration import Support, components, family
-from lpvid.diagnosis.evidence.discrepancy import MISSED
-from lpvid.diagnosis.evidence.judging import SURE, JudgedSet, Member
-from lpvid.diagnosis.evidence.rivals import NAMED
+from lpvid.diagnosis.evidence.calibration import Support, component_support, match_family
+from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY
 from lpvid.diagnosis.evidence.search import SetSearch
+from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.intervals import covariance
-from lpvid.diagnosis.localise import Wrong, localise
+from lpvid.diagnosis.localise import ErrorRegime, localise
 from lpvid.diagnosis.noise import NoiseLevel
-from lpvid.diagnosis.screening import Evidence
+from lpvid.diagnosis.screening import ScreeningResult
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 
 SIGNIFICANT = 0.05
 """p-value of the largest block statistic over all candidates, above which nothing is named"""
-STORIES = 8
+LISTED_SETS = 8
 """sets listed"""
-NO_GAIN = "with the set that it belongs to, the error on data that the fit has not seen is no smaller"
+NO_GAIN = "with the set that it belongs to, the error on data that the fit has not seen is no lower"
 """why no member of the most probable set is named where the set predicts no better than the baseline"""
 
 
 @dataclass(frozen=True, eq=False)
 class EvidenceOutcome:
-    """What a diagnosis is written from.
+    """The selected set and all else that a diagnosis is made of.
 
     Attributes
     ----------
     baseline : Baseline
     search : SetSearch
-    judged : JudgedSet
-    screened : tuple of Evidence
+    selected : SelectedSet
+    screened : tuple of ScreeningResult
         Of all candidates beside the baseline alone.
     unusable : tuple of CannotTell
     level : NoiseLevel
     held_out : sequence of Record
-    refused : tuple of str
-        Members of more probable sets whose error on data that the fit has not seen is no smaller.
+    without_gain : tuple of str
+        Members of more probable sets whose error on data that the fit has not seen is no lower.
     """
 
     baseline: Baseline
     search: SetSearch
-    judged: JudgedSet
-    screened: tuple[Evidence, ...]
+    selected: SelectedSet
+    screened: tuple[ScreeningResult, ...]
     unusable: tuple[CannotTell, ...]
     level: NoiseLevel
     held_out: Sequence[Record]
-    refused: tuple[str, ...] = ()
+    without_gain: tuple[str, ...] = ()
 
     @property
     def significant(self) -> bool:
-        """Whether the error of the baseline holds anything: a candidate by its signs, or the set by its blocks."""
-        j = self.judged
-        gains = j.problem.block_sums(j.before.plain**2 - j.after.plain**2)
-        return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT or float(np.mean(gains > 0)) > 0.9
+        """Whether the error of the baseline is structured: by the sign-flip test, or by the blocks with a gain."""
+        return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT or \
+            float(np.mean(self.selected.gains > 0)) > 0.9
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:
         """Of the baseline alone and of the set."""
-        j = self.judged
-        before = errors_of(j.problem, self.baseline, j.root, j.before, self.held_out)
-        found = j.members and self.significant
-        return before, errors_of(j.problem, self.baseline, j.fit, j.after, self.held_out) if found else before
+        selected = self.selected
+        before = errors_of(selected.problem, self.baseline, selected.root, selected.before, self.held_out)
+        if not selected.members or not self.significant:
+            return before, before
+        return before, errors_of(selected.problem, self.baseline, selected.fit, selected.after, self.held_out)
 
     @property
     def predicts(self) -> bool:
-        """Whether the set lowers the error on data that no fit has seen, or there is nothing to lower it by."""
+        """Whether the set lowers the error on data that no fit has seen, or is the baseline alone."""
         before, extended = self.errors
         return extended is before or extended.esr_held_out < before.esr_held_out
 
     def diagnosis(self) -> Diagnosis:
-        """All of it.
+        """The diagnosis.
 
         Returns
         -------
         Diagnosis
             Without audit, time and notes.
         """
-        j, sets = self.judged, self.judged.sets
+        selected, problem = self.selected, self.selected.problem
         before, extended = self.errors
-        found = j.members if self.significant else ()
+        found = selected.members if self.significant else ()
         members = found if self.predicts else ()
-        objections = {m.effect.name: j.objection(m) for m in members}
-        named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
-        contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
-        rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
+        reasons = {m.effect.name: selected.reason_not_named(m) for m in members}
+        named = [m for m in members if reasons[m.effect.name] is None and not m.rivals]
+        contested = [m for m in members if reasons[m.effect.name] is None and m.rivals]
+        rejected = [Rejected(m.effect.name, why) for m in members if (why := reasons[m.effect.name])]
         rejected += [Rejected(m.effect.name, NO_GAIN) for m in found if not members]
         known = {m.effect.name for m in found}
-        why_not = {**dict.fromkeys(self.refused, NO_GAIN), **dict(j.dropped), **self._at_bounds()}
+        why_not = {**dict.fromkeys(self.without_gain, NO_GAIN), **dict(selected.dropped), **self._at_bounds()}
         rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
         verdict, reason = self._verdict(named, contested,
-                                        [m for m in found if not members or objections[m.effect.name]])
+                                        [m for m in found if not members or reasons[m.effect.name]])
         if not named and before.esr_held_out > 1:
             verdict = "unexplained"
             reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
                      f"{before.esr_held_out:.3g}): take a baseline that simulates them, for example auto"
-        final = j.fit if members else j.root
-        wrong = localise(j.problem, j.problem.errors(j.root.composition, j.root.vector))
-        rest = localise(j.problem, j.problem.errors(final.composition, final.vector))
-        spread = np.sqrt(np.diag(covariance(j.problem, final)))
+        final = selected.fit if members else selected.root
+        wrong = localise(problem, problem.errors(selected.root.composition, selected.root.vector))
+        rest = localise(problem, problem.errors(final.composition, final.vector))
+        of_parameters = covariance(problem, final)
+        spread = np.sqrt(np.diag(of_parameters))
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
-            "alternating blocks; each is judged by the fit to the others, in which it counts for a hundredth"
+            "alternating blocks; each is predicted by the fit to the others, in which it counts for a hundredth"
         in_set = {n for m in members for n in (m.effect.name, m.name)}
         return Diagnosis(
-            verdict, reason, {**self.baseline.with_vector(j.root.vector).describe()}, before, after,
+            verdict, reason, {**self.baseline.with_vector(selected.root.vector).describe()}, before, after,
             None if self.level.variance is None else float(np.sqrt(self.level.variance)), self._noise(), wrong,
             tuple(self._cause(m, spread) for m in named), tuple(self._rivals(m) for m in contested),
             (*self.unusable, *self._invisible(in_set)), tuple(rejected),
             self._share() if named or contested else None, where,
-            ExtendedModel.of(final, covariance(j.problem, final), self.baseline), self.baseline.output_unit, None,
+            ExtendedModel.of(final, of_parameters, self.baseline), self.baseline.output_unit, None,
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
-            weights=SetProbabilities(self._families(), float(sum(p for w, p in sets if not w.members)), j.of_law,
-                            _place(rest), self._stories(after.esr_held_out),
-                            components(j.sets, self.search.structured)))
+            weights=SetProbabilities(self._families(), float(sum(p for w, p in selected.sets if not w.members)),
+                                     selected.law_error, _place(rest), self._listed_sets(after.esr_held_out),
+                                     component_support(selected.sets, self.search.structured)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
-    def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]
+    def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember]
                  ) -> tuple[str, str]:
-        of_law, left = self.judged.of_law, self.judged.left
-        structure = f"what the inputs still predict is {of_law:.1%} of the output"
-        noise = "" if left <= MISSED else \
-            f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run shows if it is"
+        law_error, left = self.selected.law_error, self.selected.relative_error
+        structure = f"the error that the inputs predict is {law_error:.1%} of the output"
+        noise = "" if left <= ACCEPTABLE_MISFIT else \
+            f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
-            sure = all(m.probability >= SURE for m in named) and all(m.change <= MISSED for m in others)
-            if of_law <= MISSED and not contested and sure:
+            sure = all(m.probability >= SURE_PROBABILITY for m in named) and \
+                all(m.change <= ACCEPTABLE_MISFIT for m in others)
+            if law_error <= ACCEPTABLE_MISFIT and not contested and sure:
                 return "explained", f"{described}; {structure}, as much as a good law leaves{noise}"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
             described = "; ".join(f"{_either(m, self.search.problem.signals)}{self._of_family(m)}" for m in contested)
-            return "cannot-tell", f"these data cannot keep apart {described}"
+            return "cannot-tell", f"these data do not distinguish between {described}"
         if others:
-            nearest = "come nearest" if len(others) > 1 else "comes nearest"
-            return "unexplained", f"{', '.join(m.effect.name for m in others)} {nearest}, and cannot be named; " \
-                                  f"{structure}"
-        if self.judged.lowered is not None:
-            causes, lower = self.judged.lowered
+            names = ", ".join(m.effect.name for m in others)
+            return "unexplained", f"the best set is {names}, of which nothing can be named; {structure}"
+        if self.selected.least_error_set is not None:
+            causes, lower = self.selected.least_error_set
             fall = f"{', '.join(causes)} it falls out of fold from {left:.1%} to {lower:.1%} of the output"
             return "unexplained", f"no cause is probable enough to be named, and the error is no noise: with {fall}"
-        if of_law > MISSED:
+        if law_error > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
-        return "nothing-to-explain", f"no cause is called for; {structure}{noise}"
+        return "nothing-to-explain", f"no cause is needed; {structure}{noise}"
 
-    def _of_family(self, m: Member) -> str:
-        return f", something of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED else ""
+    def _of_family(self, m: SetMember) -> str:
+        return f", some cause of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED_PROBABILITY else ""
 
     def _at_bounds(self) -> dict[str, str]:
-        """Causes at their bounds, and why they are rejected, where sets with them would come first."""
-        s, best = self.search, self.judged.sets[0][0]
-        least = best.evidence(s.kept)
-        sets = [w for w in s.visited.values() if w.at_bounds and w.unbounded_evidence(s.kept) > least]
-        return {n: f"it fits best at its bound, {bound}: the data ask for more of it than is possible"
+        """Causes at their bounds, and why they are rejected, where sets with them would be more probable."""
+        s, best = self.search, self.selected.sets[0][0]
+        least = best.evidence(s.kappa)
+        sets = [w for w in s.visited.values() if w.at_bounds and w.evidence_ignoring_bounds(s.kappa) > least]
+        return {n: f"it fits best at its bound, {bound}: the optimum is beyond what is possible"
                 for w in sets for n, bound in w.at_bounds.items() if n not in best.members}
 
     def _share(self) -> tuple[float, float]:
-        """Share of the baseline's squared error out of fold, less noise known from repeats, that the set removes."""
-        j = self.judged
-        floor = (self.level.variance or 0.0) * j.problem.n_samples
-        excess = max(float(np.sum(j.before.plain**2)) - floor, 1e-300)
-        gains = j.problem.block_sums(j.before.plain**2 - j.after.plain**2)
+        """Share of the baseline's squared error out of fold, less the noise of repeats, that the set removes."""
+        selected = self.selected
+        floor = (self.level.variance or 0.0) * selected.problem.n_samples
+        excess = max(float(np.sum(selected.before.errors**2)) - floor, 1e-300)
+        gains = selected.gains
         return float(gains.sum()) / excess, float(gains.std(ddof=1) * np.sqrt(gains.size)) / excess
 
     # -- plain data ----------------------------------------------------------------------------------------------------
-    def _cause(self, m: Member, spread: np.ndarray) -> Cause:
-        j = self.judged
+    def _cause(self, m: SetMember, spread: np.ndarray) -> Cause:
+        selected = self.selected
         single = self.search.visited.get(frozenset({m.effect.name}))
-        root = self.search.visited[frozenset()]
+        root = self.search.root
         thin = max(root.fit.cost - self.search.best.fit.cost, 1e-300)
         alone = (root.fit.cost - single.fit.cost) / thin if single is not None else 0.0
-        place = j.fit.composition.places[j.fit.composition.effects.index(m.effect)]
+        place = selected.fit.composition.places[selected.fit.composition.effects.index(m.effect)]
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
         described = m.effect.described(m.values)
         if m.name != m.effect.name:
             title = next(e.title for e in self.search.candidates if e.name == m.name)
             described = f"{title}; simulated as {m.effect.name} ({described})"
         return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
-                     -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
-                     m.change * self.search.data.discrepancy.force, m.probability, m.effect.family, m.weight,
+                     -2 * m.evidence, float(alone), m.cost / max(selected.cost_reduction, 1e-300), m.gain, m.better,
+                     m.change * self.search.data.discrepancy.output_rms, m.probability, m.effect.family, m.weight,
                      m.effect.name if m.name != m.effect.name else "")
 
-    def _rivals(self, m: Member) -> Rivals:
+    def _rivals(self, m: SetMember) -> Rivals:
         known = {e.name: e for e in self.search.candidates}
         others = [known[n] for n, _ in m.rivals]
         parameters = {m.effect.name: estimates(m.effect, m.values, None)}
         for e in others:
-            holding = (w for w, _ in self.judged.sets if e in w.effects)
+            holding = (w for w, _ in self.selected.sets if e in w.effects)
             if w := next(holding, None):
                 parameters[e.name] = estimates(e, w.fit.vector[w.fit.composition.places[w.effects.index(e)]], None)
         experiments = dict.fromkeys([m.effect.experiment, *(e.experiment for e in others)])
@@ -216,55 +217,56 @@ class EvidenceOutcome:
                       parameters)
 
     def _invisible(self, in_set: set[str]) -> tuple[CannotTell, ...]:
-        """Candidates that would have to change as much as the whole output to show at all."""
+        """Candidates that are detectable only where they change as much as the whole output."""
         out = []
         for e in self.screened:
             unit = e.effect.parameters[0].unit
             if e.effect.name in in_set:
                 continue
             if e.smallest_detectable is None or e.best is None:
-                out.append(CannotTell(e.effect.name, "these data carry no trace of it at any strength", None, unit,
+                out.append(CannotTell(e.effect.name, "it is not detectable in these data at any strength", None, unit,
                                       e.effect.experiment))
-            elif _change_at(e, e.smallest_detectable) > self.search.data.discrepancy.force:
+            elif _change_at(e, e.smallest_detectable) > self.search.data.discrepancy.output_rms:
                 why = f"only {e.effect.parameters[0].name} above {e.smallest_detectable:.3g} {unit}".rstrip()
-                out.append(CannotTell(e.effect.name, f"{why} would show", e.smallest_detectable, unit,
+                out.append(CannotTell(e.effect.name, f"{why} is detectable", e.smallest_detectable, unit,
                                       e.effect.experiment))
         return tuple(out)
 
     def _families(self) -> dict[str, float]:
-        families = {e.family for w, _ in self.judged.sets for e in w.effects}
-        held = {f: Support.of(self.judged.sets, family(f), self.search.structured).probability for f in families}
-        return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
+        families = {e.family for w, _ in self.selected.sets for e in w.effects}
+        found = {f: Support.of(self.selected.sets, match_family(f), self.search.structured).probability
+                 for f in families}
+        return dict(sorted(found.items(), key=lambda t: (-t[1], t[0])))
 
-    def _stories(self, esr: float) -> tuple[VisitedSet, ...]:
-        reported = self.judged.fit.composition.members
+    def _listed_sets(self, esr: float) -> tuple[VisitedSet, ...]:
+        reported = self.selected.fit.composition.members
         return tuple(VisitedSet(tuple(e.name for e in w.effects), p,
                                 esr if w.members == reported and self.significant else None)
-                     for k, (w, p) in enumerate(self.judged.sets) if k < STORIES or w.members == reported)
+                     for k, (w, p) in enumerate(self.selected.sets) if k < LISTED_SETS or w.members == reported)
 
     def _noise(self) -> dict[str, Any]:
         s = self.search
-        m = self.judged.sets[0][0].marginal(s.kept)
-        white, share = s.kept > 0.5, self.judged.predictable
+        m = self.selected.sets[0][0].marginal(s.kappa)
+        white, share = s.kappa > 0.5, self.selected.predictable
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
                 "coefficients": [1.0], "from_repeats": self.level.description, "predictable_share": share,
-                "independent_samples": s.kept * s.problem.n_samples}
+                "independent_samples": s.kappa * s.problem.n_samples}
 
 
-def _either(m: Member, signals: Sequence[Signals]) -> str:
-    """A member or its rivals, with their probabilities; those that a form describes too have none of their own."""
+def _either(m: SetMember, signals: Sequence[Signals]) -> str:
+    """A member or its rivals, with their probabilities, except for those that a form describes too."""
     too = [n for n in m.effect.stands_for(m.values, signals) if n in dict(m.rivals)]
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
     return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form
 
 
-def _change_at(e: Evidence, strength: float) -> float:
-    """Root mean square of what an effect changes in the output at a strength, by proportion."""
+def _change_at(e: ScreeningResult, strength: float) -> float:
+    """Root mean square of the change of the output by an effect at a strength, in proportion."""
     assert e.best is not None
     return e.best.size * strength / max(e.best.strength, 1e-300)
 
 
-def _place(wrong: Sequence[Wrong]) -> str:
+def _place(wrong: Sequence[ErrorRegime]) -> str:
     return "; ".join(f"{w.where} ({w.share:.0%})" for w in wrong[:2]) or "in every part of the records alike"
 

@@ -1,4 +1,4 @@
-"""Priors: what is known of a cause before the data, at the scale of the data."""
+"""Priors of inclusion, strength, shape and misfit, at the scale of the data."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect, EffectParameter
 
-INCLUDED, FORM = 0.05, 0.005
-"""probability that a component is there, and a flexible form: of forty entries about two are expected"""
-STRENGTH = 0.3
+COMPONENT_PROBABILITY, FORM_PROBABILITY = 0.05, 0.005
+"""prior probability of a component, and of a flexible form: of forty entries about two are expected"""
+STRENGTH_SCALE = 0.3
 """change of the output by a cause, as a share of the output's rms: half of all causes lie below (half-Cauchy scale)"""
-DECADES = 1.0
+SHAPE_DECADES = 1.0
 """standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
 
-SHAPE = 1.0
-"""log-likelihood that a fitted shape wins by its mere freedom (Akaike 1974): its cost, as far as the data determine it
-(`determined`)"""
+SHAPE_COST = 1.0
+"""expected gain of log-likelihood by a free parameter (Akaike 1974), the cost of a shape as far as the data
+determine it (`determined_count`)"""
 
-MISFIT, FACTOR = 0.086, 0.47
-"""structured error that the best law leaves, as a share of the output's rms: median and standard deviation of the
-logarithm of what fits by hand leave of fifteen groups of measured records (tests/benchmarks/real_answers.py)"""
+MISFIT_MEDIAN, MISFIT_LOG_DEVIATION = 0.086, 0.47
+"""structured error of the best law, as a share of the output's rms: median, and standard deviation of the logarithm,
+of fits by hand to fifteen groups of measured records (tests/benchmarks/real_answers.py)"""
 
 
-def of_misfit(left: float) -> float:
-    """Log-density of a structured error that a set leaves, less that of the usual one.
+def misfit_prior(relative_error: float) -> float:
+    """Log-density of the structured error of a set, less that of the median error.
 
-    −½ (ln(r/`MISFIT`)/`FACTOR`)² above the usual, zero below: that a law is better than most speaks against nothing.
+    −½ (ln(r/`MISFIT_MEDIAN`)/`MISFIT_LOG_DEVIATION`)² above the median, zero below.
 
     Parameters
     ----------
-    left : float
+    relative_error : float
         r: its root mean square over that of the output.
 
     Returns
@@ -41,14 +41,15 @@ def of_misfit(left: float) -> float:
 
     Examples
     --------
-    >>> [round(of_misfit(r), 2) + 0.0 for r in (0.01, 0.086, 0.2, 0.5)]
+    >>> [round(misfit_prior(r), 2) + 0.0 for r in (0.01, 0.086, 0.2, 0.5)]
     [0.0, 0.0, -1.61, -7.01]
     """
-    return -0.5 * (max(float(np.log(max(left, 1e-300) / MISFIT)), 0.0) / FACTOR) ** 2 + 0.0
+    excess = max(float(np.log(max(relative_error, 1e-300) / MISFIT_MEDIAN)), 0.0)
+    return -0.5 * (excess / MISFIT_LOG_DEVIATION) ** 2 + 0.0
 
 
-def inclusion(effect: Effect) -> float:
-    """ln π/(1 − π), π the probability before the data of an effect: `FORM` of a flexible one, else `INCLUDED`.
+def inclusion_prior(effect: Effect) -> float:
+    """ln π/(1 − π) with the prior probability π: `FORM_PROBABILITY` of a flexible effect, else `COMPONENT_PROBABILITY`.
 
     Parameters
     ----------
@@ -58,19 +59,19 @@ def inclusion(effect: Effect) -> float:
     -------
     float
     """
-    share = FORM if effect.flexible else INCLUDED
+    share = FORM_PROBABILITY if effect.flexible else COMPONENT_PROBABILITY
     return float(np.log(share / (1 - share)))
 
 
-def of_strength(change: float, slope: float) -> tuple[float, float]:
+def strength_prior(change: float, slope: float) -> tuple[float, float]:
     """Log-density of a strength, and its curvature, for one that changes the output by `change` of its rms.
 
-    Half-Cauchy on that change r, carried over to the strength by dr/da = `slope`: a number has no scale of its own.
+    Half-Cauchy in that change r, transformed to the strength a by dr/da = `slope`: a strength has no scale of its own.
 
     Parameters
     ----------
     change : float
-        r: root mean square of what it changes over that of the output, at least zero.
+        r: root mean square of the change over that of the output, at least zero.
     slope : float
         dr/da [1/unit of the strength].
 
@@ -79,63 +80,62 @@ def of_strength(change: float, slope: float) -> tuple[float, float]:
     log_density : float
         Of the strength a in its own unit.
     curvature : float
-        (slope/`STRENGTH`)² [1/unit of the strength²].
+        (slope/`STRENGTH_SCALE`)² [1/unit of the strength²].
 
     Examples
     --------
-    >>> [round(of_strength(r, 1.0)[0], 2) for r in (0.01, 0.3, 3.0)]
+    >>> [round(strength_prior(r, 1.0)[0], 2) for r in (0.01, 0.3, 3.0)]
     [0.75, 0.06, -3.86]
     """
     slope = max(slope, 1e-300)
-    value = np.log(2 / (np.pi * STRENGTH)) - np.log1p((change / STRENGTH) ** 2) + np.log(slope)
-    return float(value), (slope / STRENGTH) ** 2
+    value = np.log(2 / (np.pi * STRENGTH_SCALE)) - np.log1p((change / STRENGTH_SCALE) ** 2) + np.log(slope)
+    return float(value), (slope / STRENGTH_SCALE) ** 2
 
 
-def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tuple[float, float]:
-    """Prior of a shape: log-normal about where it was looked at, or normal about neutral.
+def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tuple[float, float]:
+    """Prior of a shape: log-normal about its grid, or normal about neutral.
 
-    Where none of it was looked at too (no deflection of a friction), as much as less than the middle costs nothing: one
-    deflection has one prior, whichever entry holds it. A share, which has no unit, has no decades.
+    Where the grid holds zero too (no deflection of a friction), values below the middle cost nothing: a deflection has
+    the same prior in each entry of the catalogue. A share, which has no unit, has no decades.
 
-    Its volume does not count (`SHAPE` does): how many numbers a filter has, and over how many decades somebody lets
-    them run, says nothing about whether there is one, and must not decide between rivals that fit alike.
+    The prior volume is not counted (`SHAPE_COST` is): how many shapes a filter has, and over how many decades they may
+    lie, must not decide between rivals that fit equally well.
 
     Parameters
     ----------
     p : EffectParameter
     value : float
-    looked_at : sequence of float
+    grid : sequence of float
         The grid at the scale of the data.
 
     Returns
     -------
-    apart, curvature : float
+    deviation, curvature : float
         Distance of `value` from the middle of the prior in standard deviations, and curvature there.
     """
     if p.choices:
         return 0.0, 0.0
-    positive, or_none = [g for g in looked_at if g > 0], 0.0 in looked_at
-    if positive and p.bounds[0] >= 0 and (p.unit if or_none else value > 0):
-        width = DECADES * np.log(10.0)
-        value = max(value, min(positive)) if or_none else value
-        apart = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
-        return max(apart, 0.0) if or_none else apart, (1 / (width * value)) ** 2
-    width = max(max((abs(g - p.neutral) for g in looked_at), default=0.0), *(
+    positive, zero_allowed = [g for g in grid if g > 0], 0.0 in grid
+    if positive and p.bounds[0] >= 0 and (p.unit if zero_allowed else value > 0):
+        width = SHAPE_DECADES * np.log(10.0)
+        value = max(value, min(positive)) if zero_allowed else value
+        deviation = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
+        return max(deviation, 0.0) if zero_allowed else deviation, (1 / (width * value)) ** 2
+    width = max(max((abs(g - p.neutral) for g in grid), default=0.0), *(
         abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
     width = max(width, 1e-12)
     return (value - p.neutral) / width, 1 / width**2
 
 
-def off_prior(apart: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -> float:
-    """Log-density that parameters lose by lying off the middle of their prior, where the data hold them there.
+def deviation_penalty(deviation: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -> float:
+    """Loss of log-density by shapes away from the middle of their prior, as far as the data determine them.
 
-    −½ Σ a² h/(h + Λ): of a Gaussian likelihood of curvature h about the estimate times a Gaussian prior of precision Λ
-    that lies a standard deviations away. A number that the data do not reach (h = 0) goes back to its prior for
-    nothing, wherever a fit has left it.
+    −½ Σ a² h/(h + Λ): of a Gaussian likelihood of curvature h about the estimate times a Gaussian prior of precision Λ,
+    a standard deviations away. A shape without effect on the output (h = 0) costs nothing, whatever its fitted value.
 
     Parameters
     ----------
-    apart : (P,) array
+    deviation : (P,) array
         a.
     precision, curvature : (P,) arrays
         Λ and h.
@@ -148,13 +148,13 @@ def off_prior(apart: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -
     Examples
     --------
     >>> one = np.ones(1)
-    >>> [off_prior(2 * one, one, h * one) for h in (0.0, 1.0, 1e9)]
+    >>> [deviation_penalty(2 * one, one, h * one) for h in (0.0, 1.0, 1e9)]
     [0.0, -1.0, -1.999999998]
     """
-    return -0.5 * float(np.sum(apart**2 * curvature / np.maximum(curvature + precision, 1e-300))) + 0.0
+    return -0.5 * float(np.sum(deviation**2 * curvature / np.maximum(curvature + precision, 1e-300))) + 0.0
 
 
-def determined(curvature: np.ndarray, precision: np.ndarray) -> float:
+def determined_count(curvature: np.ndarray, precision: np.ndarray) -> float:
     """Σ h/(h + Λ), the number of parameters that the data determine and their priors do not (MacKay 1992,
     Neural Computation 4, 415).
 
@@ -171,7 +171,7 @@ def determined(curvature: np.ndarray, precision: np.ndarray) -> float:
 
     Examples
     --------
-    >>> determined(np.array([0.0, 1.0, 1e9]), np.ones(3))
+    >>> determined_count(np.array([0.0, 1.0, 1e9]), np.ones(3))
     1.499999999
     """
     shares = curvature / np.maximum(curvature + precision, 1e-300)

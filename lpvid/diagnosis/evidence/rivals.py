@@ -1,4 +1,4 @@
-"""Rivals: what a member of a set may be named, and what else would do its work."""
+"""Rivals: the name of a member of a set, and the effects that these data do not distinguish from it."""
 
 from __future__ import annotations
 
@@ -7,56 +7,56 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.calibration import Finding, Support, component
-from lpvid.diagnosis.evidence.kinship import LAGGING, akin
+from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_component
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet
+from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.problem import EXPLODED
 from lpvid.diagnosis.spectra import noisier
 
-NAMED = 2 / 3
+NAMED_PROBABILITY = 2 / 3
 """calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
 twice what a missing one does (docs/diagnosis_boards.md: right and wrong names by this number)"""
-LISTED = 0.05
-"""weight of the sets without a cause that hold a rival, from which it is listed"""
+LISTED_WEIGHT = 0.05
+"""weight, and likelihood by the error alone, from which a rival is listed: one in twenty"""
 
 
-def named_as(effect: Effect, kind: str, sets: Sequence[tuple[Weighed, float]], structured: float
-             ) -> tuple[str, Finding, Support]:
-    """What an effect is named, what finds that in a set, and what speaks for it.
+def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]], structured: float
+             ) -> tuple[str, Matcher, Support]:
+    """The name under which an effect is reported, its matcher and its support.
 
-    A special form is named where it is probable enough; else its component, where that is: of a current that
-    rises and falls unequally in all likely sets, the lag may be sure and that its edges differ not.
+    A special form is named where it is probable enough, else its component, where that is: where a current rises and
+    falls unequally in all probable sets, the lag may be sure and the difference of its edges not.
 
     Parameters
     ----------
     effect : Effect
-    kind : str
-        Component of which it is a form, as its numbers stand.
-    sets : sequence of (Weighed, float)
+    component : str
+        Component of which it is a form at its fitted parameters.
+    sets : sequence of (EvaluatedSet, float)
     structured : float
         As for `Support.of`.
 
     Returns
     -------
     name : str
-    finding : callable
+    match : Matcher
     support : Support
     """
-    whole = Support.of(sets, component(kind), structured)
-    if effect.component == kind:
-        return effect.name, component(kind), whole
-    if kind != effect.form_of:  # its numbers leave no more than that, here; in other sets they may be a little off it
-        either = _holds(kind, effect.name)
-        return kind, either, Support.of(sets, either, structured)
-    form = Support.of(sets, in_this_form(effect), structured)
-    if form.probability < NAMED <= whole.probability:
-        return kind, component(kind), whole
-    return effect.name, in_this_form(effect), form
+    whole = Support.of(sets, match_component(component), structured)
+    if effect.component == component:
+        return effect.name, match_component(component), whole
+    if component != effect.form_of:  # it reduces to that at these parameters; in other sets they may differ a little
+        either = _match_names(component, effect.name)
+        return component, either, Support.of(sets, either, structured)
+    form = Support.of(sets, match_form(effect), structured)
+    if form.probability < NAMED_PROBABILITY <= whole.probability:
+        return component, match_component(component), whole
+    return effect.name, match_form(effect), form
 
 
-def in_this_form(effect: Effect) -> Finding:
-    """What finds an effect in this very form, wherever it sits.
+def match_form(effect: Effect) -> Matcher:
+    """Matches an effect in the same form, at any place.
 
     Parameters
     ----------
@@ -64,21 +64,21 @@ def in_this_form(effect: Effect) -> Finding:
 
     Returns
     -------
-    callable
+    Matcher
     """
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
-def rivals_of(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect,
-              values: np.ndarray) -> tuple[tuple[str, float], ...]:
-    """What is listed with a member of a set, or in its place, each with its probability.
+def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect,
+                  values: np.ndarray) -> tuple[tuple[str, float], ...]:
+    """Effects listed with a member of a set, or in its place, with their probabilities.
 
     Parameters
     ----------
     search : SetSearch
-    sets : sequence of (Weighed, float)
+    sets : sequence of (EvaluatedSet, float)
         With their probabilities.
-    best : Weighed
+    best : EvaluatedSet
         The set.
     effect : Effect
         Of its members.
@@ -89,100 +89,101 @@ def rivals_of(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: We
     -------
     tuple of (str, float)
     """
-    kind = best.kinds[best.effects.index(effect)]
-    name, finding, support = named_as(effect, kind, sets, search.structured)
-    if support.probability < NAMED:
-        return _instead(sets, best, effect, finding, search.structured)
-    found = _as_good(search, sets, best, effect)
+    component = best.components[best.effects.index(effect)]
+    name, match, support = reported_name(effect, component, sets, search.structured)
+    if support.probability < NAMED_PROBABILITY:
+        return _alternatives(sets, best, effect, match, search.structured)
+    found = _equally_likely(search, sets, best, effect)
     if name == effect.name:
-        found += _described_too(search, sets, best, effect, values, {n for n, _ in found})
+        found += _described_components(search, sets, best, effect, values, {n for n, _ in found})
     return found
 
 
-def _as_good(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect
-             ) -> tuple[tuple[str, float], ...]:
-    """What the error does not speak against in the place of an effect, whatever the sets that hold it weigh.
+def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect
+                    ) -> tuple[tuple[str, float], ...]:
+    """Effects that can replace one at nearly the same error, whatever the weight of the sets that hold them.
 
-    By the error alone, as it is left of either all else refitted, a rival has the likelihood (e_r'e_r/e'e)^(−κN/2). It
-    is listed where that is more than `LISTED`: a misfit of the law favours one of two that differ by less than it, and
-    so does what evidence adds, the number of shapes and how much of the error looks like a discrepancy. Of lags, what
-    the sensors' noise makes of either error is taken off: to undo a filter raises the noise of the motion, to undo a
-    delay does not, and the error of the filter is larger even where it is the truth.
+    With the errors e_r of the rival and e of the effect, all else refitted, the rival has the likelihood
+    (e_r'e_r/e'e)^(−κN/2). It is listed where that is more than `LISTED_WEIGHT`: the misfit of the law may favour either
+    of two effects whose difference is smaller than this misfit. So may the further terms of the evidence, which are
+    left out here. For lags the part of either error due to the sensors' noise is subtracted: to undo a filter raises
+    the noise of the motion, to undo a delay does not.
 
-    One effect in the place of one is next of kin. Of any family is what has help: two that physics links (an entry of
-    the catalogue that does their work alone, for the price of one, is no evidence: a dead zone of the force against a
-    play and a spring), or one with the filter of all channels that every record has passed, which rounds the kinks of
-    a play as a spring would. With more freedom it has no allowance: it leaves less error, with the filter less than the
-    best set beside the same filter. What leaves more of the work
-    of the effect than it does, in the logarithm, is no rival; nor is a pair of which one alone is.
+    A single effect must be related. Two partners, or one effect beside the filter of all channels, may be of any
+    family: a play and a spring have the effect of a dead zone of the force, and the filter rounds the kinks of a play
+    as a spring would. Because of the additional parameters they must reach a lower error, with the filter lower than
+    the best set beside the same filter. An effect that achieves less than half of the reduction, in the logarithm of
+    the error, is no rival; nor is a pair of which one effect alone is a rival.
     """
     found: dict[str, float] = {}
-    samples, kind = search.kept * search.problem.n_samples, best.kinds[best.effects.index(effect)]
-    bare = search.visited.get(best.members - {effect.name})
-    for others, w in _in_place_of(sets, best, kind):
+    samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
+    reduced = search.visited.get(best.members - {effect.name})
+    for others, w in _replacements(sets, best, component):
         names = {e.name for e, _ in others}
-        helped = len(w.members) > len(best.members)
-        if (not names.isdisjoint(found) if helped else not akin(effect, others[0][0])) or \
-                any(e.flexible and k == e.name and not akin(effect, e) for e, k in others):
+        larger = len(w.members) > len(best.members)
+        if (not names.isdisjoint(found) if larger else not related(effect, others[0][0])) or \
+                any(e.flexible and k == e.name and not related(effect, e) for e, k in others):
             continue
-        late = any(e.path in LAGGING for e, _ in others)
-        cost = _without_noise if late else _cost
-        beside = _helped_alike(search, best, w, cost) if helped else best
-        against = 0.5 * samples * np.log(cost(w) / cost(beside))
-        works = bare is None or cost(w) ** 2 < cost(bare) * cost(best)
-        if against < (0.0 if helped else -np.log(LISTED)) and works:
-            found |= {e.name: Support.of(sets, component(k), search.structured).probability for e, k in others}
+        lagging = any(e.path in LAGGING for e, _ in others)
+        cost = _cost_without_sensor_noise if lagging else _cost
+        reference = _with_same_filter(search, best, w, cost) if larger else best
+        deficit = 0.5 * samples * np.log(cost(w) / cost(reference))
+        achieves = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
+        if deficit < (0.0 if larger else -np.log(LISTED_WEIGHT)) and achieves:
+            found |= {e.name: Support.of(sets, match_component(k), search.structured).probability for e, k in others}
     return tuple(found.items())
 
 
-def _in_place_of(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str
-                 ) -> list[tuple[list[tuple[Effect, str]], Weighed]]:
-    """What stands in the place of a kind in other sets, with these: one effect, or two that physics links.
+def _replacements(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, component: str
+                  ) -> list[tuple[list[tuple[Effect, str]], EvaluatedSet]]:
+    """Effects in the place of a component in other sets, with these sets: one effect, or two partners.
 
-    The sets of fewest members come first. A filter of all channels counts only where nothing else does.
+    The sets of fewest members come first. A filter of all channels counts only where it is the only other effect.
     """
-    found, rest = [], sorted(k for k in best.kinds if k != kind)
+    found, rest = [], sorted(k for k in best.components if k != component)
     for w, _ in sets:
-        others = [(e, k) for e, k in zip(w.effects, w.kinds, strict=True)
-                  if k not in best.kinds and e.name not in best.members]
+        others = [(e, k) for e, k in zip(w.effects, w.components, strict=True)
+                  if k not in best.components and e.name not in best.members]
         others = [(e, k) for e, k in others if e.path != "all"] or others
-        if kind not in w.kinds and sorted(k for k in w.kinds if k in best.kinds) == rest and not w.at_bounds \
-                and _one([e for e, _ in others]):
+        common = sorted(k for k in w.components if k in best.components)
+        if component not in w.components and common == rest and not w.at_bounds and \
+                _acts_as_one([e for e, _ in others]):
             found.append((others, w))
     return sorted(found, key=lambda pair: len(pair[1].members))
 
 
-def _helped_alike(search: SetSearch, best: Weighed, w: Weighed, cost: Callable[[Weighed], float]) -> Weighed:
-    """The best set with the filter of all channels that another one has and it has not; itself where that is no less.
+def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, cost: Callable[[EvaluatedSet], float]
+                      ) -> EvaluatedSet:
+    """The best set with the filter of all channels of another set; itself where the cost with it is no lower.
 
-    A filter rounds what either leaves: beside it friction is compared with a spring beside it, not alone.
+    So that friction beside a filter is compared with a spring beside a filter, not alone.
     """
     places = w.fit.composition.places
     filters = [(e, w.fit.vector[p]) for e, p in zip(w.effects, places, strict=True)
                if e.path == "all" and e.name not in best.members]
-    return min([best, *(search.with_one_more(best, e, v) for e, v in filters)], key=cost)
+    return min([best, *(search.refitted_with(best, e, v) for e, v in filters)], key=cost)
 
 
-def _cost(w: Weighed) -> float:
+def _cost(w: EvaluatedSet) -> float:
     return max(w.fit.cost, 1e-300)
 
 
-def _one(effects: Sequence[Effect]) -> bool:
-    """Whether effects stand in the place of one: one itself, or two partners."""
+def _acts_as_one(effects: Sequence[Effect]) -> bool:
+    """Whether effects may replace a single one: one effect, or two partners."""
     return len(effects) == 1 or (len(effects) == 2 and (effects[0].name in effects[1].partners
                                                        or effects[1].name in effects[0].partners))
 
 
-def _described_too(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, form: Effect,
-                   values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
-    """Components of these data that a form describes too (`Effect.stands_for`), but for those listed by now."""
-    known = {e.name for e in search.candidates} - {*best.kinds, *best.members, *listed}
-    return tuple((n, Support.of(sets, component(n), search.structured).probability)
+def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet,
+                          form: Effect, values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
+    """Candidates that a form describes too (`Effect.stands_for`), except those that are listed already."""
+    known = {e.name for e in search.candidates} - {*best.components, *best.members, *listed}
+    return tuple((n, Support.of(sets, match_component(n), search.structured).probability)
                  for n in form.stands_for(values, search.problem.signals) if n in known)
 
 
-def _without_noise(w: Weighed) -> float:
-    """Squared error of a set less what the noise of the sensors of motion makes of it: what as much again changes."""
+def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
+    """Squared error of a set less the part due to noise of the motion sensors: the change by as much noise again."""
     problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
 
     def find() -> float:
@@ -195,44 +196,46 @@ def _without_noise(w: Weighed) -> float:
     return w.fit.cached("without noise", find)
 
 
-def _holds(*names: str) -> Finding:
-    """Finds a component, or an effect, of one of the names."""
-    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if {k, e.name} & {*names}), None)
+def _match_names(*names: str) -> Matcher:
+    """Matches a component, or an effect, of one of the names."""
+    return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if {k, e.name} & {*names}), None)
 
 
-def _any_of(*findings: Finding) -> Finding:
-    """Finds what the first of several finds that finds anything."""
-    return lambda w: next((e for f in findings if (e := f(w)) is not None), None)
+def _match_any(*matchers: Matcher) -> Matcher:
+    """Matches what the first of several matchers does that matches anything."""
+    return lambda w: next((e for match in matchers if (e := match(w)) is not None), None)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, effect: Effect, finding: Finding,
-             structured: float) -> tuple[tuple[str, float], ...]:
-    """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
+def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect, match: Matcher,
+                  structured: float) -> tuple[tuple[str, float], ...]:
+    """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
 
-    Of what a set holds in its absence, and the best set does not, that which contains it does its work, else that which
-    changes the output most; and only where it or one of them is there with `NAMED` do they answer for it together.
-    Where they do not, those of its family do if the family is there with `NAMED`: of these that hold `LISTED` of the
-    weight that the sets without it have.
+    In a set without the effect, its alternative is the member that the best set does not have and that contains it
+    (`Effect.contains`), else the one that changes the output most. The alternatives are listed if the effect or one of
+    them is present with `NAMED_PROBABILITY`. Otherwise those of its family are, if the effect or one of these is: those
+    with `LISTED_WEIGHT` of the weight of the sets without it.
     """
-    kind = best.kinds[best.effects.index(effect)]
-    lone: dict[str, float] = {}
+    component = best.components[best.effects.index(effect)]
+    weights: dict[str, float] = {}
     form: dict[str, str] = {}
-    kin: dict[str, None] = {}
+    of_family: dict[str, None] = {}
     for w, p in sets:
-        if finding(w) is None:
-            other = [(kind in e.contains, c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
-                     if e.name not in best.members and (k == kind or k not in best.kinds or kind in e.contains)]
-            if other:
-                contains, _, k, name = max(other)
+        if match(w) is None:
+            others = [(component in e.contains, c, k, e.name)
+                      for e, k, c in zip(w.effects, w.components, w.changes, strict=True) if e.name not in best.members
+                      and (k == component or k not in best.components or component in e.contains)]
+            if others:
+                contains, _, k, name = max(others)
                 k = name if contains else k
-                lone[k] = lone.get(k, 0.0) + p
+                weights[k] = weights.get(k, 0.0) + p
                 form.setdefault(k, name)
                 if any(e.name == name and e.family == effect.family for e in w.effects):
-                    kin[k] = None
-    without = sum(lone.values())
-    for among in ([k for k, p in lone.items() if p > LISTED], [k for k in kin if lone[k] > LISTED * without]):
-        either = Support.of(sets, _any_of(finding, *map(_holds, among)), structured)
-        if either.probability >= NAMED:
-            return tuple((form[k], Support.of(sets, _holds(k), structured).probability)
-                         for k in sorted(among, key=lambda k: -lone[k]))
+                    of_family[k] = None
+    without = sum(weights.values())
+    for among in ([k for k, p in weights.items() if p > LISTED_WEIGHT],
+                  [k for k in of_family if weights[k] > LISTED_WEIGHT * without]):
+        either = Support.of(sets, _match_any(match, *map(_match_names, among)), structured)
+        if either.probability >= NAMED_PROBABILITY:
+            return tuple((form[k], Support.of(sets, _match_names(k), structured).probability)
+                         for k in sorted(among, key=lambda k: -weights[k]))
     return ()

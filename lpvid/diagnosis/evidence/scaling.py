@@ -1,4 +1,4 @@
-"""Scaling: the natural size of a number of some unit, from the data by dimensional analysis."""
+"""Scaling: the natural size of a quantity of a unit, from the data by dimensional analysis."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Dimension = tuple[float, float, float, float]
 DIMENSIONS: dict[str, Dimension] = {
     "N": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "A": (0, 0, 0, 1), "Hz": (0, 0, -1, 0),
     "kg": (1, -1, 2, 0), "J": (1, 1, 0, 0), "1": (0, 0, 0, 0)}
-"""a mass is a force over an acceleration, a joule a force along a way"""
+"""a mass is a force over an acceleration, a joule a force along a displacement"""
 
 
 @dataclass(frozen=True)
@@ -25,20 +25,20 @@ class Scales:
     ----------
     force : float
         Root mean square of the output about its mean [its unit].
-    way : float
-        Of the displacement, or of the integral of the velocity where none was measured [m].
+    displacement : float
+        Root mean square of the displacement, or of the integral of the velocity where none was measured [m].
     time : float
-        Way over the velocity's root mean square [s]: a radian of the motion.
+        Displacement over the velocity's root mean square [s]: a radian of the motion.
     current : float
         Largest modulus [A].
     period : float
         Of the clock [s]: a lag or a delay lies between it and `time`.
     work : float
-        ∫|F v|dt of the longest record [J], for what heats up.
+        ∫|F v|dt of the longest record [J], the scale of a fade.
     """
 
     force: float
-    way: float
+    displacement: float
     time: float
     current: float
     period: float
@@ -56,21 +56,21 @@ class Scales:
         Returns
         -------
         Scales
-            Zero for what nothing was measured of.
+            Zero for what was not measured.
         """
         force = _rms([s.output for s in signals])
         speeds = [s["velocity"] for s in signals if s.has("velocity")]
         speed = _rms(speeds, centred=False)
-        way = _rms([s["displacement"] for s in signals if s.has("displacement")]) or _rms(
+        displacement = _rms([s["displacement"] for s in signals if s.has("displacement")]) or _rms(
             [_integral(s["velocity"], s.sample_time) for s in signals if s.has("velocity")])
         currents = [float(np.abs(s["current"]).max()) for s in signals if s.has("current")]
         work = max((float(np.sum(np.abs(s.output * s["velocity"]))) * s.sample_time
                     for s in signals if s.has("velocity")), default=0.0)
-        return cls(force, way, way / speed if speed > 0 else 0.0, max(currents, default=0.0), signals[0].sample_time,
-                   work)
+        return cls(force, displacement, displacement / speed if speed > 0 else 0.0, max(currents, default=0.0),
+                   signals[0].sample_time, work)
 
     def size(self, unit: str) -> float | None:
-        """Natural size of a number of a unit; None of one without, or of one that these data say nothing of.
+        """Natural size of a quantity of a unit; None for one without unit, or where the data do not determine it.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class Scales:
 
         Examples
         --------
-        >>> data = Scales(force=500.0, way=0.01, time=0.1, current=1.0, period=0.002, work=1e3)
+        >>> data = Scales(force=500.0, displacement=0.01, time=0.1, current=1.0, period=0.002, work=1e3)
         >>> data.size("N"), data.size("m/N"), round(data.size("N*s^2/m^2"), 9), data.size("1/J"), data.size("K")
         (500.0, 2e-05, 50000.0, 0.001, None)
         """
@@ -93,7 +93,7 @@ class Scales:
         dimension = dimension_of(unit)
         if dimension is None or not any(dimension):
             return None
-        base = (self.force, self.way, self.time, self.current)
+        base = (self.force, self.displacement, self.time, self.current)
         if any(e and not b > 0 for e, b in zip(dimension, base, strict=True)):
             return None
         return float(np.prod([b**e for b, e in zip(base, dimension, strict=True)]))
@@ -130,12 +130,12 @@ def dimension_of(unit: str) -> Dimension | None:
 def _rms(values: Sequence[np.ndarray], centred: bool = True) -> float:
     if not values:
         return 0.0
-    together = np.concatenate([v - v.mean() if centred else v for v in values])
-    return float(np.sqrt(np.mean(together**2)))
+    pooled = np.concatenate([v - v.mean() if centred else v for v in values])
+    return float(np.sqrt(np.mean(pooled**2)))
 
 
 def _integral(velocity: np.ndarray, period: float) -> np.ndarray:
-    """Way along a velocity, without the drift of its mean and what that integrates to."""
-    way = np.cumsum(velocity - velocity.mean()) * period
-    n = np.linspace(-1.0, 1.0, way.size)
-    return way - np.polyval(np.polyfit(n, way, 2), n)
+    """Integral of a velocity without its mean and a quadratic trend."""
+    displacement = np.cumsum(velocity - velocity.mean()) * period
+    n = np.linspace(-1.0, 1.0, displacement.size)
+    return displacement - np.polyval(np.polyfit(n, displacement, 2), n)

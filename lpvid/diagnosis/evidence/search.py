@@ -1,4 +1,4 @@
-"""Search: over sets of causes, with a beam, pairs at the root, and every member of the best set dropped and swapped."""
+"""Search over sets of causes: beam search, linked pairs, and the members of the best set removed and exchanged."""
 
 from __future__ import annotations
 
@@ -9,133 +9,140 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, share_of
-from lpvid.diagnosis.evidence.kinship import LAGGING, akin
-from lpvid.diagnosis.evidence.looking import HOPELESS, FirstLook, by_predicted_gain, evenly, first_look, look
+from lpvid.diagnosis.evidence.candidates import (
+    MOST_DEFICIT,
+    BaselineScreening,
+    by_predicted_gain,
+    evenly_spaced,
+    screen_beside_baseline,
+    screen_beside_sets,
+)
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE, kappa_of
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet
+from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.visited import RACED, VisitedSets, posterior
-from lpvid.diagnosis.evidence.weighing import Weighed
+from lpvid.diagnosis.evidence.visited import REFITTED_STARTS, VisitedSets, posterior
 from lpvid.diagnosis.problem import projector, without
 from lpvid.diagnosis.refitting import ITERATIONS, Refit, refit
-from lpvid.diagnosis.screening import Direction, placed
-from lpvid.diagnosis.starting import starts
+from lpvid.diagnosis.screening import Direction, start_vector
+from lpvid.diagnosis.start_points import start_points
 
-BEAM, DEEPEST = 3, 4
-"""sets enlarged at every size, and members at most"""
-ROUNDS = 2
-"""times that the best set is pulled apart, each member dropped and swapped"""
-TOGETHER = 3
-"""points of either of a pair: it is refitted from the best of their combinations"""
+BEAM_WIDTH, MOST_MEMBERS = 3, 4
+"""sets that are enlarged at a time, and members of a set at most"""
+EXCHANGE_ROUNDS = 2
+"""times that each member of the best set is removed and exchanged"""
+PAIR_POINTS = 3
+"""grid points of either effect of a pair, which is refitted from the best of their combinations"""
 
 
 @dataclass
 class SetSearch(VisitedSets):
-    """The order in which sets are visited.
+    """Visited sets and the order in which sets are visited.
 
     Attributes
     ----------
-    seen : FirstLook
-        What the effects changed beside the baseline alone.
+    baseline_screening : BaselineScreening
+        Of all effects beside the baseline alone.
     enlarged : set of frozenset of str
-        Visited sets whose children are known.
-    apart : set of frozenset of str
-        Visited sets whose neighbours are known.
+        Visited sets whose children were visited.
+    exchanged : set of frozenset of str
+        Visited sets of which members were removed and exchanged.
     """
 
-    seen: FirstLook = field(default_factory=FirstLook)
+    baseline_screening: BaselineScreening = field(default_factory=BaselineScreening)
     enlarged: set[frozenset[str]] = field(default_factory=set)
-    apart: set[frozenset[str]] = field(default_factory=set)
+    exchanged: set[frozenset[str]] = field(default_factory=set)
 
     def run(self, root: Refit) -> None:
-        """Visit sets from the baseline alone on.
+        """Visit sets, starting from the baseline alone.
 
         Parameters
         ----------
         root : Refit
             The baseline alone, on the samples of the data.
         """
-        self.visited[frozenset()] = Weighed(self.data, root)
-        self.reweigh()
-        self.enlarge([self.root])  # else a pair that imitates a single cause comes before it
-        self.reweigh()
+        self.visited[frozenset()] = EvaluatedSet(self.data, root)
+        self.update_kappa()
+        self.enlarge([self.root])  # before the pairs, which can fit the error of a single cause
+        self.update_kappa()
         self._pairs()
-        self.reweigh()
-        for _ in range(DEEPEST):
+        self.update_kappa()
+        for _ in range(MOST_MEMBERS):
             before = self.best
             self.enlarge(self._beam())
-            self.reweigh()
+            self.update_kappa()
             if self.best is before and self.best.members in self.enlarged:
                 break
             if self.best is not before:
-                self._neighbours(self.best)
-                self.reweigh()
-        self.worth = WORTH
-        self.reweigh()
-        for _ in range(ROUNDS):
+                self._exchange_members(self.best)
+                self.update_kappa()
+        self.alpha = STRUCTURED_SAMPLES
+        self.update_kappa()
+        for _ in range(EXCHANGE_ROUNDS):
             before = self.best
-            self._pull_apart(before)
-            self.reweigh()
+            self._exchange_and_enlarge(before)
+            self.update_kappa()
             if self.best is before:
                 break
-        self.shares = tuple(share_of(self.structured, self.problem.n_samples, w) for w in WORTHS)
-        self._pull_apart(posterior(self)[0][0])  # over all α it may be another set
+        self.kappas = tuple(kappa_of(self.structured, self.problem.n_samples, a) for a in STRUCTURED_SAMPLES_RANGE)
+        self._exchange_and_enlarge(posterior(self)[0][0])  # averaged over α, it may be another set
 
     # -- larger sets -------------------------------------------------------------------------------------------------
-    def _open(self, w: Weighed) -> bool:
-        """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
-        return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
+    def _can_grow(self, w: EvaluatedSet) -> bool:
+        """Whether a set may still be enlarged; one with a filter of all channels is not: that is added last."""
+        return w.members not in self.enlarged and len(w.members) < MOST_MEMBERS and \
+            all(e.path != "all" for e in w.effects)
 
-    def _beam(self) -> list[Weighed]:
-        """The most probable open sets of which none holds all components of a more probable one.
+    def _beam(self) -> list[EvaluatedSet]:
+        """The most probable sets that may be enlarged, of which none holds all components of a more probable one.
 
-        Else forms of one component, and sets that grew from one another, would fill the beam: beside a law that lacks
-        friction and a resonance, a spring comes first, alone and with any further effect, and the true causes long
-        after.
+        Otherwise forms of one component, and subsets of one set, would fill the beam: beside a law that lacks friction
+        and a resonance, a spring is most probable at first, alone and with any further effect.
         """
-        chosen: list[Weighed] = []
-        for w in sorted(filter(self._open, self.visited.values()), key=self.score, reverse=True):
-            if len(chosen) < BEAM and not any(set(w.kinds) >= set(c.kinds) for c in chosen):
+        chosen: list[EvaluatedSet] = []
+        for w in sorted(filter(self._can_grow, self.visited.values()), key=self.score, reverse=True):
+            if len(chosen) < BEAM_WIDTH and not any(set(w.components) >= set(c.components) for c in chosen):
                 chosen.append(w)
         return chosen
 
-    def enlarge(self, sets: Sequence[Weighed]) -> None:
-        """Visit the sets of the largest predicted gain with one effect more, of one set after the other.
+    def enlarge(self, sets: Sequence[EvaluatedSet]) -> None:
+        """Visit the sets with one effect more that have the largest predicted gain, for one set after the other.
 
-        A set that was visited from another one is visited again where less error is in sight from here.
+        A set that was visited before is refitted where the predicted cost is lower than that of its last refit.
 
         Parameters
         ----------
-        sets : sequence of Weighed
-            Looked at together; those that cannot be enlarged, or have been, are passed over.
+        sets : sequence of EvaluatedSet
+            Screened together; those that cannot be enlarged, or have been, are passed over.
         """
-        sets = [w for w in sets if self._open(w)]
+        sets = [w for w in sets if self._can_grow(w)]
         self.enlarged |= {w.members for w in sets}
         if not sets:
             return
         best, share = posterior(self)[0]
         names = "; ".join(", ".join(sorted(w.members)) or "the baseline alone" for w in sets)
         leader = ", ".join(sorted(best.members)) or "nothing"
-        self.report_progress(f"looking beyond {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
+        self.report_progress(f"enlarging {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
         if any(not w.members for w in sets):
-            self.seen = first_look(self)
-        for w, found in zip(sets, look(self, self.seen, sets), strict=True):
-            chosen = [e for e, cost in by_predicted_gain(self, self.seen, w, found).items()
-                      if self.is_less(w.members | {e.name}, cost)]
-            _ = w.fit.jacobian, self.root.fit.jacobian  # found once, for all forks
+            self.baseline_screening = screen_beside_baseline(self)
+        for w, found in zip(sets, screen_beside_sets(self, self.baseline_screening, sets), strict=True):
+            chosen = [e for e, cost in by_predicted_gain(self, self.baseline_screening, w, found).items()
+                      if self.has_lower_cost(w.members | {e.name}, cost)]
+            _ = w.fit.jacobian, self.root.fit.jacobian  # computed once, for all forks
             for child in self._children(w, chosen, found):
                 self.add(child)
 
-    def _children(self, w: Weighed, chosen: Sequence[Effect], found: Sequence[Direction]) -> list[Weighed]:
+    def _children(self, w: EvaluatedSet, chosen: Sequence[Effect], found: Sequence[Direction]) -> list[EvaluatedSet]:
         """Sets with one effect more, refitted."""
-        return self.each(lambda e: self.weighed(self._child(w, e, found)), chosen)
+        return self.in_parallel(lambda e: self.evaluated(self._child(w, e, found)), chosen)
 
-    def _child(self, w: Weighed, added: Effect, found: Sequence[Direction]) -> Refit:
-        """A set with one effect more, refitted from the points of the largest gain."""
+    def _child(self, w: EvaluatedSet, added: Effect, found: Sequence[Direction]) -> Refit:
+        """A set with one effect more, refitted from the grid points of the largest gain."""
         composition = Composition(w.fit.composition.baseline, (*w.effects, added))
-        if not w.members and added.name in self.seen.following:  # the law follows the lag
-            return self.settled(composition, [v for _, v in self.seen.following[added.name]], None, (added,))
-        begun = [placed(composition, w.fit, {added.name: p}) for p in starts(added, found)]
-        return self.settled(composition, begun, w.fit, (added,))
+        if not w.members and (lag_starts := self.baseline_screening.lag_starts.get(added.name)) is not None:
+            return self.best_refit(composition, [v for _, v in lag_starts], None, (added,))
+        vectors = [start_vector(composition, w.fit, {added.name: p}) for p in start_points(added, found)]
+        return self.best_refit(composition, vectors, w.fit, (added,))
 
     def _pairs(self) -> None:
         """Visit pairs of effects that physics links, which may act only together."""
@@ -143,88 +150,93 @@ class SetSearch(VisitedSets):
         pairs = sorted({tuple(sorted((e.name, p))) for e in self.candidates for p in e.partners if p in names
                         and self.allowed((e, names[p]))})
         self.report_progress(f"{len(pairs)} linked pairs")
-        basis = projector(root.yielding)
+        basis = projector(root.free_jacobian)
 
-        def refitted(pair: tuple[str, ...]) -> Weighed:
+        def refitted(pair: tuple[str, ...]) -> EvaluatedSet:
             composition = Composition(root.composition.baseline, tuple(names[n] for n in pair))
-            grids = [evenly(self.data.looked_at[n], TOGETHER) for n in pair]
-            begun = [placed(composition, root, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
-            left = [self.left(composition, v, basis) for v in begun]
-            return self.weighed(self.settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], root,
-                                             composition.effects, RACED))
+            grids = [evenly_spaced(self.data.grid_points[n], PAIR_POINTS) for n in pair]
+            vectors = [start_vector(composition, root, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
+            costs = [self.cost_at(composition, v, basis) for v in vectors]
+            best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
+            return self.evaluated(self.best_refit(composition, best, root, composition.effects, REFITTED_STARTS))
 
-        for pair in self.each(refitted, pairs):
+        for pair in self.in_parallel(refitted, pairs):
             self.add(pair)
 
     # -- neighbours of the best set ----------------------------------------------------------------------------------
-    def _pull_apart(self, w: Weighed) -> None:
-        """Visit the neighbours of a set, and what enlarges it and the sets without one of its members."""
-        self._neighbours(w)
-        without = (w.members - {e.name} for e in w.effects)
-        self.enlarge([*(self.visited[m] for m in without if m in self.visited), w])
+    def _exchange_and_enlarge(self, w: EvaluatedSet) -> None:
+        """Exchange the members of a set; enlarge it and the sets without one of its members."""
+        self._exchange_members(w)
+        smaller = (w.members - {e.name} for e in w.effects)
+        self.enlarge([*(self.visited[m] for m in smaller if m in self.visited), w])
 
-    def _neighbours(self, w: Weighed) -> None:
-        """Visit the set without each of its members, and with the next of kin in its place.
+    def _exchange_members(self, w: EvaluatedSet) -> None:
+        """Visit the set without each of its members, and with related effects in the place of each.
 
-        A set that was visited is visited again where less error is in sight from here.
+        A set that was visited before is refitted where a start vector has a lower cost than its last refit.
         """
-        if w.members in self.apart:
+        if w.members in self.exchanged:
             return
-        self.apart.add(w.members)
-        rests = [rest for e in w.effects if self.allowed(rest := tuple(x for x in w.effects if x is not e))]
+        self.exchanged.add(w.members)
+        reduced = [remaining for e in w.effects if self.allowed(remaining := tuple(x for x in w.effects if x is not e))]
         own = {x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)}
         root = self.root.fit
-        _ = w.fit.jacobian  # found once, for all forks
+        _ = w.fit.jacobian  # computed once, for all forks
 
-        def without_one(rest: tuple[Effect, ...]) -> Weighed | None:
-            composition = Composition(w.fit.composition.baseline, rest)
-            begun = [placed(composition, w.fit, {}), placed(composition, root, {x.name: own[x.name] for x in rest})]
+        def without_one(remaining: tuple[Effect, ...]) -> EvaluatedSet | None:
+            composition = Composition(w.fit.composition.baseline, remaining)
+            vectors = [start_vector(composition, w.fit, {}),
+                       start_vector(composition, root, {x.name: own[x.name] for x in remaining})]
             known = self.visited.get(composition.members)
-            if known is not None and not any(self.left(composition, v) < known.fit.cost for v in begun):
+            if known is not None and not any(self.cost_at(composition, v) < known.fit.cost for v in vectors):
                 return None
-            for x in rest:  # else a set may leave more than a smaller one does, of which it holds all members
-                if (less := self.visited.get(frozenset(y.name for y in rest if y is not x))) and less.members:
-                    begun.append(placed(composition, less.fit, {x.name: own[x.name]}))
-            return self.weighed(self.settled(composition, begun, w.fit))
+            for x in remaining:  # so that no set has a higher cost than one of its subsets
+                if (less := self.visited.get(frozenset(y.name for y in remaining if y is not x))) and less.members:
+                    vectors.append(start_vector(composition, less.fit, {x.name: own[x.name]}))
+            return self.evaluated(self.best_refit(composition, vectors, w.fit))
 
-        swaps = [(e, y) for e in w.effects for y in self.candidates if akin(e, y) and y.name not in w.members
+        swaps = [(e, y) for e in w.effects for y in self.candidates if related(e, y) and y.name not in w.members
                  and self.allowed([*(x for x in w.effects if x is not e), y])]
-        for found in [*self.each(without_one, rests), *self.each(lambda pair: self._swapped(w, *pair), swaps)]:
+        for found in [*self.in_parallel(without_one, reduced),
+                      *self.in_parallel(lambda pair: self._exchanged(w, *pair), swaps)]:
             if found is not None:
                 self.add(found)
 
-    def _swapped(self, w: Weighed, gone: Effect, come: Effect) -> Weighed | None:
-        """A set with the next of kin in the place of one effect, from the numbers that the others have beside that.
+    def _exchanged(self, w: EvaluatedSet, removed: Effect, inserted: Effect) -> EvaluatedSet | None:
+        """A set with a related effect in the place of one, from the parameters that the others have beside that one.
 
-        Without either effect the law follows what it lacks, a late motion for instance, and is no good start for the
-        other one. None where the new set stays hopelessly behind, to first order: the others and the size of the
-        change following. Lags do not act in proportion: all of them are refitted. Where a number of the law has gone to
-        its bound, an effect does the work of that part, a friction that of the yield force: then the law begins from
-        where it stands alone too, and is followed to its end unless it stays hopelessly behind.
+        Without either effect the law is fitted to a wrong input, such as a late motion, and is no good start vector.
+        None where the predicted deficit of log-evidence, with the other parameters and the size of the change refitted
+        to first order, is above `MOST_DEFICIT`. The change by a lag is not proportional to it: lags are always
+        refitted. Where a parameter of the law has moved to its bound, an effect has replaced that part of the law, such
+        as friction its yield force: then the set is also refitted from the parameters of the law alone, to the end
+        unless the deficit is too large.
         """
-        composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not gone), come))
-        place = w.fit.composition.places[w.effects.index(gone)]
+        composition = Composition(w.fit.composition.baseline, (*(x for x in w.effects if x is not removed), inserted))
+        place = w.fit.composition.places[w.effects.index(removed)]
         basis = projector(np.delete(w.fit.jacobian, range(place.start, place.stop), axis=1))
-        plain = without(basis, self.problem.stacked_errors(composition, placed(composition, w.fit, {})))
-        points = come.refit_points(self.problem.signals, Scales.of(self.problem.signals).size)
-        begun = [placed(composition, w.fit, {come.name: v}) for v in points]
-        lag, left = come.path in LAGGING, []
-        for vector in begun:
+        without_either = without(basis, self.problem.stacked_errors(composition, start_vector(composition, w.fit, {})))
+        points = inserted.refit_points(self.problem.signals, Scales.of(self.problem.signals).size)
+        vectors = [start_vector(composition, w.fit, {inserted.name: v}) for v in points]
+        lag, costs = inserted.path in LAGGING, []
+        for vector in vectors:
             error = without(basis, self.problem.stacked_errors(composition, vector))
-            change = plain - error
-            followed = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
-            left.append(float(error @ error - followed))
+            change = without_either - error
+            scaling_gain = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
+            costs.append(float(error @ error - scaling_gain))
 
-        def behind(cost: float) -> float:
-            return 0.5 * self.kept * self.problem.n_samples * float(np.log(max(cost, 1e-300) / w.fit.cost))
+        def deficit(cost: float) -> float:
+            return 0.5 * self.kappa * self.problem.n_samples * float(np.log(max(cost, 1e-300) / w.fit.cost))
 
-        near = [begun[k] for k in np.argsort(left)[:RACED]]
-        found = [self.settled(composition, near, w.fit, (come,), RACED)] if lag or behind(min(left)) < HOPELESS else []
+        found = []
+        if lag or deficit(min(costs)) < MOST_DEFICIT:
+            best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
+            found.append(self.best_refit(composition, best, w.fit, (inserted,), REFITTED_STARTS))
         own, root = slice(composition.own), self.root.fit
         if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
-            anew = [np.concatenate([root.vector[own], v[composition.own:]]) for v in begun]
-            first = self.settled(composition, [min(anew, key=lambda v: self.left(composition, v))], None)
-            if behind(first.cost) < HOPELESS:
+            restarted = [np.concatenate([root.vector[own], v[composition.own:]]) for v in vectors]
+            first = self.best_refit(composition, [min(restarted, key=lambda v: self.cost_at(composition, v))], None)
+            if deficit(first.cost) < MOST_DEFICIT:
                 first = refit(self.problem, composition, first.vector, iterations=2 * ITERATIONS)
             found.append(first)
-        return self.weighed(min(found, key=lambda f: f.cost)) if found else None
+        return self.evaluated(min(found, key=lambda f: f.cost)) if found else None

@@ -12,35 +12,35 @@ from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
-from lpvid.diagnosis.evidence.discrepancy import MISSED
+from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.signals import Signals, SignalStretch
 from lpvid.record import Record
 
-ENOUGH = 3000
-"""samples for a search, whose time is in proportion. An error that is all structure is worth `independence.WORTH` = 25
-of them; in white noise of 1 %, so many show a cause of .2 % (a log-likelihood ratio of 60)"""
+SEARCH_SAMPLES = 3000
+"""samples for a search, whose time is in proportion. A structured error counts as `STRUCTURED_SAMPLES` = 25 of them; in
+white noise of 1 % they reveal a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
-FAR = 1.2
-"""mean square reach of a stretch over that of the median part, from which it is read for its reach: where all parts
-reach as far, none is. Of 60 motions of the foreign rig the samples come within 5 % of the largest stroke in 93 % with
+REACH_RATIO = 1.2
+"""mean square reach of a stretch over that of the median part, from which it is included for its reach: with equal
+reach of all parts none is. Of 60 motions of the foreign rig the samples hold 95 % of the largest stroke in 93 % with
 1.0 and with 1.2, in 92 % with 1.5, in 85 % with 2, in 73 % without such a stretch"""
-FEWEST = 4
-"""stretches over all records at least, so that slow causes show"""
-SLACK = 3
-"""samples beyond it, so that start-up and blocks, each rounded to whole samples, find room"""
-LEAD = START_UP / 2
-"""time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up the trace of
-that dies away"""
+FEWEST_STRETCHES = 4
+"""stretches over all records at least, so that slow causes are detectable"""
+ROUNDING_SAMPLES = 3
+"""samples by which a stretch is longer: start-up and blocks are each rounded to whole samples"""
+TRANSITION = START_UP / 2
+"""time at the head of a stretch of a smooth transition from the one before [s]; in the rest of the start-up its
+transient decays"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
     """Records decimated by a whole factor, and the factor: 1 where stretches suffice, or where decimation is ruled out.
 
     It is ruled out where the records move or jump too fast for a slower clock, and where the baseline runs at its own
-    clock only. A law with memory that runs at less than `SPARE` times the band has errors of the size of those by which
-    its causes are told apart.
+    clock only. A law with memory that runs at less than `SPARE` times the band has errors as large as those that
+    distinguish its causes.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
         return list(records), 1
     signals = [baseline.signals(r) for r in records]
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
-    least = max(FEWEST, len(signals)) * length_of(signals) / period
-    factor, widest = -(-round(min(total, least)) // ENOUGH), widest_band(records)
+    least = max(FEWEST_STRETCHES, len(signals)) * length_of(signals) / period
+    factor, widest = -(-round(min(total, least)) // SEARCH_SAMPLES), widest_band(records)
     if widest > 0:
         factor = min(factor, int(1 / (period * SPARE * widest)))
     roles = list(records[0].channels)
     while factor > 1:
-        if all(_quiet(s, factor) for s in signals):
+        if all(_fits_band(s, factor) for s in signals):
             slow = [p for r in records for p in segments([r], roles, sample_rate=1 / (factor * period), minimum=2)]
             if len(slow) == len(records):
                 return slow, factor
@@ -76,9 +76,9 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
 
 
 def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
-    """What a search runs on: stretches beside a law of short memory, the first part of every record beside others.
+    """Signals of a search: stretches beside a law of short memory, the first part of every record beside others.
 
-    Either holds the blocks without which nothing is judged, whatever the clock: a block of each record may be cut.
+    Either holds enough blocks at any rate: a block of each record may be cut.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
     if static:
         return stretched(signals)
     least = ((FEWEST_BLOCKS + len(signals)) * SHORTEST + len(signals) * START_UP) / signals[0].sample_time
-    share = min(max(ENOUGH, least) / sum(s.n_samples for s in signals), 1.0)
+    share = min(max(SEARCH_SAMPLES, least) / sum(s.n_samples for s in signals), 1.0)
     short = [replace(_cut(s, round(share * s.n_samples)), span=(s.span[0], s.span[0] + share * (s.span[1] - s.span[0]))
                      if s.span else None) for s in signals]
     return tuple(replace(s, peers=tuple(short)) for s in short) if share < 1 else tuple(signals)
@@ -119,13 +119,13 @@ def length_of(signals: Sequence[Signals]) -> float:
 
 
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
-    """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
+    """About `SEARCH_SAMPLES` samples at most: stretches, spread evenly over the records and joined; few samples whole.
 
-    From each part of a record comes the stretch in which the inputs move most: a current that jumps once in a part is
-    informative there only. From one part it is the stretch in which the inputs reach farthest: at an end stop little
-    moves. Between two stretches the channels are continued smoothly, over samples that are not weighed; each
+    Each part of a record gives the stretch in which the inputs move most: a current that jumps once in a part is
+    informative there only. One part gives the stretch in which the inputs reach farthest: at an end stop little
+    moves. Between two stretches the channels are continued smoothly, over samples that are not counted; each
     stretch holds the record before it too, from which heat is built up. One run along all stretches costs a fraction of
-    a run along each.
+    a run along each by itself.
 
     Parameters
     ----------
@@ -138,22 +138,22 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         One that holds all stretches; a single record of few samples as it is.
     """
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
-    size = round(length_of(signals) / period) + SLACK
-    wanted = max(ENOUGH // size, FEWEST, len(signals))
-    if total <= max(wanted * size, ENOUGH):
-        return tuple(signals) if len(signals) == 1 else (_whole(signals, round(LEAD / period)),)
+    size = round(length_of(signals) / period) + ROUNDING_SAMPLES
+    wanted = max(SEARCH_SAMPLES // size, FEWEST_STRETCHES, len(signals))
+    if total <= max(wanted * size, SEARCH_SAMPLES):
+        return tuple(signals) if len(signals) == 1 else (_whole(signals, round(TRANSITION / period)),)
     parts: list[tuple[Signals, int, int]] = []
     spans, begun = [], 0
     for s, count in zip(signals, _counts([s.n_samples for s in signals], size, wanted), strict=True):
-        firsts = _liveliest(s, count, size) if s.n_samples > size else [0]
+        firsts = _most_active(s, count, size) if s.n_samples > size else [0]
         parts += [(s, a, min(a + size, s.n_samples)) for a in firsts]
         spans += [((begun + a) / total, (begun + min(a + size, s.n_samples)) / total) for a in firsts]
         begun += s.n_samples
-    return (_cut_together(parts, spans, round(LEAD / period)),)
+    return (_cut_together(parts, spans, round(TRANSITION / period)),)
 
 
 def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
-    """Stretches of each record: their share of `wanted` to the nearest, one at least, and `FEWEST` in all.
+    """Stretches of each record: their share of `wanted` to the nearest, one at least, and `FEWEST_STRETCHES` in all.
 
     Four stretches among three equal records are one each to the nearest: the longest record without another one gets
     the fourth.
@@ -164,22 +164,23 @@ def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
     ([2, 1, 1], [3, 1])
     """
     counts = [max(min(round(wanted * n / sum(samples)), n // size), 1) for n in samples]
-    while sum(counts) < FEWEST and (room := [k for k, n in enumerate(samples) if (counts[k] + 1) * size <= n]):
-        counts[max(room, key=lambda k: samples[k] / counts[k])] += 1
+    while sum(counts) < FEWEST_STRETCHES and (
+            longer := [k for k, n in enumerate(samples) if (counts[k] + 1) * size <= n]):
+        counts[max(longer, key=lambda k: samples[k] / counts[k])] += 1
     return counts
 
 
-def _whole(signals: Sequence[Signals], lead: int) -> Signals:
+def _whole(signals: Sequence[Signals], transition: int) -> Signals:
     """All of the records, one after the other."""
-    return _cut_together([(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], lead)
+    return _cut_together([(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], transition)
 
 
-def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tuple[float, float]], lead: int
+def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tuple[float, float]], transition: int
                   ) -> Signals:
-    """Stretches (signals, first, last), one after the other; in the first `lead` samples of each leading over."""
+    """Stretches (signals, first, last), one after the other, the first `transition` samples of each a transition."""
     head = parts[0][0]
     roles = [r for r in head.channels if all(s.has(r) for s, _, _ in parts)]
-    channels = {r: _joined([s[r][a:b] for s, a, b in parts], lead) for r in roles}
+    channels = {r: _concatenated([s[r][a:b] for s, a, b in parts], transition) for r in roles}
     firsts = np.cumsum([0, *(b - a for _, a, b in parts)])[:-1]
     found = Signals(head.sample_time, channels, np.concatenate([s.output[a:b] for s, a, b in parts]), "stretches",
                     (0.0, 1.0), stretches=tuple(
@@ -188,14 +189,14 @@ def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tup
     return replace(found, peers=(found,))
 
 
-def _joined(pieces: Sequence[np.ndarray], lead: int) -> np.ndarray:
-    """Values one after the other; the first of each replaced by a cubic that leads over from the ones before."""
+def _concatenated(pieces: Sequence[np.ndarray], transition: int) -> np.ndarray:
+    """Values one after the other; the first of each replaced by a cubic transition from the ones before."""
     out, at = np.concatenate(pieces), 0
-    ease = np.linspace(0.0, 1.0, lead + 1)[:-1]
+    ease = np.linspace(0.0, 1.0, transition + 1)[:-1]
     ease = ease**2 * (3 - 2 * ease)
     for before, piece in pairwise(pieces):
         at += before.size
-        n = min(lead, piece.size - 1)
+        n = min(transition, piece.size - 1)
         out[at: at + n] = before[-1] + ease[:n] * (piece[n] - before[-1])
     return out
 
@@ -204,35 +205,36 @@ def _cut(s: Signals, last: int) -> Signals:
     return Signals(s.sample_time, {r: c[:last] for r, c in s.channels.items()}, s.output[:last], s.name)
 
 
-def _liveliest(s: Signals, count: int, size: int) -> list[int]:
+def _most_active(s: Signals, count: int, size: int) -> list[int]:
     """First samples of so many stretches, one in each part of equal length; the start-up does not count.
 
     In each part it is the stretch in which the inputs move most. In the part with the farthest reach it is the stretch
-    of that reach, if this is more than `FAR` times the median part's and exceeds it by more than the motion does its.
+    of that reach, if this is more than `REACH_RATIO` times the median part's, and a larger multiple of the median than
+    the motion there.
     """
-    moved, reached = np.zeros(s.n_samples), np.zeros(s.n_samples)
+    motion, reach = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
-        for of, square in ((moved, np.diff(values, prepend=values[:1]) ** 2), (reached, (values - values.mean()) ** 2)):
+        for of, square in ((motion, np.diff(values, prepend=values[:1]) ** 2), (reach, (values - values.mean()) ** 2)):
             of += square / max(float(square.mean()), 1e-300)
     head = round(START_UP / s.sample_time)
     edges = np.linspace(0, s.n_samples, count + 1).round().astype(int)
     parts = [np.arange(a, min(max(b - size, a), s.n_samples - size) + 1) for a, b in pairwise(edges)]
-    unlike, firsts = [], []
-    for sums in (np.concatenate([[0.0], np.cumsum(of)]) for of in (moved, reached)):
+    ratios, firsts = [], []
+    for sums in (np.concatenate([[0.0], np.cumsum(of)]) for of in (motion, reach)):
         inside = [sums[begins + size] - sums[begins + head] for begins in parts]
         firsts.append([int(begins[np.argmax(w)]) for begins, w in zip(parts, inside, strict=True)])
         most = np.array([w.max() for w in inside])
-        unlike.append(most / max(float(np.median(most)), 1e-300))
-    out, far = firsts[0], int(np.argmax(unlike[1]))
-    if unlike[1][far] > max(unlike[0][far], FAR):
-        out[far] = firsts[1][far]
+        ratios.append(most / max(float(np.median(most)), 1e-300))
+    out, farthest = firsts[0], int(np.argmax(ratios[1]))
+    if ratios[1][farthest] > max(ratios[0][farthest], REACH_RATIO):
+        out[farthest] = firsts[1][farthest]
     return out
 
 
-def _quiet(s: Signals, factor: int) -> bool:
-    """Whether less of the output than a good law's misfit lies beyond the band that is left, and no input jumps."""
+def _fits_band(s: Signals, factor: int) -> bool:
+    """Whether less of the output than a good law's misfit lies beyond the remaining band, and no input jumps."""
     if any(jumps(c) for c in s.channels.values()):
         return False
     power = np.abs(np.fft.rfft((s.output - s.output.mean()) * np.hanning(s.n_samples))) ** 2
     kept = int(BAND * power.size / factor)
-    return bool(power[kept:].sum() < MISSED**2 * power.sum())
+    return bool(power[kept:].sum() < ACCEPTABLE_MISFIT**2 * power.sum())

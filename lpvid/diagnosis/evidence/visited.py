@@ -1,4 +1,4 @@
-"""Visited sets: how a set of causes is refitted, weighed and kept, and how probable each is among the visited ones."""
+"""Visited sets of causes: their refits, evidence and posterior weights."""
 
 from __future__ import annotations
 
@@ -11,66 +11,65 @@ import numpy as np
 from lpvid._forks import in_forks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.independence import WORTH, independent
-from lpvid.diagnosis.evidence.kinship import together
-from lpvid.diagnosis.evidence.priors import of_misfit
-from lpvid.diagnosis.evidence.weighing import ABSENT, Data, Weighed
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
+from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData
+from lpvid.diagnosis.evidence.priors import misfit_prior
+from lpvid.diagnosis.evidence.relations import compatible
 from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem, without
-from lpvid.diagnosis.refitting import Refit, descend, hopped_on
-from lpvid.diagnosis.screening import placed
+from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial
+from lpvid.diagnosis.screening import start_vector
 
 T = TypeVar("T")
 R = TypeVar("R")
-EAGER = 3.0
-"""times α that a structured error counts as while sets are sought: three causes that only act jointly must be reached
-over two that win too little by themselves"""
-HEAT, STEPS = 2, 8
-"""iterations from every start of a set, and further ones from where the best of them ended"""
-RACED = 2
-"""starts of one set, of all that were tried, from which it is refitted: those that leave least as they stand"""
-LEAST_WORTH = 0.1
-"""share of independent samples that a refit of the search assumes at least, which decides where it ends"""
+SEARCH_FACTOR = 3.0
+"""factor on α during the search: three causes that only act jointly must be reached from two with little gain alone"""
+COARSE_ITERATIONS, REFIT_ITERATIONS = 2, 8
+"""iterations of the coarse refit from every start vector, and of the refit from the best of these"""
+REFITTED_STARTS = 2
+"""start vectors of one set from which it is refitted: those of the least cost, of all that were evaluated"""
+LEAST_KAPPA = 0.1
+"""least κ by which a refit of the search is ended"""
 
 
 @dataclass
 class VisitedSets:
-    """Sets that were visited, the best refit of each, and κ, by which they are weighed.
+    """Sets that were visited, the best refit of each, and κ, at which their evidence is computed.
 
     Attributes
     ----------
-    data : Data
+    data : EvidenceData
     candidates : tuple of Effect
     channels : sequence of str
-        Inputs that an error may follow.
+        Inputs on which an error may depend.
     report_progress : callable
-        Receives in words what is being done.
-    visited : dict of frozenset of str to Weighed
+        Receives a line of text at every stage.
+    visited : dict of frozenset of str to EvaluatedSet
         By the names of their effects.
-    anew : set of frozenset of str
-        Those that `with_one_more` has refitted.
-    kept : float
-        κ of the best set's error, by which all sets are weighed.
+    refitted_larger : set of frozenset of str
+        Those that `refitted_with` has refitted.
+    kappa : float
+        κ of the best set's error, which is used for all sets.
     structured : float
         Share of that error beyond the noise floor.
     floor : float
         Variance of the noise.
-    worth : float
-        α of that: more while sets are sought, so that larger ones are reached, than where they are judged.
-    shares : tuple of float
-        κ at every α over which the judgement is averaged; empty while sets are sought, by κ alone then.
+    alpha : float
+        α of that; larger by `SEARCH_FACTOR` during the search, so that larger sets are reached.
+    kappas : tuple of float
+        κ at every α over which the weights are averaged; empty during the search, which uses `kappa` alone.
     """
 
-    data: Data
+    data: EvidenceData
     candidates: tuple[Effect, ...]
     channels: Sequence[str]
     report_progress: Callable[[str], None]
-    visited: dict[frozenset[str], Weighed] = field(default_factory=dict)
-    anew: set[frozenset[str]] = field(default_factory=set)
-    kept: float = 1.0
+    visited: dict[frozenset[str], EvaluatedSet] = field(default_factory=dict)
+    refitted_larger: set[frozenset[str]] = field(default_factory=set)
+    kappa: float = 1.0
     structured: float = 0.0
     floor: float = 0.0
-    worth: float = EAGER * WORTH
-    shares: tuple[float, ...] = ()
+    alpha: float = SEARCH_FACTOR * STRUCTURED_SAMPLES
+    kappas: tuple[float, ...] = ()
 
     @property
     def problem(self) -> DiagnosisProblem:
@@ -78,37 +77,51 @@ class VisitedSets:
         return self.data.problem
 
     @property
-    def root(self) -> Weighed:
+    def root(self) -> EvaluatedSet:
         """The baseline alone, which is visited first."""
         return self.visited[frozenset()]
 
     @property
-    def best(self) -> Weighed:
+    def best(self) -> EvaluatedSet:
         """The most probable set."""
         return max(self.visited.values(), key=self.score)
 
-    # -- weighing ----------------------------------------------------------------------------------------------------
-    def score(self, w: Weighed) -> float:
-        """Evidence of a set at the present κ.
+    def relative_rms(self, values: np.ndarray) -> float:
+        """Root mean square of values over that of the output.
 
         Parameters
         ----------
-        w : Weighed
+        values : (N,) array
+            In the output's unit.
+
+        Returns
+        -------
+        float
+        """
+        return float(np.sqrt(np.mean(values**2))) / self.data.discrepancy.output_rms
+
+    # -- evidence ----------------------------------------------------------------------------------------------------
+    def score(self, w: EvaluatedSet) -> float:
+        """Evidence of a set at the current κ.
+
+        Parameters
+        ----------
+        w : EvaluatedSet
 
         Returns
         -------
         float
             In nats, up to what all sets share; minus infinity for one with a strength at its bound.
         """
-        return self.evidence(w, self.kept)
+        return self.evidence(w, self.kappa)
 
-    def evidence(self, w: Weighed, kept: float) -> float:
-        """Evidence of a set at some κ, and how usual it is for the best law to leave what it leaves beyond noise.
+    def evidence(self, w: EvaluatedSet, kappa: float) -> float:
+        """Evidence of a set at some κ, with the prior of its structured error (`misfit_prior`).
 
         Parameters
         ----------
-        w : Weighed
-        kept : float
+        w : EvaluatedSet
+        kappa : float
             κ.
 
         Returns
@@ -116,17 +129,17 @@ class VisitedSets:
         float
             As of `score`.
         """
-        beyond = max(w.fit.cost / self.problem.n_samples - self.floor, 0.0)
-        return w.evidence(kept) + of_misfit(np.sqrt(beyond) / self.data.discrepancy.force)
+        structured = max(w.fit.cost / self.problem.n_samples - self.floor, 0.0)
+        return w.evidence(kappa) + misfit_prior(np.sqrt(structured) / self.data.discrepancy.output_rms)
 
-    def reweigh(self) -> None:
-        """Find κ from the error of the best set, which may make another set the best: up to three times."""
+    def update_kappa(self) -> None:
+        """Compute κ from the error of the best set, up to three times: another set may become the best."""
         for _ in range(3):
             best = self.best
             errors = self.problem.errors(best.fit.composition, best.fit.vector)
-            found = best.fit.cached(("independent", self.worth),
-                                    lambda e=errors, worth=self.worth: independent(self.problem, e, worth))
-            self.kept, self.structured, self.floor = found.kept, found.structured, found.floor
+            found = best.fit.cached(("effective samples", self.alpha),
+                                    lambda e=errors, alpha=self.alpha: effective_samples(self.problem, e, alpha))
+            self.kappa, self.structured, self.floor = found.kappa, found.structured, found.floor
             if self.best is best:
                 return
 
@@ -142,10 +155,10 @@ class VisitedSets:
         -------
         bool
         """
-        return together(effects, self.root.fit.composition.baseline.channels)
+        return compatible(effects, self.root.fit.composition.baseline.channels)
 
-    def each(self, function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
-        """Results over independent items, on every processor.
+    def in_parallel(self, function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
+        """Results for independent items, on every processor.
 
         Parameters
         ----------
@@ -153,7 +166,7 @@ class VisitedSets:
             Of one item.
         items : sequence
         shared : sequence of object
-            What results refer to beside the data, the baseline and the candidates.
+            What results refer to besides the data, the baseline and the candidates.
 
         Returns
         -------
@@ -162,40 +175,40 @@ class VisitedSets:
         baseline = self.root.fit.composition.baseline
         return in_forks(function, items, (self.data, self.problem, baseline, *self.candidates, *shared))
 
-    def settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit | None,
-                added: Sequence[Effect] = (), followed: int = 1) -> Refit:
-        """The best refit from several starts: a few iterations from each, more from the best of them.
+    def best_refit(self, composition: Composition, start_vectors: Sequence[np.ndarray], near: Refit | None,
+                added: Sequence[Effect] = (), full_refits: int = 1) -> Refit:
+        """The best refit from several start vectors: coarse refits, continued from the best of them.
 
         Parameters
         ----------
         composition : Composition
-        begun : sequence of (P,) arrays
-            Starts.
+        start_vectors : sequence of (P,) arrays
         near : Refit or None
-            Of a neighbouring set, whose sensitivities serve at first; None where there is none.
+            Of a neighbouring set, whose sensitivities are used first; None where there is none.
         added : sequence of Effect
-            Of these, parameters that no derivative moves are also changed by trial.
-        followed : int
-            Starts that are refitted to their end.
+            Of these, parameters without a useful derivative are also changed by trial.
+        full_refits : int
+            Coarse refits that are continued.
 
         Returns
         -------
         Refit
         """
-        worth = max(self.kept, LEAST_WORTH)
+        weight = max(self.kappa, LEAST_KAPPA)
         low, high = composition.bounds
-        starts = {np.clip(v, low, high).tobytes(): v for v in begun}.values()
-        heats = self.each(lambda v: descend(self.problem, composition, v, iterations=HEAT, near=near, rough=True,
-                                            worth=worth), list(starts), (composition,))
-        ahead = sorted(heats, key=lambda f: f.cost)[:followed]
+        starts = {np.clip(v, low, high).tobytes(): v for v in start_vectors}.values()
+        coarse = self.in_parallel(lambda v: descend(self.problem, composition, v, iterations=COARSE_ITERATIONS,
+                                                    near=near, rough=True, sample_weight=weight), list(starts),
+                                  (composition,))
+        leading = sorted(coarse, key=lambda f: f.cost)[:full_refits]
         if any(e.stepwise or e.rugged for e in added):
-            ahead[0] = hopped_on(ahead[0], HEAT, rough=True)
-        ends = self.each(lambda f: descend(self.problem, composition, f.vector, iterations=STEPS, rough=True,
-                                           worth=worth), ahead, (composition,))
-        return min(ends, key=lambda f: f.cost)
+            leading[0] = refined_by_trial(leading[0], COARSE_ITERATIONS, rough=True)
+        fits = self.in_parallel(lambda f: descend(self.problem, composition, f.vector, iterations=REFIT_ITERATIONS,
+                                                  rough=True, sample_weight=weight), leading, (composition,))
+        return min(fits, key=lambda f: f.cost)
 
-    def left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray | None = None) -> float:
-        """Squared error at a vector; with a basis the part that its directions cannot take away, to first order.
+    def cost_at(self, composition: Composition, vector: np.ndarray, basis: np.ndarray | None = None) -> float:
+        """Squared error at a vector; with a basis of sensitivities, less what a first-order step along these removes.
 
         Parameters
         ----------
@@ -214,8 +227,8 @@ class VisitedSets:
         return float(np.minimum(error**2, EXPLODED).sum())
 
     # -- keeping -----------------------------------------------------------------------------------------------------
-    def weighed(self, fit: Refit) -> Weighed:
-        """A refitted set, its evidence found.
+    def evaluated(self, fit: Refit) -> EvaluatedSet:
+        """A refitted set, with its evidence computed.
 
         Parameters
         ----------
@@ -223,14 +236,14 @@ class VisitedSets:
 
         Returns
         -------
-        Weighed
+        EvaluatedSet
         """
-        found = Weighed(self.data, fit)
+        found = EvaluatedSet(self.data, fit)
         if np.isfinite(fit.cost):
             self.score(found)
         return found
 
-    def is_less(self, members: frozenset[str], cost: float) -> bool:
+    def has_lower_cost(self, members: frozenset[str], cost: float) -> bool:
         """Whether a squared error is below that of a visited set, or there is no such set.
 
         Parameters
@@ -247,51 +260,52 @@ class VisitedSets:
         known = self.visited.get(members)
         return known is None or cost < known.fit.cost
 
-    def add(self, w: Weighed) -> None:
-        """Keep a set if it leaves less than before; where a refit has emptied a member, visit the set without it too.
+    def add(self, w: EvaluatedSet) -> None:
+        """Keep a set if its cost is lower than before; if a refit reduced members to zero, visit the set without them.
 
-        From where that began it may have ended in another minimum.
+        An earlier refit of that smaller set may have ended in another minimum.
 
         Parameters
         ----------
-        w : Weighed
+        w : EvaluatedSet
         """
         if not np.isfinite(w.fit.cost):
             return
-        if self.is_less(w.members, w.fit.cost):
+        if self.has_lower_cost(w.members, w.fit.cost):
             self.visited[w.members] = w
-        there = tuple(e for e, change in zip(w.effects, w.changes, strict=True) if change >= ABSENT)
-        if len(there) < len(w.effects) and self.is_less(frozenset(e.name for e in there), w.fit.cost):
-            composition = Composition(w.fit.composition.baseline, there)
-            self.add(self.weighed(self.settled(composition, [placed(composition, w.fit, {})], w.fit)))
+        present = tuple(e for e, change in zip(w.effects, w.changes, strict=True) if change >= NEGLIGIBLE_CHANGE)
+        if len(present) < len(w.effects) and self.has_lower_cost(frozenset(e.name for e in present), w.fit.cost):
+            composition = Composition(w.fit.composition.baseline, present)
+            self.add(self.evaluated(self.best_refit(composition, [start_vector(composition, w.fit, {})], w.fit)))
 
-    def with_one_more(self, w: Weighed, e: Effect, values: np.ndarray) -> Weighed:
-        """A set with one effect more, refitted from its numbers elsewhere; one that was visited and leaves less.
+    def refitted_with(self, w: EvaluatedSet, e: Effect, values: np.ndarray) -> EvaluatedSet:
+        """A set with one effect more: as visited where that has a lower cost than the set, else refitted once.
 
         Parameters
         ----------
-        w : Weighed
+        w : EvaluatedSet
         e : Effect
             Not in it.
         values : (k,) array
-            Its numbers, from which the refit begins.
+            Its parameters at the start of the refit.
 
         Returns
         -------
-        Weighed
-            Kept among those visited; the set itself where the refit comes to no end.
+        EvaluatedSet
+            Kept among those visited; the set itself where the refit diverges.
         """
         more = w.members | {e.name}
         known = self.visited.get(more)
-        if known is None or (known.fit.cost > w.fit.cost and more not in self.anew):
-            self.anew.add(more)
+        if known is None or (known.fit.cost > w.fit.cost and more not in self.refitted_larger):
+            self.refitted_larger.add(more)
             composition = Composition(w.fit.composition.baseline, (*w.effects, e))
-            self.add(self.weighed(self.settled(composition, [placed(composition, w.fit, {e.name: values})], w.fit)))
+            start = start_vector(composition, w.fit, {e.name: values})
+            self.add(self.evaluated(self.best_refit(composition, [start], w.fit)))
         return self.visited.get(more, w)
 
 
-def posterior(sets: VisitedSets) -> list[tuple[Weighed, float]]:
-    """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first.
+def posterior(sets: VisitedSets) -> list[tuple[EvaluatedSet, float]]:
+    """Visited sets with their posterior weights among these, averaged over α; largest first.
 
     Parameters
     ----------
@@ -299,14 +313,14 @@ def posterior(sets: VisitedSets) -> list[tuple[Weighed, float]]:
 
     Returns
     -------
-    list of (Weighed, float)
+    list of (EvaluatedSet, float)
         The weights add up to one.
     """
     every = list(sets.visited.values())
     weights = np.zeros(len(every))
-    shares = sets.shares or (sets.kept,)
-    for kept in shares:
-        scores = np.array([sets.evidence(w, kept) for w in every])
+    kappas = sets.kappas or (sets.kappa,)
+    for kappa in kappas:
+        scores = np.array([sets.evidence(w, kappa) for w in every])
         relative = np.exp(scores - scores.max())
-        weights += relative / relative.sum() / len(shares)
+        weights += relative / relative.sum() / len(kappas)
     return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])

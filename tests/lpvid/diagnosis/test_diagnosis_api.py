@@ -21,8 +21,8 @@ from lpvid.condition.derivation import derived
 from lpvid.diagnosis import registry
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.facade import _in_words_of_files, answer, pose
-from lpvid.diagnosis.localise import Wrong
+from lpvid.diagnosis.facade import _with_channel_names, prepare_task, run_task
+from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
@@ -282,7 +282,7 @@ def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
     (np.repeat([0.0, 1.0, 0.4, 1.7], 1000), True), (np.sin(np.linspace(0, 30, 4000)), True),
     (np.full(4000, 0.87), False), (1.5 + 0.01 * np.random.default_rng(3).standard_normal(4000), False)])
 def test_a_current_that_moves_and_is_not_used_is_pointed_out(current, advised):
-    found = answer(pose([measured(0, current=current)], Viscous(), CATALOGUE))
+    found = run_task(prepare_task([measured(0, current=current)], Viscous(), CATALOGUE))
     lines = [n for n in found.notes if "--baseline auto" in n]
     assert len(lines) == advised
     assert all("viscous does not use it" in n and "\n" not in n for n in lines)
@@ -294,20 +294,20 @@ def test_gaps_rates_and_missing_velocity_are_prepared():
     force[20000:20050] = np.nan
     record = lpv.Record({"displacement": fast["displacement"], "force": force}, fast.sample_time, name="run",
                         units={"displacement": "m", "force": "N"})
-    question = pose(record, Viscous(), CATALOGUE)
-    assert [round(1 / r.sample_time) for r in question.prepared.training] == [500, 500]
-    stated = " ".join(question.prepared.notes)
+    task = prepare_task(record, Viscous(), CATALOGUE)
+    assert [round(1 / r.sample_time) for r in task.prepared.training] == [500, 500]
+    stated = " ".join(task.prepared.notes)
     assert "velocity derived" in stated and "decimated by 4" in stated and "cut into 2" in stated
-    v = question.prepared.training[0]["velocity"]
+    v = task.prepared.training[0]["velocity"]
     assert np.corrcoef(v[50:4000], fast["velocity"][::4][50:4000])[0, 1] > 0.999
-    found = answer(question)
+    found = run_task(task)
     assert [c.name for c in found.causes] == ["dry"]
 
 
 def test_a_channel_that_only_some_records_have_is_left_out():
-    question = pose([measured(0, temperature=np.linspace(0, 1, 4000)), measured(1)], Viscous(), CATALOGUE)
-    assert not question.prepared.training[0].has("temperature")
-    assert "temperature is left out: only 1 of 2 records have it" in question.prepared.notes
+    task = prepare_task([measured(0, temperature=np.linspace(0, 1, 4000)), measured(1)], Viscous(), CATALOGUE)
+    assert not task.prepared.training[0].has("temperature")
+    assert "temperature is left out: only 1 of 2 records have it" in task.prepared.notes
 
 
 def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
@@ -319,7 +319,7 @@ def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
         lpv.diagnose(measured(), Viscous(), CATALOGUE, parameters={})
 
 
-@pytest.mark.parametrize(("at", "reached"), [("fitting", "fitting viscous"), ("looking", "looking beyond")])
+@pytest.mark.parametrize(("at", "reached"), [("fitting", "fitting viscous"), ("enlarging", "enlarging")])
 def test_an_interruption_leaves_what_is_known(at, reached):
     def stop(text: str) -> None:
         if text.startswith(at):
@@ -413,13 +413,14 @@ def test_the_lpv_extension_leaves_a_filter_out_where_the_scheduling_rests():
 
 
 def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_current(installed):
-    found = replace(plain_diagnosis(), wrong=(Wrong("large |current|", 0.78, 0.25), Wrong("velocity < 0", 0.6, 0.5),
-                                               Wrong("after a change of current", 0.6, 0.2)))
+    found = replace(plain_diagnosis(), wrong=(ErrorRegime("large |current|", 0.78, 0.25),
+                                               ErrorRegime("velocity < 0", 0.6, 0.5),
+                                               ErrorRegime("after a change of current", 0.6, 0.2)))
     record = measured()
     commanded = record.with_channel("voltage", np.ones(record.n_samples), "V")
     for records in ([commanded, commanded], [commanded.with_roles({"current": "voltage"})]):
-        named = _in_words_of_files(found, records)
+        named = _with_channel_names(found, records)
         assert [w.where for w in named.wrong] == ["large |voltage|", "velocity < 0", "after a change of voltage"]
     current = commanded.with_channel("current", np.ones(record.n_samples), "A")
     for other in (record, current):
-        assert _in_words_of_files(found, [other]).wrong == found.wrong
+        assert _with_channel_names(found, [other]).wrong == found.wrong

@@ -18,19 +18,26 @@ from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.evidence import engine, judging, looking, rivals
-from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component, components
-from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
+from lpvid.diagnosis.evidence import candidates, engine, rivals, selection
+from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support, match_component
+from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, Discrepancy, marginal
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
-from lpvid.diagnosis.evidence.independence import WORTH, independent
-from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
-from lpvid.diagnosis.evidence.kinship import akin
-from lpvid.diagnosis.evidence.priors import STRENGTH, determined, inclusion, of_shape, of_strength, off_prior
-from lpvid.diagnosis.evidence.rivals import NAMED, named_as
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
+from lpvid.diagnosis.evidence.priors import (
+    STRENGTH_SCALE,
+    determined_count,
+    deviation_penalty,
+    inclusion_prior,
+    shape_prior,
+    strength_prior,
+)
+from lpvid.diagnosis.evidence.relations import related
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, reported_name
 from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SURE_PROBABILITY, SetMember
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
-from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
@@ -42,18 +49,18 @@ from quartercar.effects.electrical import CoilLag, RiseFallLag
 def test_the_marginal_is_that_of_a_dense_normal_density():
     rng = np.random.default_rng(0)
     columns = np.linalg.qr(rng.standard_normal((60, 5)))[0] * np.array([6.0, 4.0, 3.0, 2.0, 1.0])
-    d = Discrepancy(columns, (columns**2).sum(axis=0), force=10.0)
+    d = Discrepancy(columns, (columns**2).sum(axis=0), output_rms=10.0)
     error = rng.standard_normal(60) + columns @ rng.standard_normal(5) * 0.3
     found = marginal(float(error @ error), columns.T @ error, d, 60, 1.0)
 
     def dense(noise: float, size: float) -> float:
         covariance = noise * np.eye(60) + (size * 10.0) ** 2 * columns @ columns.T
-        return float(multivariate_normal(np.zeros(60), covariance).logpdf(error)) - (size / USUAL) ** 2 / 2
+        return float(multivariate_normal(np.zeros(60), covariance).logpdf(error)) - (size / TYPICAL_MISFIT) ** 2 / 2
 
     assert np.isclose(found.likelihood, dense(found.noise, found.size), atol=1e-9)
-    around = [dense(found.noise * f, s) for f in (0.9, 1.0, 1.1) for s in SIZES]
+    around = [dense(found.noise * f, s) for f in (0.9, 1.0, 1.1) for s in MISFIT_SIZES]
     assert found.likelihood >= max(around) - 1e-3
-    inverse = (np.eye(60) - columns @ (found.taken[:, None] * columns.T)) / found.noise
+    inverse = (np.eye(60) - columns @ (found.woodbury_weights[:, None] * columns.T)) / found.noise
     covariance = found.noise * np.eye(60) + (found.size * 10.0) ** 2 * columns @ columns.T
     assert np.allclose(inverse, np.linalg.inv(covariance))
 
@@ -62,11 +69,11 @@ def test_the_evidence_of_one_linear_cause_is_its_integral():
     problem, composition = problem_of(record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u)))
     columns = np.zeros((problem.n_samples, 1))
     force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
-    data = Data(problem, Discrepancy(columns, np.zeros(1), force), {"dry": np.array([[0.1]])})
-    root = Weighed(data, refit(problem, composition, composition.neutral))
+    data = EvidenceData(problem, Discrepancy(columns, np.zeros(1), force), {"dry": np.array([[0.1]])})
+    root = EvaluatedSet(data, refit(problem, composition, composition.neutral))
     larger = Composition(composition.baseline, (Dry(),))
-    with_it = Weighed(data, refit(problem, larger, np.append(root.fit.vector, 0.5)))
-    won = with_it.evidence(1.0) - root.evidence(1.0) - inclusion(Dry())
+    with_it = EvaluatedSet(data, refit(problem, larger, np.append(root.fit.vector, 0.5)))
+    won = with_it.evidence(1.0) - root.evidence(1.0) - inclusion_prior(Dry())
     noise, basis = with_it.marginal(1.0).noise, with_it.fit.jacobian
     own = np.linalg.qr(basis[:, :3])[0]
     left = basis[:, 3] - own @ (own.T @ basis[:, 3])
@@ -74,7 +81,7 @@ def test_the_evidence_of_one_linear_cause_is_its_integral():
     slope = float(np.sqrt(np.mean(basis[:, 3] ** 2))) / force
 
     def density(a: float) -> float:
-        return float(np.exp(of_strength(abs(a) * slope, slope)[0] - size * (a - best) ** 2 / 2))
+        return float(np.exp(strength_prior(abs(a) * slope, slope)[0] - size * (a - best) ** 2 / 2))
 
     integral = np.log(quad(density, best - 8 / np.sqrt(size), best + 8 / np.sqrt(size))[0])
     likelihood = with_it.marginal(1.0).likelihood - root.marginal(1.0).likelihood
@@ -83,8 +90,8 @@ def test_the_evidence_of_one_linear_cause_is_its_integral():
 
 def test_the_prior_of_a_strength_is_a_density_whatever_its_unit():
     for slope in (1e-4, 1.0, 1e6):
-        whole = quad(lambda a, k=slope: np.exp(of_strength(a * k, k)[0]), 0, 1e3 * STRENGTH / slope, limit=500,
-                     points=[STRENGTH / slope, 10 * STRENGTH / slope])[0]
+        whole = quad(lambda a, k=slope: np.exp(strength_prior(a * k, k)[0]), 0, 1e3 * STRENGTH_SCALE / slope, limit=500,
+                     points=[STRENGTH_SCALE / slope, 10 * STRENGTH_SCALE / slope])[0]
         assert np.isclose(whole, 1.0, atol=1e-3)
 
 
@@ -92,7 +99,7 @@ def test_the_prior_of_a_strength_is_a_density_whatever_its_unit():
 def test_white_noise_is_the_floor_and_the_rest_is_structure(wave, wanted):
     noise = np.random.default_rng(1).standard_normal(12000) + wave * np.sin(0.05 * np.arange(12000))
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
-    found = independent(problem, [noise])
+    found = effective_samples(problem, [noise])
     assert np.isclose(found.structured, wanted, atol=0.07)
     assert np.isclose(found.floor, 1.0, rtol=0.1)
 
@@ -101,22 +108,22 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
     noise = lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).standard_normal(12000))
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
     floor = 1 / 1.9**2  # the spectrum of the filter at half the rate
-    assert floor < independent(problem, [noise]).floor < 1.5 * floor
+    assert floor < effective_samples(problem, [noise]).floor < 1.5 * floor
 
 
-def test_an_error_that_is_all_structure_is_worth_few_samples():
+def test_an_error_that_is_all_structure_counts_as_few_samples():
     problem, _ = problem_of(record(np.random.default_rng(2)))
-    found = independent(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals])
+    found = effective_samples(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals])
     assert found.structured > 0.9
-    assert found.kept * problem.n_samples < 1.2 * WORTH
+    assert found.kappa * problem.n_samples < 1.2 * STRUCTURED_SAMPLES
 
 
-def test_a_number_that_the_data_do_not_reach_goes_back_to_its_prior_for_nothing():
+def test_a_shape_that_the_data_do_not_determine_costs_nothing():
     a, h, scale = np.array([3.0]), np.array([2.0]), np.array([0.5])
     product = quad(lambda t: np.exp(-0.5 * h[0] * t**2 - 0.5 * scale[0] * (t + a[0] / np.sqrt(scale[0])) ** 2), -50, 50)
     expected = np.log(product[0]) - 0.5 * np.log(2 * np.pi / (h[0] + scale[0]))
-    assert np.isclose(off_prior(a, scale, h), expected, rtol=1e-9)
-    assert off_prior(a, scale, np.zeros(1)) == 0.0
+    assert np.isclose(deviation_penalty(a, scale, h), expected, rtol=1e-9)
+    assert deviation_penalty(a, scale, np.zeros(1)) == 0.0
 
 
 def test_scales_follow_the_size_of_the_rig():
@@ -131,12 +138,12 @@ def test_scales_follow_the_size_of_the_rig():
         assert np.isclose(large.size(unit) / small.size(unit), factor)
 
 
-def test_a_way_that_was_not_measured_is_that_of_the_velocity():
+def test_a_displacement_that_was_not_measured_is_the_integral_of_the_velocity():
     t = np.arange(3000) / 500
     both = {"displacement": 0.02 * np.sin(6 * t), "velocity": 0.12 * np.cos(6 * t)}
     measured = Scales.of([Signals(0.002, both, both["velocity"])])
     derived = Scales.of([Signals(0.002, {"velocity": both["velocity"]}, both["velocity"])])
-    assert np.isclose(derived.way, measured.way, rtol=0.1)
+    assert np.isclose(derived.displacement, measured.displacement, rtol=0.1)
 
 
 @pytest.mark.thinned(3)
@@ -153,7 +160,7 @@ def test_a_cause_is_named_with_its_probability():
     cause, = d.causes
     assert cause.name == "dry"
     assert d.verdict == "explained"
-    assert cause.probability is not None and cause.probability > SURE
+    assert cause.probability is not None and cause.probability > SURE_PROBABILITY
     assert cause.weight is not None and cause.weight > 0.99
     assert np.isclose(cause.parameters[0].value, 0.8, rtol=0.1)
     data = json.loads(json.dumps(d.to_dict()))
@@ -181,7 +188,7 @@ def test_forms_of_one_component_add_up_and_the_component_is_named():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
     assert [c.name for c in d.causes] == ["dry"] and not d.rivals
-    assert d.weights is not None and d.weights.causes["dry"] > SURE and "dry-form" not in d.weights.causes
+    assert d.weights is not None and d.weights.causes["dry"] > SURE_PROBABILITY and "dry-form" not in d.weights.causes
     assert d.weights.components["dry"].weight > 0.99
 
 
@@ -201,18 +208,19 @@ def test_how_many_shapes_a_cause_has_does_not_decide_between_rivals():
     problem, composition = problem_of(record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u)))
     force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
     points = {"dry-twin": np.array([[0.1]]), "blurred": np.array([[0.1, 0.5, 2.0], [0.1, 2.0, 0.5]])}
-    data = Data(problem, Discrepancy(np.zeros((problem.n_samples, 1)), np.zeros(1), force), points)
+    data = EvidenceData(problem, Discrepancy(np.zeros((problem.n_samples, 1)), np.zeros(1), force), points)
     own = refit(problem, composition, composition.neutral).vector
-    plain = Weighed(data, refit(problem, Composition(composition.baseline, (DryTwin(),)), np.append(own, 0.5)))
+    plain = EvaluatedSet(data, refit(problem, Composition(composition.baseline, (DryTwin(),)), np.append(own, 0.5)))
     for shapes in ((1.0, 1.0), (1e-3, 1e3)):
         start = np.concatenate([own, [0.5], shapes])
-        shaped = Weighed(data, refit(problem, Composition(composition.baseline, (Blurred(),)), start))
+        shaped = EvaluatedSet(data, refit(problem, Composition(composition.baseline, (Blurred(),)), start))
         assert np.isclose(plain.evidence(1.0), shaped.evidence(1.0), atol=1e-3)
 
 
 def test_a_shape_costs_as_much_of_a_parameter_as_the_data_determine():
     """Oracle: h/(h + Λ) by hand; a choice has no precision and counts as one."""
-    assert determined(np.array([0.0, 1.0, 3.0, 1e12, 0.0]), np.array([1.0, 1.0, 1.0, 1.0, 0.0])) == pytest.approx(3.25)
+    curvature, precision = np.array([0.0, 1.0, 3.0, 1e12, 0.0]), np.array([1.0, 1.0, 1.0, 1.0, 0.0])
+    assert determined_count(curvature, precision) == pytest.approx(3.25)
 
 
 def test_stretches_of_a_short_record_hold_enough_blocks():
@@ -247,13 +255,13 @@ def test_what_an_explained_error_leaves_for_noise_is_stated(level: float, stated
 
 
 class Linked(Dry):
-    """Dry friction that is sought together with another cause."""
+    """Dry friction that is searched as a pair with another cause."""
 
     name = "linked"
     partners = ("cubic",)
 
 
-def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
+def test_single_causes_are_visited_before_the_pairs_that_fit_the_same_error():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     lines: list[str] = []
     search, _ = prepared([run], Bent(), (Linked(), Cubic()), lines.append)
@@ -263,7 +271,7 @@ def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
     assert any("best so far: linked" in line and "sets" in line for line in lines)
 
 
-def test_weights_are_averaged_over_what_a_structured_error_may_be_worth():
+def test_weights_are_averaged_over_the_samples_that_a_structured_error_counts_as():
     run = record(np.random.default_rng(7), level=0.02, hidden=lambda u: 0.08 * np.sin(1.7 * u) + 0.1 * np.sign(u))
     search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
     search.run(root_of(search.problem, Bent()))
@@ -283,10 +291,10 @@ def test_a_set_with_one_effect_more_leaves_no_more_than_without_and_is_refitted_
     search.run(root_of(search.problem, Bent()))
     dry, cubic = search.visited[frozenset({"dry"})], next(e for e in search.candidates if e.name == "cubic")
     search.visited.pop(frozenset({"dry", "cubic"}), None)
-    found = search.with_one_more(dry, cubic, np.array([0.01]))
+    found = search.refitted_with(dry, cubic, np.array([0.01]))
     assert found.members == {"dry", "cubic"} and found.fit.cost <= dry.fit.cost
-    monkeypatch.setattr(search, "settled", lambda *a, **k: pytest.fail("refitted again"))
-    assert search.with_one_more(dry, cubic, np.array([0.01])) is found
+    monkeypatch.setattr(search, "best_refit", lambda *a, **k: pytest.fail("refitted again"))
+    assert search.refitted_with(dry, cubic, np.array([0.01])) is found
 
 
 def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larger_one():
@@ -296,15 +304,15 @@ def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larg
     right, both = search.visited[frozenset({"dry"})], search.visited[frozenset({"dry", "cubic"})]
     elsewhere = right.fit.vector.copy()
     elsewhere[-1] = -3.0
-    stuck = refit(search.problem, right.fit.composition, elsewhere, iterations=0)
-    assert stuck.cost > 2 * right.fit.cost
-    search.visited[frozenset({"dry"})] = Weighed(search.data, stuck)
-    search.apart.clear()
-    search._neighbours(both)
+    stopped = refit(search.problem, right.fit.composition, elsewhere, iterations=0)
+    assert stopped.cost > 2 * right.fit.cost
+    search.visited[frozenset({"dry"})] = EvaluatedSet(search.data, stopped)
+    search.exchanged.clear()
+    search._exchange_members(both)
     assert search.visited[frozenset({"dry"})].fit.cost < 1.001 * right.fit.cost
     kept = search.visited[frozenset({"dry"})]
-    search.apart.clear()
-    search._neighbours(both)  # nothing less is in sight now
+    search.exchanged.clear()
+    search._exchange_members(both)  # no start vector has a lower cost now
     assert search.visited[frozenset({"dry"})] is kept
 
 
@@ -319,26 +327,26 @@ class Ringing(Added):
         return lambda s: core(s) + values[0] * np.sin(values[1] * s["u"])
 
 
-def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_looked_at_too():
+def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_simulated_too():
     """Oracle: of 12 points 1, 5, 8 and 12 are evenly among them; the third has the number of waves that are there."""
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.3 * np.sin(15 * u))
     search, _ = prepared([run], Bent(), (Dry(), Ringing()), lambda text: None)
-    search.visited[frozenset()] = Weighed(search.data, root_of(search.problem, Bent()))
-    search.seen = first = looking.first_look(search)
+    search.visited[frozenset()] = EvaluatedSet(search.data, root_of(search.problem, Bent()))
+    search.baseline_screening = first = candidates.screen_beside_baseline(search)
     dry = next(e for e in search.candidates if e.name == "dry")
-    beside = search.with_one_more(search.root, dry, np.array([0.5]))
-    found = looking.look(search, first, [beside])[0]
+    beside = search.refitted_with(search.root, dry, np.array([0.5]))
+    found = candidates.screen_beside_sets(search, first, [beside])[0]
     assert {d.values[1] for d in found} == {5.0, 15.0, 25.0, 40.0, 60.0}
     assert max(found, key=lambda d: d.gain).values[1] == 15.0
-    assert [e.name for e in looking.by_predicted_gain(search, first, beside, found)] == ["ringing"]
+    assert [e.name for e in candidates.by_predicted_gain(search, first, beside, found)] == ["ringing"]
 
 
-def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
+def test_support_of_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     search, _ = prepared([run], Bent(), (Dry(), DryForm(), Cubic()), lambda text: None)
     search.run(root_of(search.problem, Bent()))
     sets = posterior(search)
-    dry = components(sets, search.structured)["dry"]
+    dry = component_support(sets, search.structured)["dry"]
     assert dry.weight == pytest.approx(sum(p for w, p in sets if w.members & {"dry", "dry-form"}))
     assert dry.weight + dry.against == pytest.approx(1.0)
     a, b, c = COEFFICIENTS
@@ -346,14 +354,14 @@ def test_what_speaks_for_a_component_is_the_weight_of_the_sets_that_hold_it_in_a
     assert dry.probability == pytest.approx(1 / (1 + np.exp(-z)))
 
 
-@pytest.mark.parametrize("change, left, of_law, small", [
+@pytest.mark.parametrize("change, left, law_error, small", [
     (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
     (0.03, 0.1, 0.05, True)])
-def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
-    member = Member(Dry(), "dry", np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
-    stated = member.objection(left, of_law)
-    assert (stated is not None) is small and (stated is None or "small print" in stated)
-    assert LEAST < NOTABLE
+def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, law_error, small):
+    member = SetMember(Dry(), "dry", np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    stated = member.reason_not_named(left, law_error)
+    assert (stated is not None) is small and (stated is None or "too little to be named" in stated)
+    assert LEAST_NAMED_CHANGE < NAMED_CHANGE
 
 
 class Knee(Added):
@@ -361,8 +369,8 @@ class Knee(Added):
     shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
 
 
-def test_two_that_do_most_of_each_others_work_are_not_small_print_both():
-    """Without either the other follows, and less than half a per cent changes; without both it is more."""
+def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
+    """Without either, with the other refitted, less than half a per cent changes; without both it is more."""
     run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
     found = diagnose([run], Bent(), [Dry(), Knee()])
     assert {c.name for c in found.causes} == {"dry", "knee"}
@@ -375,20 +383,20 @@ def test_a_component_is_named_where_only_its_form_is_unsure():
     lag, edges = CoilLag(), RiseFallLag()
 
     def weighed(effects: tuple[Effect, ...], cost: float) -> SimpleNamespace:
-        return SimpleNamespace(effects=effects, kinds=("coil-lag",) * len(effects), fit=SimpleNamespace(cost=cost))
+        return SimpleNamespace(effects=effects, components=("coil-lag",) * len(effects), fit=SimpleNamespace(cost=cost))
 
     def named(weights: tuple[float, float, float], costs: tuple[float, float, float]) -> tuple[str, float]:
         sets = [(weighed(e, c), w) for e, c, w in zip(((edges,), (lag,), ()), costs, weights, strict=True)]
-        name, finding, support = named_as(edges, "coil-lag", sets, 0.5)
+        name, finding, support = reported_name(edges, "coil-lag", sets, 0.5)
         assert (finding(weighed((lag,), 1.0)) is None) is (name == "rise-fall-lag")
         return name, support.probability
 
     name, p = named((0.95, 0.0499, 0.0001), (1.0, 1.02, 9.0))
-    assert name == "coil-lag" and p >= NAMED
+    assert name == "coil-lag" and p >= NAMED_PROBABILITY
     name, p = named((0.9998, 0.0001, 0.0001), (1.0, 6.0, 9.0))
-    assert name == "rise-fall-lag" and p >= NAMED
+    assert name == "rise-fall-lag" and p >= NAMED_PROBABILITY
     name, p = named((0.4, 0.1, 0.5), (1.0, 1.02, 1.05))
-    assert name == "rise-fall-lag" and p < NAMED
+    assert name == "rise-fall-lag" and p < NAMED_PROBABILITY
 
 
 def test_a_form_that_simulates_a_named_component_is_no_stand_in():
@@ -486,7 +494,7 @@ def test_next_of_kin_are_other_components_of_a_family_or_lags_of_motion_and_forc
     pairs = (("thermal-fade", "viscous-fade", True), ("displacement-delay", "one-sided-filter", True),
              ("force-delay", "fixture-resonance", True), ("coulomb-friction", "inner-friction", False),
              ("coulomb-friction", "coulomb-friction", False), ("series-compliance", "thermal-fade", False))
-    assert all(akin(by_name[a], by_name[b]) is akin(by_name[b], by_name[a]) is wanted for a, b, wanted in pairs)
+    assert all(related(by_name[a], by_name[b]) is related(by_name[b], by_name[a]) is wanted for a, b, wanted in pairs)
 
 
 class Unanswered(Bent):
@@ -522,7 +530,7 @@ class Bounded(Dry):
 
 
 @pytest.mark.parametrize(("there", "named"), [(0.4, ["dry"]), (1.5, [])])
-def test_a_cause_that_would_have_to_be_more_than_there_can_be_is_not_named(there, named):
+def test_a_cause_at_its_bound_is_not_named(there, named):
     data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: there * np.sign(u))
     found = diagnose([data], Bent(), [Bounded(), Cubic()])
     assert [c.name for c in found.causes if c.name == "dry"] == named
@@ -543,7 +551,7 @@ def test_a_form_is_listed_with_the_components_that_it_describes_too():
     """It is by far the most probable; named alone it would be taken for a part of the damper."""
     data = record(np.random.default_rng(3), hidden=lambda u: 1.5 * np.sign(u))
     found = diagnose([data], Bent(), [AnyStep(), Cubic()])
-    assert found.weights is not None and found.weights.causes["any-step"] > SURE
+    assert found.weights is not None and found.weights.causes["any-step"] > SURE_PROBABILITY
     assert not found.causes and [r.names for r in found.rivals] == [("any-step", "cubic")]
     assert found.verdict == "cannot-tell" and "a form that describes cubic too" in found.reason
     assert found.after.esr_held_out < found.before.esr_held_out
@@ -560,20 +568,20 @@ def contradicted() -> tuple[Record, Record]:
 
 
 @pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
-def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contradicted, monkeypatch, weights, kept):
-    """With the wave the error of the other record grows. Where that story holds most weight the baseline stays."""
+def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradicted, monkeypatch, weights, kept):
+    """With the wave the error of the other record grows. Where that set has most weight the baseline stays."""
     training, other = contradicted
 
     def fixed(search):
         known = [search.visited[frozenset(n)] for n in (("dry", "wave"), ("dry",), ())]
         return sorted(zip(known, weights, strict=True), key=lambda t: -t[1])
 
-    monkeypatch.setattr(judging, "posterior", fixed)
+    monkeypatch.setattr(selection, "posterior", fixed)
     monkeypatch.setattr(engine, "posterior", fixed)
-    monkeypatch.setattr(judging, "story", lambda sets: next(w for w, _ in sets if "dry" in w.members))
+    monkeypatch.setattr(selection, "reported_set", lambda sets: next(w for w, _ in sets if "dry" in w.members))
     found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
     assert list(found.stand_ins) == kept
-    assert any(r.name == "wave" and "no smaller" in r.why for r in found.rejected)
+    assert any(r.name == "wave" and "no lower" in r.why for r in found.rejected)
     assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)
 
 
@@ -583,7 +591,7 @@ def test_a_story_that_further_data_do_not_bear_out_gives_place_to_the_next(contr
     (0.0, 0.25, {"dry"}),  # no better
 ])
 def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hidden, weight, wanted):
-    """The story is friction. What the weights leave uncertain takes no name from what the error out of fold says."""
+    """The most probable set is friction, whose name stays where another set has less error out of fold."""
     data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u) + hidden * np.sin(9 * u))
 
     weights = {frozenset({"dry"}): 1.0 - weight - 1e-9, frozenset({"dry", "wave"}): weight, frozenset(): 1e-9}
@@ -598,12 +606,12 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
         beside[effect.name] = set(best.members)
         return ()
 
-    monkeypatch.setattr(judging, "posterior", weighed)
+    monkeypatch.setattr(selection, "posterior", weighed)
     monkeypatch.setattr(engine, "posterior", weighed)
-    monkeypatch.setattr(judging, "rivals_of", rivals_beside)
+    monkeypatch.setattr(selection, "rivals_beside", rivals_beside)
     found = diagnose([data], Bent(), [Dry(), Wave()])
     assert found.extended is not None and set(found.extended.effects) == wanted
-    assert beside["dry"] == {"dry"}  # rivals were sought beside the story, whichever set is reported
+    assert beside["dry"] == {"dry"}  # rivals were sought beside the most probable set, whichever is reported
     assert [c.name for c in found.causes] == ["dry"] and set(found.stand_ins) == wanted - {"dry"}
     assert found.causes[0].delta_bic < -10
     assert found.weights is not None
@@ -616,28 +624,29 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
     ({"friction": 0.4}, False),  # a valve that is less probable does the rest: its number would be no friction's
     ({"valve": 3.0}, False),
 ])
-def test_what_the_story_names_does_half_of_its_work_in_the_set_to_report(here, kept):
-    assert judging._keeps(here, {"friction": 3.0}) is kept
+def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept):
+    assert selection._names_preserved(here, {"friction": 3.0}) is kept
 
 
 def visited(**changes: float) -> SimpleNamespace:
     """A set of effects by name and by what each changes; a name before "__" is the component."""
     effects = [SimpleNamespace(name=n, component=n, contains=("spring",) if n == "loop" else (),
                                family="electrical" if "lag" in n else n) for n in changes]
-    kinds = ["friction" if n == "loop" else n.partition("__")[0] for n in changes]
-    return SimpleNamespace(effects=effects, kinds=kinds, changes=list(changes.values()), members=frozenset(changes))
+    components = ["friction" if n == "loop" else n.partition("__")[0] for n in changes]
+    return SimpleNamespace(effects=effects, components=components, changes=list(changes.values()),
+                           members=frozenset(changes))
 
 
 @pytest.mark.parametrize(("other", "of_spring", "of_friction"), [
     (visited(power=0.7, mount=0.09), ["power"], ["power"]),  # what changes most
     (visited(friction__breakaway=0.6, mount=0.09), ["mount"], []),  # friction is there, in another form
-    (visited(loop=0.6), ["loop"], []),  # friction that yields before it slides
+    (visited(loop=0.6), ["loop"], []),  # contains friction
 ])
-def test_what_comes_in_the_place_of_a_member_does_its_work(other, of_spring, of_friction):
+def test_alternatives_of_a_member_contain_it_or_change_most(other, of_spring, of_friction):
     best = visited(friction=0.6, spring=0.1)
     sets = [(best, 0.6), (other, 0.4)]
     for effect, wanted in zip(best.effects, (of_friction, of_spring), strict=True):
-        found = rivals._instead(sets, best, effect, component(effect.name), 0.9)
+        found = rivals._alternatives(sets, best, effect, match_component(effect.name), 0.9)
         assert [n for n, _ in found] == wanted
 
 
@@ -650,75 +659,75 @@ def test_a_family_that_is_sure_is_listed_by_its_members(weights, wanted):
     parts = ({"coil-lag": 0.3}, {"late-lag": 0.3}, {"slow-lag": 0.3}, {})
     sets = [(visited(**held), p) for held, p in zip(parts, weights, strict=True)]
     best = sets[0][0]
-    found = rivals._instead(sets, best, best.effects[0], component("coil-lag"), 1.0)
+    found = rivals._alternatives(sets, best, best.effects[0], match_component("coil-lag"), 1.0)
     assert sorted(n for n, _ in found) == wanted
 
 
 def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     """Air without pressure is play; in less likely sets its pressure is a little more than none."""
     air = SimpleNamespace(name="air", component="air", form_of="spring")
-    sets = [(SimpleNamespace(effects=[air], kinds=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
-    name, _, support = rivals.named_as(air, "play", sets, 0.9)
+    sets = [(SimpleNamespace(effects=[air], components=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
+    name, _, support = rivals.reported_name(air, "play", sets, 0.9)
     assert name == "play" and support.weight == pytest.approx(1.0)
 
 
-def test_a_shape_has_one_prior_whether_none_of_it_was_looked_at_too():
-    """A friction's deflection of many strokes is as likely in the entry that may have none as in one that must."""
+def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():
+    """A friction's deflection of many strokes is as probable in the entry that may have none as in one that must."""
     deflection = EffectParameter("deflection", "m", "d", 0.0, (0.0, 3e-4), (0.0, 0.5), (0.0, 1e-5, 1e-4))
     some, or_none = (1e-5, 1e-4), (0.0, 1e-5, 1e-4)
     for value in (1e-4, 1e-3, 1e-2):
-        assert of_shape(deflection, value, or_none) == of_shape(deflection, value, some)
-        assert of_shape(deflection, value, some)[0] > 0
-    assert [of_shape(deflection, v, or_none)[0] for v in (0.0, 1e-8, 1e-5)] == [0.0, 0.0, 0.0]
-    assert of_shape(deflection, 1e-8, some)[0] < -1
+        assert shape_prior(deflection, value, or_none) == shape_prior(deflection, value, some)
+        assert shape_prior(deflection, value, some)[0] > 0
+    assert [shape_prior(deflection, v, or_none)[0] for v in (0.0, 1e-8, 1e-5)] == [0.0, 0.0, 0.0]
+    assert shape_prior(deflection, 1e-8, some)[0] < -1
     share = EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 0.5))
-    assert of_shape(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
+    assert shape_prior(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
 
 
-def stood(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
-    """A visited set that leaves a squared error."""
+def of_cost(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
+    """A visited set of given cost."""
     fit = SimpleNamespace(cost=cost, vector=np.zeros(0), composition=SimpleNamespace(places=[slice(0)] * len(effects)))
-    return SimpleNamespace(effects=effects, kinds=tuple(e.name for e in effects), fit=fit,
+    return SimpleNamespace(effects=effects, components=tuple(e.name for e in effects), fit=fit,
                            members=frozenset(e.name for e in effects), at_bounds={"a": "1"} if bounds else {})
 
 
 def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
-    """An effect as rivals see it."""
+    """The attributes of an effect that rivals read."""
     return SimpleNamespace(**{"name": name, "component": name, "family": family, "path": "", "flexible": False,
                               "partners": (), **more})
 
 
-PLAY, SPRING, KIN = part("play", partners=("spring",)), part("spring"), part("kin", "loose")
+PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part("related", "loose")
 
 
 @pytest.mark.parametrize(("other", "wanted"), [
-    (stood(1.2, KIN), ["kin"]),
-    (stood(1.3, KIN), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
-    (stood(1.2, PLAY), []),  # of another family
-    (stood(0.99, PLAY, SPRING), ["play", "spring"]),
-    (stood(1.01, PLAY, SPRING), []),  # with more freedom no allowance
-    (stood(0.99, PLAY, part("friction")), []),  # two that nothing links
-    (stood(0.99, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
-    (stood(1.01, PLAY, part("chain", path="all")), []),
-    (stood(1.2, KIN, bounds=True), []),
-    (stood(0.9, part("form", flexible=True)), []),
-    (stood(1.2, part("form", "loose", flexible=True)), ["form"]),
+    (of_cost(1.2, RELATED), ["related"]),
+    (of_cost(1.3, RELATED), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
+    (of_cost(1.2, PLAY), []),  # of another family
+    (of_cost(0.99, PLAY, SPRING), ["play", "spring"]),
+    (of_cost(1.01, PLAY, SPRING), []),  # with more freedom no allowance
+    (of_cost(0.99, PLAY, part("friction")), []),  # two that nothing links
+    (of_cost(0.99, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
+    (of_cost(1.01, PLAY, part("chain", path="all")), []),
+    (of_cost(1.2, RELATED, bounds=True), []),
+    (of_cost(0.9, part("form", flexible=True)), []),
+    (of_cost(1.2, part("form", "loose", flexible=True)), ["form"]),
 ])
-def test_what_the_error_does_not_speak_against_is_listed(other, wanted):
-    assert _rivals_beside(stood(1.0, part("dead-zone", "loose")), other) == wanted
+def test_effects_that_can_replace_one_at_nearly_the_same_error_are_listed(other, wanted):
+    assert _rivals_beside(of_cost(1.0, part("dead-zone", "loose")), other) == wanted
 
 
 def _rivals_beside(best: SimpleNamespace, *others: SimpleNamespace, filtered: float = 1.0) -> list[str]:
-    """Names listed with the only member of the best set, which beside a filter leaves so much."""
-    search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
+    """Names listed with the only member of the best set, which beside a filter has this cost."""
+    search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, *others)},
-                             with_one_more=lambda w, e, values: stood(filtered, *w.effects, e))
-    found = rivals._as_good(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
+                             refitted_with=lambda w, e, values: of_cost(filtered, *w.effects, e))
+    found = rivals._equally_likely(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
     return [n for n, _ in found]
 
 
 def test_a_rival_with_a_filter_is_compared_with_the_best_set_beside_a_filter():
-    best, other = stood(1.0, part("friction")), stood(0.95, SPRING, part("chain", path="all"))
+    best, other = of_cost(1.0, part("friction")), of_cost(0.95, SPRING, part("chain", path="all"))
     assert [_rivals_beside(best, other, filtered=f) for f in (0.9, 0.97, 1.3)] == [[], ["spring"], ["spring"]]
 
 
@@ -727,49 +736,49 @@ OTHER = part("other", "lags")
 
 
 @pytest.mark.parametrize(("others", "wanted"), [
-    ((stood(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
-    ((stood(0.99, OTHER), stood(0.98, OTHER, FRICTION)), ["other"]),  # friction does nothing there
-    ((stood(1.1), stood(1.09, OTHER)), []),  # without any of them the error is hardly larger
-    ((stood(1.5), stood(1.2, OTHER)), ["other"]),
-    ((stood(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
+    ((of_cost(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
+    ((of_cost(0.99, OTHER), of_cost(0.98, OTHER, FRICTION)), ["other"]),  # friction does nothing there
+    ((of_cost(1.1), of_cost(1.09, OTHER)), []),  # without any of them the error is hardly larger
+    ((of_cost(1.5), of_cost(1.2, OTHER)), ["other"]),
+    ((of_cost(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
 ])
-def test_a_rival_does_the_work_itself(others, wanted, monkeypatch):
-    monkeypatch.setattr(rivals, "_without_noise", rivals._cost)  # clean sensors
-    best = stood(1.0, part("lag", "lags"))
+def test_a_rival_achieves_the_reduction_itself(others, wanted, monkeypatch):
+    monkeypatch.setattr(rivals, "_cost_without_sensor_noise", rivals._cost)  # clean sensors
+    best = of_cost(1.0, part("lag", "lags"))
     for w in others:
         if "lag" in w.members:
-            w.kinds = ("play",)
+            w.components = ("play",)
     assert _rivals_beside(best, *others) == wanted
 
 
 def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(monkeypatch):
     """Two sets with "dry" hold most weight. That a wave adds nothing to one of them says nothing against "dry"."""
     dry, spring, wave = part("dry"), SPRING, part("wave")
-    sets = [stood(1.0, dry, wave), stood(1.2, spring), stood(1.1, dry), stood(2.0)]
-    monkeypatch.setattr(judging, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
-    search = SimpleNamespace(visited={w.members: w for w in sets})
+    sets = [of_cost(1.0, dry, wave), of_cost(1.2, spring), of_cost(1.1, dry), of_cost(2.0)]
+    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
+    search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[3])
     smaller = {frozenset({"dry", "wave"}): frozenset({"dry"})}
-    found = [(set(w.members), p) for w, p in judging._borne_out(search, (), smaller)]
+    found = [(set(w.members), p) for w, p in selection._confirmed_sets(search, (), smaller)]
     assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
     smaller[frozenset({"dry"})] = frozenset()
-    assert judging._borne_out(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
+    assert selection._confirmed_sets(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
     smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited: the largest within it is
-    assert [p for w, p in judging._borne_out(search, (), smaller) if w is sets[3]] == [pytest.approx(0.45)]
-    refused = {w.members for w in sets}
-    assert judging._borne_out(search, refused, {}) == [(sets[3], 1.0)]
+    assert [p for w, p in selection._confirmed_sets(search, (), smaller) if w is sets[3]] == [pytest.approx(0.45)]
+    rejected = {w.members for w in sets}
+    assert selection._confirmed_sets(search, rejected, {}) == [(sets[3], 1.0)]
 
 
-def test_sets_that_held_out_data_refused_take_no_name():
-    best, other = stood(1.0, part("dead-zone", "loose")), stood(1.05, KIN)
-    search = SimpleNamespace(kept=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
+def test_sets_that_held_out_data_rejected_take_no_name():
+    best, other = of_cost(1.0, part("dead-zone", "loose")), of_cost(1.05, RELATED)
+    search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, other)})
-    assert not rivals._as_good(search, [(best, 1.0)], best, best.effects[0])
+    assert not rivals._equally_likely(search, [(best, 1.0)], best, best.effects[0])
 
 
 @pytest.mark.parametrize("hidden", [0.8, 0.0])
 def test_an_error_that_a_set_lowers_is_no_noise_where_nothing_is_probable(hidden, monkeypatch):
     """Where all weight is on the baseline alone, what a set takes away out of fold was no noise."""
-    monkeypatch.setattr(judging, "_borne_out", lambda search, *_: [(search.visited[frozenset()], 1.0)])
+    monkeypatch.setattr(selection, "_confirmed_sets", lambda search, *_: [(search.visited[frozenset()], 1.0)])
     run = record(np.random.default_rng(5), level=0.02 if hidden else 0.5, hidden=lambda u: hidden * np.sign(u))
     found = diagnose([run], Bent(), [Dry(), Cubic()])
     assert not found.causes and found.verdict == ("unexplained" if hidden else "nothing-to-explain")

@@ -54,20 +54,20 @@ class TestBentValley:
 
     def test_by_straight_steps_it_is_not_in_as_many(self, hidden_wave: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
         problem, composition, start = hidden_wave
-        monkeypatch.setattr(refitting, "_bend", lambda *_: None)
+        monkeypatch.setattr(refitting, "_geodesic_correction", lambda *_: None)
         assert descend(problem, composition, start, iterations=10).vector[3] < 0.5
 
-    def test_what_cannot_be_evaluated_bends_nothing(self, hidden_wave: tuple) -> None:
+    def test_no_correction_where_the_change_is_not_finite(self, hidden_wave: tuple) -> None:
         problem, composition, start = hidden_wave
         fit = descend(problem, composition, start, iterations=0)
         low, high = composition.bounds
         missed, weights = np.full(problem.n_samples, np.inf), np.ones(problem.n_samples)
         step = np.array([0.0, 0.0, 0.0, 0.1, 0.1])
-        assert refitting._bend(fit.jacobian, missed, step, weights, start, 1e-3, low, high) is None
+        assert refitting._geodesic_correction(fit.jacobian, missed, step, weights, start, 1e-3, low, high) is None
 
 
 @pytest.mark.parametrize("rough", [False, True])
-def test_a_damped_step_that_promises_nothing_is_not_the_end(rough: bool) -> None:
+def test_a_damped_step_of_little_predicted_decrease_is_not_the_end(rough: bool) -> None:
     """The truth lies 60 of either parameter away; of such a step the first damping leaves a ten-thousandth."""
     problem, _ = problem_of(record(np.random.default_rng(71), hidden=lambda u: 0.03 * np.sin(5 * u)))
     composition = Composition(Bent(), (Alike(),))

@@ -36,7 +36,7 @@ from lpvid.diagnosis.localise import _after_reversal, localise
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
-from lpvid.diagnosis.screening import DETECT, Evidence, directions, move, screen
+from lpvid.diagnosis.screening import DETECTABLE_RATIO, ScreeningResult, candidate_change, directions, screen
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 
@@ -74,7 +74,7 @@ class TestScreening:
                 mine = _named(cause.name, problem, fit, rng)
                 reached.append(np.sqrt(mine.likelihood_ratio))
                 stated.append(mine.smallest_detectable or np.inf)
-                wanted = np.sqrt(DETECT + np.log(problem.n_samples))
+                wanted = np.sqrt(DETECTABLE_RATIO + np.log(problem.n_samples))
             assert np.mean(reached) == pytest.approx(wanted, rel=0.2)
             assert np.median(stated) == pytest.approx(strength, rel=0.2)
 
@@ -84,7 +84,7 @@ class TestScreening:
         wrong = refit(problem, composition, TRUE * [1.0, 1.0, 1.15], iterations=0)
         np.testing.assert_allclose(wrong.vector, TRUE * [1.0, 1.0, 1.15])
         dry = Dry()
-        moved = [m for v in dry.points(problem.signals) if (m := move(problem, wrong, dry, v)) is not None]
+        moved = [m for v in dry.points(problem.signals) if (m := candidate_change(problem, wrong, dry, v)) is not None]
         raw = problem.stack(moved[0].change)
         power = float(wrong.errors @ wrong.errors)
         assert (raw @ wrong.errors) ** 2 / (raw @ raw) > 0.1 * power
@@ -100,7 +100,7 @@ class TestScreening:
         assert np.abs(j[:, :4].T @ rest / np.linalg.norm(j[:, :4], axis=0)).max() < 1e-10
 
 
-def _named(name: str, problem: DiagnosisProblem, fit: Refit, rng: np.random.Generator) -> Evidence:
+def _named(name: str, problem: DiagnosisProblem, fit: Refit, rng: np.random.Generator) -> ScreeningResult:
     found = screen(problem, fit, seen(problem, fit), rng)
     return next(e for e in found if e.effect.name == name)
 

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from lpvid.diagnosis.blocks import START_UP, Blocks
-from lpvid.diagnosis.evidence.thinning import ENOUGH, FEWEST, LEAD, for_search, length_of, stretched
+from lpvid.diagnosis.evidence.thinning import (
+    FEWEST_STRETCHES,
+    SEARCH_SAMPLES,
+    TRANSITION,
+    for_search,
+    length_of,
+    stretched,
+)
 from lpvid.diagnosis.signals import Signals, in_turn
 from quartercar.effects import CATALOGUE
 from quartercar.effects.thermal import stored_heat
@@ -27,15 +34,15 @@ def moving(n: int, seed: int = 0, current: bool = False) -> Signals:
 
 
 def test_few_samples_of_one_record_stay_as_they_are():
-    one = in_turn([moving(ENOUGH)])
+    one = in_turn([moving(SEARCH_SAMPLES)])
     assert stretched(one) == one
 
 
 def test_a_stretch_is_the_record_behind_the_time_that_leads_over_to_it():
     long = in_turn([moving(20000)])
     (found,) = stretched(long)
-    assert len(found.stretches) >= FEWEST and found.n_samples <= ENOUGH + length_of(long) * RATE
-    lead = round(LEAD * RATE)
+    assert len(found.stretches) >= FEWEST_STRETCHES and found.n_samples <= SEARCH_SAMPLES + length_of(long) * RATE
+    lead = round(TRANSITION * RATE)
     for t, (first, last) in zip(found.stretches, found.pieces, strict=True):
         at = round(t.span[0] * long[0].n_samples)
         begin = first + (lead if first else 0)
@@ -121,7 +128,7 @@ def test_a_slow_modulation_lies_where_it_does_in_the_record():
 def test_beside_a_law_with_a_long_memory_the_records_begin_where_they_began():
     whole = in_turn([moving(20000), moving(10000, seed=1)])
     short = for_search(whole, static=False)
-    assert sum(s.n_samples for s in short) == pytest.approx(ENOUGH, abs=2)
+    assert sum(s.n_samples for s in short) == pytest.approx(SEARCH_SAMPLES, abs=2)
     assert all(not s.stretches and np.array_equal(s.output, w.output[: s.n_samples])
                for s, w in zip(short, whole, strict=True))
     assert for_search(in_turn([moving(1000)]), static=False)[0].n_samples == 1000

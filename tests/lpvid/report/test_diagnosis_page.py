@@ -7,7 +7,7 @@ import pytest
 from helpers.toy_diagnosis import Bent, Dry, record
 
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.facade import Question
+from lpvid.diagnosis.facade import DiagnosisTask
 from lpvid.diagnosis.preparing import PreparedRecords
 from lpvid.record import Record
 from lpvid.report.diagnosis import diagnosis_page
@@ -21,6 +21,6 @@ def test_much_that_is_taken_for_noise_is_no_good_news_unless_a_repeat_shows_it(l
     found = diagnose(records, Bent(), [Dry()])
     assert found.verdict == "nothing-to-explain" and (found.noise_floor is not None) is again
     prepared = PreparedRecords(tuple(records), (), ())
-    page = diagnosis_page(found, Question(prepared, Bent(), True, (Dry(),), tuple(records)))
+    page = diagnosis_page(found, DiagnosisTask(prepared, Bent(), True, (Dry(),), tuple(records)))
     assert page.mark == mark
     assert ("Repeat the run" in str(page.sections[0])) is (mark == "warn")

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.cli.app import app
-from lpvid.diagnosis.facade import pose
+from lpvid.diagnosis.facade import prepare_task
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.effects import CATALOGUE
@@ -77,16 +77,16 @@ def linear_record() -> Record:
 @pytest.mark.slow
 def test_auto_judges_the_law_that_made_the_record():
     stated: list[str] = []
-    question = pose(linear_record(), "auto", FEW, progress=stated.append)
-    assert question.baseline.name == "linear" and question.settled
-    assert "the law diagnosed is linear" in question.prepared.notes[0]
+    task = prepare_task(linear_record(), "auto", FEW, progress=stated.append)
+    assert task.baseline.name == "linear" and task.best_refit
+    assert "the law diagnosed is linear" in task.prepared.notes[0]
     assert "trying linear" in stated and len(set(stated)) == len(stated), "every law is fitted once"
-    np.testing.assert_allclose(question.baseline.vector, [1500.0, 2e3, 0.0, -120.0], atol=1.0)
+    np.testing.assert_allclose(task.baseline.vector, [1500.0, 2e3, 0.0, -120.0], atol=1.0)
 
 
 def test_auto_takes_no_parameters():
     with pytest.raises(InputError, match="parameters belong to a baseline that is given by name"):
-        pose(linear_record(), "auto", FEW, parameters={"damping": 1.0})
+        prepare_task(linear_record(), "auto", FEW, parameters={"damping": 1.0})
 
 
 @pytest.mark.slow

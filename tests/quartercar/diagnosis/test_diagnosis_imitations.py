@@ -11,8 +11,8 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.evidence.judging import SURE
-from lpvid.diagnosis.evidence.weighing import component_of
+from lpvid.diagnosis.evidence.laplace import component_of
+from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
@@ -86,7 +86,7 @@ def test_what_changes_less_than_the_law_leaves_is_not_sure(rng: np.random.Genera
     force = force_with(s, CoilLag(), (0.02,), guo()) + dragged(s["displacement"], 0.12)
     found = diagnosed(s, force + 10.0 * rng.standard_normal(SAMPLES), GasStiffness(), CoilLag())
     assert found.verdict in {"unexplained", "partly-explained"} and found.gain_percent > 0
-    sure = [c.name for c in found.causes if c.probability is not None and c.probability >= SURE]
+    sure = [c.name for c in found.causes if c.probability is not None and c.probability >= SURE_PROBABILITY]
     assert "gas-stiffness" not in sure
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import lpvid as lpv
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.facade import pose
+from lpvid.diagnosis.facade import prepare_task
 from lpvid.diagnosis.fleet_law import FleetEffect, FleetLaw
 from quartercar.effects import CATALOGUE
 from quartercar.rig import EXPERIMENTS, Rig
@@ -18,7 +18,7 @@ from quartercar.rig import EXPERIMENTS, Rig
 
 def test_it_is_the_same_after_its_file(tmp_path: Path) -> None:
     record = Rig().run(replace(EXPERIMENTS["test-1"], duration=4.0), seed=0)
-    guo = pose(record, "guo").baseline
+    guo = prepare_task(record, "guo").baseline
     shared = {"series-compliance": [2.5e-7], "coil-lag": [0.007]}
     composition = Composition(guo, tuple(e for e in CATALOGUE if e.name in shared))
     vector = composition.neutral
@@ -34,10 +34,10 @@ def test_it_is_the_same_after_its_file(tmp_path: Path) -> None:
     free = FleetLaw.free(found)
     assert np.isinf(free.upper).any()
     np.testing.assert_array_equal(lpv.load(lpv.save(free, tmp_path / "free.json")).upper, free.upper)
-    question = pose(record, tmp_path / "law.json")
-    s = again.signals(question.prepared.training[0])
+    task = prepare_task(record, tmp_path / "law.json")
+    s = again.signals(task.prepared.training[0])
     np.testing.assert_array_equal(again.core(again.vector)(s), law.core(law.vector)(s))
-    shifted = {e.name: e for e in question.catalogue if isinstance(e, FleetEffect)}
+    shifted = {e.name: e for e in task.catalogue if isinstance(e, FleetEffect)}
     assert shifted.keys() == shared.keys()
     assert [shifted[n].neutral[0] for n in shared] == [v[0] for v in shared.values()]
     # a spring that is softer in one file lies where the fleet's is, and is exact there: one spring of another stiffness

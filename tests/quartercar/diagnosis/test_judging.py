@@ -18,7 +18,7 @@ import real_causes
 import real_records
 from real_answers import Answer
 
-from lpvid.diagnosis.evidence.priors import FACTOR, MISFIT
+from lpvid.diagnosis.evidence.priors import MISFIT_LOG_DEVIATION, MISFIT_MEDIAN
 from quartercar.effects import CATALOGUE
 
 ANSWER = Answer("any", "linear", ("friction", "elastic"), {"a": 0.01}, "a", {"elastic": ("pre-sliding",)},
@@ -35,7 +35,7 @@ def test_the_prior_of_what_a_law_leaves_is_that_of_the_fits_by_hand() -> None:
     least = {a.group: min(b.esr for b in real_answers.ANSWERS if b.group == a.group) for a in real_answers.ANSWERS}
     left = np.sqrt(list(least.values()))
     assert len(left) == 15
-    assert pytest.approx((np.median(left), np.std(np.log(left))), rel=0.02) == (MISFIT, FACTOR)
+    assert pytest.approx((np.median(left), np.std(np.log(left))), rel=0.02) == (MISFIT_MEDIAN, MISFIT_LOG_DEVIATION)
 
 
 class TestMarks:

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid.diagnosis.evidence.engine import prepared
-from lpvid.diagnosis.evidence.kinship import together
+from lpvid.diagnosis.evidence.relations import compatible
 from lpvid.diagnosis.signals import Signals
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear
@@ -76,8 +76,8 @@ def test_its_lag_is_found_beside_it():
 
 def test_no_lag_of_a_current_without_what_reads_it():
     lag, follows = CoilLag(), CurrentDependence()
-    assert not together([lag], ("velocity", "force")) and together([lag], ("velocity", "current"))
-    assert together([lag, follows], ("velocity", "force"))
+    assert not compatible([lag], ("velocity", "force")) and compatible([lag], ("velocity", "current"))
+    assert compatible([lag, follows], ("velocity", "force"))
 
 
 def test_steady_and_read_currents_are_refused():

@@ -8,7 +8,7 @@ from helpers.effect_signals import composed, guo, nothing, road_like
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.evidence.engine import problem_of
+from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record

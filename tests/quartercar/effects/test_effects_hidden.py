@@ -116,6 +116,6 @@ def test_gas_and_the_zero_of_the_load_cell_are_rivals() -> None:
 
 def test_a_stribeck_speed_is_looked_at_two_to_a_decade() -> None:
     """Between speeds twenty times apart lies one that took half of the error away and was passed by."""
-    scales = Scales(force=500.0, way=0.01, time=0.1, current=1.0, period=0.002, work=1e3)
+    scales = Scales(force=500.0, displacement=0.01, time=0.1, current=1.0, period=0.002, work=1e3)
     speeds = np.unique([p[1] for p in StribeckFriction().spread_points((), scales.size)])
     assert speeds[-1] / speeds[0] > 300 and np.max(speeds[1:] / speeds[:-1]) < 4.5

@@ -143,16 +143,16 @@ def test_the_model_keeps_the_ranges_and_roles_of_its_training_data():
 
 
 def test_a_diagnosis_calls_its_signals_by_their_roles_so_that_effects_meet_them():
-    from lpvid.diagnosis.facade import pose
+    from lpvid.diagnosis.facade import prepare_task
 
     record = run()
     plain = Record({n: record[n] for n in ("velocity", "voltage", "force")}, 1 / RATE,
                    units={"velocity": "m/s", "voltage": "V", "force": "N"})
     found = fitted(arx(basis=Polynomial("voltage", 1)), plain)
-    question = pose([plain], found)
-    assert found.box.names == ("voltage",) and question.baseline.channels == ("velocity", "current", "force")
-    np.testing.assert_array_equal(question.prepared.training[0]["current"], record["voltage"])
-    assert pose([plain], Identified.of(found)).baseline.channels == question.baseline.channels
+    task = prepare_task([plain], found)
+    assert found.box.names == ("voltage",) and task.baseline.channels == ("velocity", "current", "force")
+    np.testing.assert_array_equal(task.prepared.training[0]["current"], record["voltage"])
+    assert prepare_task([plain], Identified.of(found)).baseline.channels == task.baseline.channels
 
 
 def test_a_ride_counts_what_the_records_never_held():

@@ -1,4 +1,4 @@
-"""Independence: how many of the samples of an error are worth one each."""
+"""Effective samples: how many independent samples an error counts as."""
 
 from __future__ import annotations
 
@@ -9,28 +9,27 @@ import numpy as np
 
 from lpvid.diagnosis.problem import DiagnosisProblem
 
-WORTH = 25.0
-"""α, independent samples that a structured error is worth, by blind cases of two rigs (docs/diagnosis_boards.md):
-a law errs by few mechanisms, however many samples show them"""
-WORTHS = tuple(WORTH * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
-"""the same where sets are judged: nobody knows α to better than a factor of two, so that weights are averaged over it,
-evenly in its logarithm"""
+STRUCTURED_SAMPLES = 25.0
+"""α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
+error of a law has few mechanisms, however many samples show them"""
+STRUCTURED_SAMPLES_RANGE = tuple(STRUCTURED_SAMPLES * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
+"""values of α over which the weights of sets are averaged: it is uncertain by a factor of two; even in the logarithm"""
 SEGMENT = 64
-"""samples of a segment of the averaged spectrum from which the white part of an error is read: 3000 hold 90 of them"""
-QUIET = 0.25
-"""share of the band that holds nothing of the motion: records are prepared at no less than four times the band in which
-99 % of what moves lies"""
-LOWEST = 1.27
+"""samples of a segment of the averaged spectrum of which the noise floor is estimated: 3000 hold 90 of them"""
+MOTIONLESS_BAND = 0.25
+"""share of the band without motion: records are prepared at no less than four times the band that holds 99 % of the
+motion"""
+QUARTER_MEAN = 1.27
 """standard deviations below the mean at which the lowest quarter of a normal sample lies: φ(Φ⁻¹(¼))/¼"""
 
 
 @dataclass(frozen=True)
-class Independence:
-    """What an error is worth.
+class EffectiveSamples:
+    """Share of independent samples in an error, and its noise floor.
 
     Attributes
     ----------
-    kept : float
+    kappa : float
         κ, share of the samples that is independent.
     structured : float
         p, share of the squared error beyond the noise floor.
@@ -38,12 +37,12 @@ class Independence:
         Variance of the noise.
     """
 
-    kept: float
+    kappa: float
     structured: float
     floor: float
 
 
-def share_of(structured: float, samples: int, worth: float) -> float:
+def kappa_of(structured: float, samples: int, alpha: float) -> float:
     """κ of an error of which p is structured: 1/κ = (1 − p) + p N/α, at most one.
 
     Parameters
@@ -52,7 +51,7 @@ def share_of(structured: float, samples: int, worth: float) -> float:
         p.
     samples : int
         N.
-    worth : float
+    alpha : float
         α.
 
     Returns
@@ -61,17 +60,18 @@ def share_of(structured: float, samples: int, worth: float) -> float:
 
     Examples
     --------
-    >>> share_of(0.0, 3000, 25.0), round(share_of(1.0, 3000, 25.0) * 3000, 6)
+    >>> kappa_of(0.0, 3000, 25.0), round(kappa_of(1.0, 3000, 25.0) * 3000, 6)
     (1.0, 25.0)
     """
-    return 1 / max((1 - structured) + structured * samples / worth, 1.0)
+    return 1 / max((1 - structured) + structured * samples / alpha, 1.0)
 
 
-def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
+def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES
+                      ) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
     p is the share of the error beyond the noise floor. The floor is white noise at the level that the error has in the
-    band where nothing moves. All else is a misfit of the law, or noise so slow that it looks like one. Each sample of
+    band without motion. All else is a misfit of the law, or noise too slow to be distinguished from one. Each sample of
     white noise counts as independent, a misfit as α samples in all. Repeats give no floor: where their inputs differ by
     a per cent, so do their outputs.
 
@@ -80,21 +80,21 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
-    worth : float
+    alpha : float
         α.
 
     Returns
     -------
-    Independence
+    EffectiveSamples
         κ = 1 and nothing structured where there is no error.
     """
     stacked = problem.stack(errors)
     total = float(np.mean(stacked**2))
     if not total > 0:
-        return Independence(1.0, 0.0, 0.0)
+        return EffectiveSamples(1.0, 0.0, 0.0)
     power, count = _spectrum(problem, stacked)
     white = min(_lowest(power, count) / float(power.mean()), 1.0)
-    return Independence(share_of(1 - white, problem.n_samples, worth), 1 - white, white * total)
+    return EffectiveSamples(kappa_of(1 - white, problem.n_samples, alpha), 1 - white, white * total)
 
 
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
@@ -111,7 +111,7 @@ def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarra
 
 
 def _lowest(power: np.ndarray, count: int) -> float:
-    """Level of the lowest quarter of a spectrum, the scatter of averages over `count` segments taken off."""
-    lowest = np.sort(power)[: max(int(QUIET * power.size), 1)]
-    return float(lowest.mean()) / max(1.0 - LOWEST / np.sqrt(count), QUIET)
+    """Level of the lowest quarter of a spectrum, corrected for the scatter of averages over `count` segments."""
+    lowest = np.sort(power)[: max(int(MOTIONLESS_BAND * power.size), 1)]
+    return float(lowest.mean()) / max(1.0 - QUARTER_MEAN / np.sqrt(count), MOTIONLESS_BAND)
 

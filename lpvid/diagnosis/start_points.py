@@ -1,4 +1,4 @@
-"""Starting: where the parameters of an effect are, and where a refit of it begins."""
+"""Start points: parameters of an effect from which it is refitted."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.screening import Direction
 
-STARTS, PALE = 3, 0.6
-"""most points from which an effect is refitted, and the share of the best one's gain below which another is none"""
+MOST_STARTS, LEAST_GAIN_SHARE = 3, 0.6
+"""start points at most, and least gain of one as a share of the largest"""
 
 
-def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
-    """Where to refit an effect from, at least one point: the grid points that fit the present residual best.
+def start_points(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
+    """Start points of an effect, at least one: the grid points that fit the residual best.
 
-    First the point that lowers the error most as it stands, for a large effect. Then the points that lower it most when
-    scaled in proportion; the strength of a smooth effect is scaled down accordingly.
+    First the point of the largest reduction of the error without scaling, for a large effect. Then the points of the
+    largest reduction when scaled; the strength of a smooth effect is scaled down accordingly.
 
     Parameters
     ----------
@@ -28,17 +28,18 @@ def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
     Returns
     -------
     list of (k,) arrays
-        At most `STARTS`; the first values of the grid where nothing is visible.
+        At most `MOST_STARTS`; the first values of the grid where nothing is visible.
     """
-    mine = sorted((d for d in found if d.effect.name == effect.name and d.visible),
+    own = sorted((d for d in found if d.effect.name == effect.name and d.visible),
                   key=lambda d: d.gain, reverse=True)
     chosen: list[np.ndarray] = []
-    whole = max(mine, key=lambda d: d.at_face_value, default=None)
-    if whole is not None and whole.at_face_value > 0:
-        chosen.append(whole.values)
-    for d in mine:
+    unscaled = max(own, key=lambda d: d.unscaled_gain, default=None)
+    if unscaled is not None and unscaled.unscaled_gain > 0:
+        chosen.append(unscaled.values)
+    for d in own:
         values = scaled(d)
-        if len(chosen) < STARTS and d.gain > PALE * mine[0].gain and all(not np.allclose(values, c) for c in chosen):
+        if len(chosen) < MOST_STARTS and d.gain > LEAST_GAIN_SHARE * own[0].gain and \
+                all(not np.allclose(values, c) for c in chosen):
             chosen.append(values)
     return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
                                                  for k, p in enumerate(effect.parameters)])]

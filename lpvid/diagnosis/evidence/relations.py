@@ -1,4 +1,4 @@
-"""Kinship: which effects may be in one set, and which may take one another's place."""
+"""Relations: which effects may be in one set, and which may replace one another."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from lpvid.diagnosis.effect import Effect
 
 LAGGING = ("motion", "force", "all")
-"""paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
+"""paths whose lags, delays and filters fit each other's error and that of every dynamic cause; a set holds one"""
 
 
-def akin(one: Effect, other: Effect) -> bool:
-    """Whether two effects are next of kin: other components of one family, or lags on the way of motion and force.
+def related(one: Effect, other: Effect) -> bool:
+    """Whether two effects are related: different components of one family, or lags of motion and force.
 
     Parameters
     ----------
@@ -25,12 +25,12 @@ def akin(one: Effect, other: Effect) -> bool:
                                                  or (one.path in LAGGING and other.path in LAGGING))
 
 
-def together(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
-    """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
+def compatible(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
+    """Whether effects may be in one set: no component twice, `Effect.behind` fulfilled, one lag of motion and force.
 
-    Of lags, delays and filters on the way of motion and force a set holds one at most: two of them imitate whatever
-    there is. An effect that turns a channel needs something that reads this channel: the law (`channels`), or a member
-    that brings it.
+    Of lags, delays and filters of motion and force a set holds one at most: two of them can fit almost any error. An
+    effect that changes a channel (`Effect.turns`) needs something that reads this channel: the law (`channels`), or a
+    member that brings it.
 
     Parameters
     ----------

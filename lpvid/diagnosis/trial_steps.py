@@ -1,4 +1,4 @@
-"""Hops: numbers moved by trial where no derivative gives the direction: lags of whole samples, lost motion, kinks."""
+"""Trial steps of parameters without a useful derivative: lags of whole samples, lost motion, kinks."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
 
-SIZES = (5.0, 1.0)
-"""samples by which a lag is moved at a time"""
-SHARES = (0.1, 0.02)
-"""shares of itself by which a rugged number is moved at a time"""
-MOST = 12
-"""hops of one size in one direction"""
+SAMPLE_STEPS = (5.0, 1.0)
+"""steps of a lag [samples]"""
+RELATIVE_STEPS = (0.1, 0.02)
+"""steps of a rugged parameter, as shares of its value"""
+MOST_STEPS = 12
+"""steps of one size in one direction"""
+NEGLIGIBLE_NORM = 1e-140
+"""norm of a derivative whose square is rounded to zero"""
 
-UNMOVED = 1e-140
-"""norm of a derivative whose square is nothing"""
 
-
-def hopped(composition: Composition) -> list[tuple[int, bool]]:
-    """Places of the numbers that act in whole samples or are rugged, and whether they are the latter.
+def trial_parameters(composition: Composition) -> list[tuple[int, bool]]:
+    """Places of the parameters that act in whole samples or are rugged, and whether they are rugged.
 
     Parameters
     ----------
@@ -39,9 +38,9 @@ def hopped(composition: Composition) -> list[tuple[int, bool]]:
     return found
 
 
-def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
-        ) -> tuple[np.ndarray, float]:
-    """Move each such number while that lowers the cost, the other parameters following by one Gauss-Newton step.
+def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float,
+                  jacobian: np.ndarray) -> tuple[np.ndarray, float]:
+    """Change each such parameter while that lowers the cost, with one Gauss-Newton step of the other parameters.
 
     With a current that is held between samples the error jumps where a delay passes a whole sample: the derivative
     between two jumps gives no information on the error beyond them. Lost motion and kinks make the error rugged.
@@ -54,7 +53,7 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     cost : float
         Squared error at `vector`.
     jacobian : (N, P) array
-        Taken nearby.
+        At a point nearby.
 
     Returns
     -------
@@ -63,24 +62,24 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     """
     low, high = composition.bounds
     clock = problem.signals[0].sample_time
-    for j, rugged in hopped(composition):
+    for j, rugged in trial_parameters(composition):
         others = np.delete(np.arange(vector.size), j)
         norms = np.linalg.norm(jacobian[:, others], axis=0)
-        norms = np.where(norms > UNMOVED, norms, 1.0)  # what changes nothing stays
-        sizes = [share * vector[j] for share in SHARES] if rugged else [size * clock for size in SIZES]
-        for move in [sign * size for size in sizes for sign in (1.0, -1.0)]:
-            for _ in range(MOST):
+        norms = np.where(norms > NEGLIGIBLE_NORM, norms, 1.0)  # a parameter without effect is not changed
+        sizes = [share * vector[j] for share in RELATIVE_STEPS] if rugged else [size * clock for size in SAMPLE_STEPS]
+        for change in [sign * size for size in sizes for sign in (1.0, -1.0)]:
+            for _ in range(MOST_STEPS):
                 trial = vector.copy()
-                trial[j] = np.clip(trial[j] + move, low[j], high[j])
+                trial[j] = np.clip(trial[j] + change, low[j], high[j])
                 if trial[j] == vector[j]:
                     break
                 errors = problem.stacked_errors(composition, trial)
                 step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=1e-8)[0] / norms
-                followed = trial.copy()
-                followed[others] = np.clip(trial[others] + step, low[others], high[others])
+                corrected = trial.copy()
+                corrected[others] = np.clip(trial[others] + step, low[others], high[others])
                 tried = [(float(errors @ errors), trial)]
-                errors = problem.stacked_errors(composition, followed)
-                tried.append((float(errors @ errors), followed))
+                errors = problem.stacked_errors(composition, corrected)
+                tried.append((float(errors @ errors), corrected))
                 least, where = min(tried, key=lambda t: t[0])
                 if not least < cost * (1 - 1e-6):
                     break
