@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, working
 from lpvid.errors import InputError, TooFewSamples
 
 On = Literal["output", "trial", "input"]
@@ -193,5 +193,7 @@ def identify(
     if budget is not None:
         typer.echo(f"--budget {budget:g}: {reached - begun:.1f} s of processor time up to the model, "
                    f"{processor_time() - reached:.1f} s for the report", err=True)
+    if found.choice is not None and not found.choice.selection.complete:
+        raise typer.Exit(INTERRUPTED)
     if found.fails or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

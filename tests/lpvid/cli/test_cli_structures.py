@@ -250,6 +250,26 @@ def test_a_budget_states_what_came_on_top_of_it(tmp_path):
     assert re.search(r"--budget 1: [\d.]+ s of processor time up to the model, [\d.]+ s for the report", shown.stderr)
 
 
+def test_an_interrupted_search_ends_with_130_and_its_best(tmp_path, monkeypatch):
+    from lpvid.identification.selection.search import StructureSearch
+
+    write(tmp_path / "a.csv", **plain(300, 0)[0])
+    late, calls = StructureSearch.late, []
+
+    def stop(self: StructureSearch) -> bool:
+        if (ended := late(self)) or self.best is not None:
+            calls.append(ended)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return ended
+
+    monkeypatch.setattr(StructureSearch, "late", stop)
+    shown = run("identify", tmp_path / "a.csv", "--input", "u", "--output", "y", "--auto", "--out", tmp_path / "out",
+                code=130)
+    assert "marked incomplete" in shown.stderr
+    assert not json.loads((tmp_path / "out" / "selection.json").read_text())["complete"]
+
+
 @pytest.mark.slow
 def test_held_out_data_have_no_say(chosen, tmp_path):
     """Another last third changes the held-out figures and nothing else."""
