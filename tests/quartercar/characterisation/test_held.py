@@ -88,3 +88,18 @@ def test_the_first_cycle_of_a_hold_is_left_out_of_means(rng):
     found = qc.characterise([record.with_channel("force", force, "N")], SETTINGS)
     top = [f for f in found.given if f.current > 0.5 and f.direction == 1 and f.speed == 0.2]
     assert top[0].force == pytest.approx(steady_force(0.2, 1.0), rel=0.01)
+
+
+def test_a_ripple_of_the_driver_is_no_other_level(rng):
+    """A square ripple of 5 % at 317 Hz, as a pulse-width modulated voltage has; decimation takes it off."""
+    current = np.repeat([1.0, 0.5, 1.0, 2.0], 4000)
+    t = np.arange(current.size) / 2000.0
+    v = SPEED * np.cos(2 * np.pi * FREQUENCY * t)
+    ripple = 0.05 * np.sign(np.sin(2 * np.pi * 317 * t))
+    record = lpv.Record({"displacement": AMPLITUDE * np.sin(2 * np.pi * FREQUENCY * t), "current": current + ripple,
+                         "force": steady_force(v, current) + 2.0 * rng.standard_normal(t.size)}, sample_time=1 / 2000,
+                        name="pwm", units={"displacement": "m", "force": "N", "current": "A"})
+    found = qc.characterise([record], SETTINGS)
+    assert found.data.levels == pytest.approx([0.5, 1.0, 2.0], abs=0.01)
+    why = next(m.why for m in found.missing if m.what == "switching time")
+    assert "ripple" in why
