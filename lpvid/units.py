@@ -390,7 +390,7 @@ def in_doubt(name: str, source_unit: str | None) -> bool:
     return _grams_or_gravity(source_unit) and not stated
 
 
-def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", doubt: str = "") -> str:
+def contradiction_mend(si_unit: str, expected: tuple[str, ...], channel: str, role: str = "", doubt: str = "") -> str:
     """What to write instead of a unit that contradicts its channel's name.
 
     Parameters
@@ -399,6 +399,8 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", 
         The channel's.
     expected : tuple of str
         Of `contradicts`.
+    channel : str
+        Its name.
     role : str
         In which the channel is used; empty where its own name is contradicted.
     doubt : str
@@ -408,7 +410,8 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", 
     -------
     str
     """
-    stated = f"--role '{role or 'ROLE'}=CHANNEL [%s]'"
+    own = channel.casefold() if channel.casefold() in QUANTITIES else "ROLE"
+    stated = f"--role '{role or own}={channel} [%s]'"
     if doubt:
         return f"[{doubt}] may be grams or gravity: write [{doubt}_0] for multiples of gravity, or " \
                f"{stated % f'{doubt}_0'}, or name the channel as a mass"

@@ -108,7 +108,7 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
             raise InputError(f"record '{record.name}', channel '{name}' has a unit of "
                              f"{'two meanings' if doubt else 'another quantity'}", got=f"'{name} [{source}]'",
                              why=f"its {caller} {calls}",
-                             mend=contradiction_mend(channel.unit, expected, role, doubt))
+                             mend=contradiction_mend(channel.unit, expected, name, role, doubt))
 
 
 def _refuse_time(record: Record) -> None:

@@ -184,7 +184,7 @@ def wrong_unit(record: Record, role: str, wanted: str) -> InputError:
     channel = record.channel(role)
     mend = "dampers here are translational; lpvid identify --input ANGULAR_VELOCITY --output TORQUE takes a rotary one"
     if channel.unit not in ROTARY:
-        mend = contradiction_mend(channel.unit, (wanted,), role)
+        mend = contradiction_mend(channel.unit, (wanted,), record.resolve(role), role)
     return InputError(f"record '{record.name}': {role} has a wrong unit",
                       got=channel.source_unit or channel.unit, why=f"{wanted} expected", mend=mend)
 

@@ -285,6 +285,16 @@ def test_a_role_states_the_unit_where_that_of_the_file_could_not_be_used(tmp_pat
     assert not lpv.audit([record]).of("unit-contradicts-name")
 
 
+def test_the_line_on_a_refused_unit_holds_the_option_that_mends_it(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t [s],x [mm],Force (lbs)\n" + rows())
+    fault, = lpv.audit(lpv.read(path)).of("unit-contradicts-name")
+    assert "--role 'force=Force [lbf]'" in fault.mend
+    with pytest.raises(InputError, match=r"--role 'force=Force \[lbf\]'"):
+        lpv.identify(lpv.read(path), lpv.ARX(input="x", output="Force"))
+    assert not lpv.audit(lpv.read(path, roles={"force": "Force [lbf]"})).of("unit-contradicts-name")
+
+
 def test_a_spreadsheet_is_to_be_saved_as_csv(tmp_path):
     path = tmp_path / "run.xlsx"
     path.write_bytes(b"PK")
