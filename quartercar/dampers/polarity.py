@@ -126,7 +126,7 @@ def _pooled(records: Sequence[Record]) -> int:
     for stroke in strokes:
         x, v, force = (signal - signal.mean() for signal in stroke)
         parts.append((np.array([[x @ x, x @ v], [x @ v, v @ v]]), np.array([x @ force, v @ force])))
-    whole = [sum(part[k] for part in parts) for k in (0, 1)]
+    whole = [np.sum([part[k] for part in parts], axis=0) for k in (0, 1)]
 
     def damping(a: np.ndarray, b: np.ndarray) -> float:
         return float(np.linalg.lstsq(a, b, rcond=None)[0][1])
