@@ -150,10 +150,21 @@ def _pieces(record: Record, wanted: Sequence[str], sample_rate: float | None) ->
         raise InputError(f"record '{record.name}': unsteady sampling",
                          got=f"jitter {100 * base.jitter_rms:.3g} % rms of the period",
                          why=f"more than {100 * JITTER_LIMIT:g} %", mend=f"--sample-rate {1 / base.period:.4g}")
-    return [_on_mean_clock(p, base.period) for p in pieces]
+    return [_on_clock(p, _own_clock(base.period, sample_rate)) for p in pieces]
 
 
-def _on_mean_clock(piece: Record, period: float) -> Record:
+def _own_clock(period: float, sample_rate: float) -> float:
+    """Period of the clock that unsteady samples are brought onto before they are resampled [s].
+
+    Their mean one differs between a record and a part of it, and with it every sample: a model would not recognise the
+    record that it was fitted to a part of. So it is the least multiple of the rate asked for that holds their mean
+    rate; that one itself where less than their own was recorded.
+    """
+    many = (1 - RATE_TOLERANCE) / (period * sample_rate)
+    return period if many < 1 - 2 * RATE_TOLERANCE else 1 / (sample_rate * max(int(np.ceil(many)), 1))
+
+
+def _on_clock(piece: Record, period: float) -> Record:
     if piece.n_samples < 2:
         return replace(piece, time=None, sample_time=period)
     clocked, note = on_clock(replace(piece, sample_time=None), period)
