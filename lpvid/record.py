@@ -15,6 +15,7 @@ from lpvid import _checks, units
 from lpvid._pickling import ReadOnlyState
 from lpvid._shown import Shown
 from lpvid.errors import InputError
+from lpvid.remark import Turned
 from lpvid.timebase import TimeBase, analyse_time, calendar_seconds
 
 MISSPELT = 0.85
@@ -356,7 +357,7 @@ class Record(ReadOnlyState, Shown):
         real_name = self.resolve(name)
         channel = self.channels[real_name]
         channels = {**self.channels, real_name: replace(channel, values=-channel.values)}
-        return self._with(channels, (*self.notes, f"sign of '{real_name}' turned on request"))
+        return self._with(channels, (*self.notes, Turned(f"sign of '{real_name}' turned on request")))
 
     def with_note(self, note: str) -> Record:
         """The same record with a further note.

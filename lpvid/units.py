@@ -390,7 +390,7 @@ def in_doubt(name: str, source_unit: str | None) -> bool:
     return _grams_or_gravity(source_unit) and not stated
 
 
-def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", doubt: str = "") -> str:
+def contradiction_mend(si_unit: str, expected: tuple[str, ...], channel: str, role: str = "", doubt: str = "") -> str:
     """What to write instead of a unit that contradicts its channel's name.
 
     Parameters
@@ -399,6 +399,8 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", 
         The channel's.
     expected : tuple of str
         Of `contradicts`.
+    channel : str
+        Its name.
     role : str
         In which the channel is used; empty where its own name is contradicted.
     doubt : str
@@ -408,15 +410,20 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...], role: str = "", 
     -------
     str
     """
+    own = channel.casefold() if channel.casefold() in QUANTITIES else "ROLE"
+    stated = f"--role '{role or own}={channel} [%s]'"
     if doubt:
-        return f"[{doubt}] may be grams or gravity: write [{doubt}_0] for multiples of gravity, or name the channel " \
-               "as a mass"
+        return f"[{doubt}] may be grams or gravity: write [{doubt}_0] for multiples of gravity, or " \
+               f"{stated % f'{doubt}_0'}, or name the channel as a mass"
     if si_unit == "kg" and "m/s^2" in expected:
-        return "write [g_0] for multiples of 9.80665 m/s^2: [g] is the gram; a mass in [kg]"
+        return f"write [g_0] for multiples of 9.80665 m/s^2, or {stated % 'g_0'}: [g] is the gram; a mass in [kg]"
+    if si_unit == "kg" and "N" in expected:
+        return f"write [lbf] or [kgf], or {stated % 'lbf'}: [lb] and [kg] are masses"
     if role:
-        return f"map a channel in {expected[0]}, --role {role}=CHANNEL, or correct the unit in the header"
-    return "correct the unit in the header, convert a sensor's volts by its calibration, or name the channel by " \
-           "what it is"
+        return f"map a channel in {expected[0]}, --role {role}=CHANNEL, or correct the unit in the header, or " \
+               f"{stated % 'UNIT'}"
+    return f"correct the unit in the header, or {stated % 'UNIT'}, convert a sensor's volts by its calibration, or " \
+           "name the channel by what it is"
 
 
 def same_kind(si_unit: str, other: str) -> bool:

@@ -14,7 +14,10 @@ _NUMBER = r"(\d+(?:[p.]\d+)?)"
 
 
 def _claimed(name: str, unit: str) -> float | None:
+    """What a name states in a unit; None where it is nothing, several things, or may be a decimal (`1_5Hz`)."""
     found = re.findall(rf"(?<![\d.]){_NUMBER}\s?{unit}(?![a-z])", name)
+    if re.search(rf"\d[_,-]{_NUMBER}\s?{unit}(?![a-z])", name):
+        return None
     return float(found[0].replace("p", ".")) if len(found) == 1 else None
 
 

@@ -87,7 +87,7 @@ def units(view: View) -> Iterator[Finding]:
             stated = "states neither mass nor acceleration" if doubt else f"calls for {expected[0]}"
             yield Finding("unit-contradicts-name", view.name, name, "fault",
                           f"the unit is '{source}', '{name}' {stated}",
-                          contradiction_mend(channel.unit, expected, doubt=doubt))
+                          contradiction_mend(channel.unit, expected, name, doubt=doubt))
         elif channel.source_unit is None and not channel.unit:
             yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",
                           f"write the header as 'name [unit]', or --role '{name}={name} [UNIT]'")

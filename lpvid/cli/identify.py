@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, working
 from lpvid.errors import InputError, TooFewSamples
 
 On = Literal["output", "trial", "input"]
@@ -32,7 +32,8 @@ def identify(
                                        "training data.")] = False,
     budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time of "
                                                  "--auto (300) up to the model: reading, audit, search and the fit of "
-                                                 "its choice. The report comes on top.")] = None,
+                                                 "its choice. Forms and report come on top; what both took is printed "
+                                                 "last.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
                                            "(4).")] = None,
@@ -138,9 +139,10 @@ def identify(
                "schedule-lag": schedule_lag or None, "no-constant": no_constant or None, "affine": affine or None,
                "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge, "passive": passive or None,
                "balanced": balanced or None}
+    begun = processor_time()
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      form, refit, refit_form, budget, processor_time())
+                      form, refit, refit_form, budget, begun)
     with working("reading") as report_progress:
         request.check()
         name, others = load_beside(beside, f"{out or 'this'}/model.json")
@@ -181,11 +183,17 @@ def identify(
             found = fit(replace(request, sample_rate=working_at), training, apart, [*records, *kept], report_progress)
         except TooFewSamples as error:
             raise with_cause(error, records, training, hold_out, rate) from None
+        reached = processor_time()
         found = found.with_notes((*notes, *unstated_units([*records, *kept], request.channels)))
         label = "held-out" if apart else "training"
         beside_it = compared((name, found.found.model), others, apart or training, label, working_at, {})
         found = replace(found, beside=beside_it)
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
+    if budget is not None:
+        typer.echo(f"--budget {budget:g}: {reached - begun:.1f} s of processor time up to the model, "
+                   f"{processor_time() - reached:.1f} s for the report", err=True)
+    if found.choice is not None and not found.choice.selection.complete:
+        raise typer.Exit(INTERRUPTED)
     if found.fails or (passive and not found.certified):
         raise typer.Exit(SHORTFALL)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from lpvid.simulation import Model
     from lpvid.validation.comparing import ModelComparison
 
+RESAMPLED = ("mixed-rates", "jitter")
+"""findings of the audit whose mend is --sample-rate"""
 LEAK_SAMPLES = 200_000
 """Training samples up to which held-out stretches are sought among them."""
 
@@ -242,8 +244,8 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     elif bare is not None:
         report_progress("fitting without the scheduling filter, to compare")
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
-    if request.sample_rate is not None:  # what its mend asks for was done, and a note states the resampling
-        audited = replace(audited, findings=tuple(f for f in audited.findings if f.name != "mixed-rates"))
+    if request.sample_rate is not None:  # what their mend asks for was done, and a note states the resampling
+        audited = replace(audited, findings=tuple(f for f in audited.findings if f.name not in RESAMPLED))
     derived = with_derived(training, structure.channels)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)

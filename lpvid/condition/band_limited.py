@@ -11,6 +11,7 @@ from lpvid.condition.continuation import Continued
 from lpvid.condition.differentiation import DERIVED
 from lpvid.condition.interference import FEWEST, SHORT, interference, of_motion, power_of
 from lpvid.record import Record
+from lpvid.remark import Derivation, QuietDerivation
 
 QUIETER = f"{DERIVED} without the sensor's noise beyond the band that moves"
 """note that replaces it where that was done"""
@@ -139,14 +140,16 @@ def quiet_pieces(parts: Sequence[list[Record]], notes: tuple[str, ...]
     notes : tuple of str
         With what was done.
     """
-    if not any(n.startswith(DERIVED) for n in notes):
+    if not any(isinstance(n, Derivation) for n in notes):
         return list(parts), notes
     parts = [[with_quiet_velocity(r) for r in part] for part in parts]
-    done = [next((n for n in r.notes if n.startswith(QUIETER)), "") for part in parts for r in part if _derived(r)]
+    done = [next((n for n in r.notes if isinstance(n, QuietDerivation)), "")
+            for part in parts for r in part if _derived(r)]
     quiet = [n for n in done if n]
     if quiet:
         rest = "" if all(done) else f", in {len(quiet)} of {len(done)} pieces; the others are too short for that"
-        notes = tuple(max(quiet, key=len) + rest if n.startswith(DERIVED) else n for n in notes)
+        stated = QuietDerivation(max(quiet, key=len) + rest)
+        notes = tuple(stated if isinstance(n, Derivation) else n for n in notes)
     return parts, notes
 
 
@@ -176,15 +179,15 @@ def with_quiet_velocity(record: Record) -> Record:
     share = share_of_motion(signal.omega, moved, period)
     at, interfering = interference(moved, record["force"] if record.has("force") else moved, period)
     velocity = in_band(moved, signal, share, at, interfering)
-    plain = replace(record, notes=tuple(n for n in record.notes if not n.startswith(DERIVED)))
+    plain = replace(record, notes=tuple(n for n in record.notes if not isinstance(n, Derivation)))
     left = ""
     if interfering.any():
         hertz = signal.omega / (2 * np.pi)
         fast = np.abs(signal.spectrum * hertz) * (np.interp(hertz, at, interfering.astype(float)) >= 0.5)
         left = f", nor interference about {hertz[np.argmax(fast)]:.0f} Hz, where the force does not follow"
-    return plain.with_channel("velocity", velocity, record.channel("velocity").unit, QUIETER + left)
+    return plain.with_channel("velocity", velocity, record.channel("velocity").unit, QuietDerivation(QUIETER + left))
 
 
 def _derived(record: Record) -> bool:
     """Whether the velocity of a record was not measured."""
-    return any(n.startswith(DERIVED) for n in record.notes)
+    return any(isinstance(n, Derivation) for n in record.notes)

@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.condition.resampling import finite_runs, true_runs
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.remark import Derivation
 
 METHODS = ("savitzky-golay", "central", "backward")
 DERIVED = "velocity derived from displacement"
@@ -115,7 +116,7 @@ def with_velocity(record: Record, method: str = "savitzky-golay") -> Record:
     else:
         how = "central differences over unsteady time stamps"
         slope = _over_stamps(channel.values, record.times, base.gaps)
-    return record.with_channel("velocity", slope, unit, f"{DERIVED} ({how})")
+    return record.with_channel("velocity", slope, unit, Derivation(f"{DERIVED} ({how})"))
 
 
 DERIVATIONS: Mapping[str, Callable[[Record], Record]] = {"velocity": with_velocity}

@@ -11,6 +11,7 @@ from lpvid.condition.differentiation import with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE, segments
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.remark import Cut, LeftOut, Turned
 
 FASTEST = 1024.0
 """common rate [Hz] above which records are decimated: dampers have little above 100 Hz, and fits take longer."""
@@ -18,7 +19,6 @@ WANTED = 500.0
 """rate [Hz] that the decimation aims at, where `SPARE` times the bandwidth is less."""
 STAND_IN = "voltage"
 """channel that stands for the current where there is none."""
-_LOSSES = ("cut into", "dropped", "record '", "sign of")
 
 
 def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
@@ -48,7 +48,7 @@ def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
                          got=", ".join(still[0].channels),
                          mend=_checks.role_mend("velocity", "displacement"))
     new = [n for r, old in zip(derived, found, strict=True) for n in r.notes if n not in old.notes]
-    notes = tuple(n if len(lacking) == len(found) else f"{n} in {len(lacking)} of {len(found)} records"
+    notes = tuple(n if len(lacking) == len(found) else type(n)(f"{n} in {len(lacking)} of {len(found)} records")
                   for n in dict.fromkeys(new))
     return derived, notes
 
@@ -157,4 +157,5 @@ def losses(records: Sequence[Record]) -> tuple[str, ...]:
     tuple of str
         Record and note, in the order of the records.
     """
-    return tuple(dict.fromkeys(f"record '{r.name}': {n}" for r in records for n in r.notes if n.startswith(_LOSSES)))
+    return tuple(dict.fromkeys(n if isinstance(n, LeftOut) else f"record '{r.name}': {n}"
+                               for r in records for n in r.notes if isinstance(n, (Cut, Turned))))

@@ -13,6 +13,7 @@ from lpvid.condition.resampling import on_clock, resample, true_runs
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
+from lpvid.remark import Cut, Derivation, LeftOut
 from lpvid.timebase import JITTER_LIMIT
 from lpvid.units import contradiction_mend, contradicts, in_doubt
 
@@ -81,6 +82,9 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
         if not channel.unit_known:
             raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
                              mend="correct the unit in the header, or leave it out if the values are SI")
+        made_of = name == "velocity" and any(isinstance(n, Derivation) for n in record.notes)
+        if made_of and record.has("displacement"):  # whose unit the derivative has
+            _refuse_unit(record, record.resolve("displacement"), ["displacement"])
         _refuse_unit(record, name, [w for w in wanted if record.resolve(w) == name])
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:
@@ -104,7 +108,7 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
             raise InputError(f"record '{record.name}', channel '{name}' has a unit of "
                              f"{'two meanings' if doubt else 'another quantity'}", got=f"'{name} [{source}]'",
                              why=f"its {caller} {calls}",
-                             mend=contradiction_mend(channel.unit, expected, role, doubt))
+                             mend=contradiction_mend(channel.unit, expected, name, role, doubt))
 
 
 def _refuse_time(record: Record) -> None:
@@ -146,10 +150,21 @@ def _pieces(record: Record, wanted: Sequence[str], sample_rate: float | None) ->
         raise InputError(f"record '{record.name}': unsteady sampling",
                          got=f"jitter {100 * base.jitter_rms:.3g} % rms of the period",
                          why=f"more than {100 * JITTER_LIMIT:g} %", mend=f"--sample-rate {1 / base.period:.4g}")
-    return [_on_mean_clock(p, base.period) for p in pieces]
+    return [_on_clock(p, _own_clock(base.period, sample_rate)) for p in pieces]
 
 
-def _on_mean_clock(piece: Record, period: float) -> Record:
+def _own_clock(period: float, sample_rate: float) -> float:
+    """Period of the clock that unsteady samples are brought onto before they are resampled [s].
+
+    Their mean one differs between a record and a part of it, and with it every sample: a model would not recognise the
+    record that it was fitted to a part of. So it is the least multiple of the rate asked for that holds their mean
+    rate; that one itself where less than their own was recorded.
+    """
+    many = (1 - RATE_TOLERANCE) / (period * sample_rate)
+    return period if many < 1 - 2 * RATE_TOLERANCE else 1 / (sample_rate * max(int(np.ceil(many)), 1))
+
+
+def _on_clock(piece: Record, period: float) -> Record:
     if piece.n_samples < 2:
         return replace(piece, time=None, sample_time=period)
     clocked, note = on_clock(replace(piece, sample_time=None), period)
@@ -181,12 +196,12 @@ def _one_rate(listed: Sequence[Record], cut: list[list[Record]]) -> list[list[Re
 def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int, remedy: str) -> list[Record]:
     """Name the pieces, drop the short ones, and note what was lost."""
     result: list[Record] = []
-    orphaned: list[str] = []
+    orphaned: list[LeftOut] = []
     for record, pieces in zip(listed, cut, strict=True):
         kept = [piece for piece in pieces if piece.n_samples >= minimum]
         notes = _losses(record, pieces, minimum)
         if not kept:
-            orphaned += [f"record '{record.name}' left out: {note}" for note in notes]
+            orphaned += [LeftOut(f"record '{record.name}' left out: {note}") for note in notes]
             continue
         many = len(pieces) > 1
         result += [replace(piece, time=None, name=f"{record.name}#{i}" if many else record.name,
@@ -214,16 +229,17 @@ def _whole(record: Record, piece: Record) -> bool:
     return not record.time_base.gaps and all(np.isfinite(record[n]).all() for n in piece.channels)
 
 
-def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[str]:
+def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[Cut]:
     notes = []
     gaps = len(record.time_base.gaps)
     if len(pieces) > 1:
-        notes.append(f"cut into {len(pieces)} pieces at missing samples" + (f" and {gaps} time gap(s)" if gaps else ""))
+        beside = f" and {gaps} time gap(s)" if gaps else ""
+        notes.append(Cut(f"cut into {len(pieces)} pieces at missing samples{beside}"))
     short = [piece for piece in pieces if piece.n_samples < minimum]
     if short:
         spans = ", ".join(f"{piece.n_samples} samples from {piece.start:.6g} s" for piece in short[:5])
         more = f" and {len(short) - 5} more" if len(short) > 5 else ""
-        notes.append(f"dropped {len(short)} piece(s) shorter than {minimum} samples: {spans}{more}")
+        notes.append(Cut(f"dropped {len(short)} piece(s) shorter than {minimum} samples: {spans}{more}"))
     if not pieces:
-        notes.append("no row has all channels in use")
+        notes.append(Cut("no row has all channels in use"))
     return notes

@@ -74,8 +74,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     sample_rate : float or None
         Rate [Hz] of a file that has neither a time column nor a stated period.
     roles : mapping or None
-        Role name to channel name, with a unit where the file states none: ``{"displacement": "x [mm]"}``; the role
-        ``time`` names the time column.
+        Role name to channel name, with a unit where the file states none or one that is refused: ``{"displacement":
+        "x [mm]"}``; the role ``time`` names the time column.
 
     Returns
     -------
@@ -87,14 +87,14 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
         Names missing or used twice, unequal lengths, no samples, no usable time base.
     """
     _check_columns(table.columns, where)
-    columns, signal_roles = _with_stated_units(table.columns, roles or {}, where)
+    columns, signal_roles, restated = _with_stated_units(table.columns, roles or {}, where)
     clock = _time_column(columns, signal_roles.pop(TIME_ROLE, None), where)
     signals = [c for c in columns if c is not clock]
     if not signals:
         raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
                          mend="export at least one channel")
     channels: dict[str, Channel] = {}
-    notes = list(table.notes)
+    notes = [*table.notes, *restated]
     for column in signals:
         values, unit, known = units.to_si(column.values, column.unit)
         channels[column.name] = Channel(_checks.owned(values), unit, column.unit, known, column.fault)
@@ -182,9 +182,13 @@ def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
 
 
 def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], where: str
-                       ) -> tuple[list[Column], dict[str, str]]:
-    """Columns with the units that roles state for them, and the roles without those."""
-    found, plain, stated_by = {c.name: c for c in columns}, {}, dict[str, str]()
+                       ) -> tuple[list[Column], dict[str, str], list[str]]:
+    """Columns with the units that roles state for them, the roles without those, and which units they replace.
+
+    A unit of the file is replaced where it could not be used: it is unknown, or of another quantity than the names of
+    column and role call for (pounds of a force, which are a mass).
+    """
+    found, plain, stated_by, notes = {c.name: c for c in columns}, {}, dict[str, str](), list[str]()
     for role, text in roles.items():
         plain[role], unit = channel_of(text, found)
         column = found.get(plain[role])
@@ -195,12 +199,20 @@ def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], wher
                 raise InputError(f"{where}: two roles state different units of column '{column.name}'",
                                  got=f"[{column.unit}] in --role {stated_by[column.name]}, [{unit}] in --role {role}",
                                  mend="state one of them: the column has one unit, whatever role it serves")
-            raise InputError(f"{where}: the header of column '{column.name}' states its own unit",
-                             got=f"'{column.name} [{column.unit}]' in the file, [{unit}] in --role {role}",
-                             mend=f"leave the unit out, --role {role}={column.name}, or correct the header")
+            if _usable(column, role):
+                raise InputError(f"{where}: the header of column '{column.name}' states its own unit",
+                                 got=f"'{column.name} [{column.unit}]' in the file, [{unit}] in --role {role}",
+                                 mend=f"leave the unit out, --role {role}={column.name}, or correct the header")
+            notes.append(f"column '{column.name} [{column.unit}]' is read in {unit}, as --role {role} states")
         stated_by.setdefault(column.name, role)
         found[column.name] = replace(column, unit=unit)
-    return list(found.values()), plain
+    return list(found.values()), plain, notes
+
+
+def _usable(column: Column, role: str) -> bool:
+    """Whether the unit that a file states for a column is known and of the quantity that its name and role call for."""
+    _, unit, known = units.to_si([0.0], column.unit)
+    return known and not units.contradicts(column.name, unit, column.unit) and not units.contradicts(role, unit)
 
 
 def _like_time(columns: Sequence[Column]) -> str:

@@ -93,7 +93,18 @@ def automatic(
     described = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
     chosen = ranked[0].baseline
     return chosen, (f"the law diagnosed is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
-                    f"fold {described}")
+                    f"fold {described}{_fewer(ranked[0], best, count)}")
+
+
+def _fewer(chosen: Law, best: Law, count: float) -> str:
+    """Why the law of least error is not the one chosen; empty where it is."""
+    if chosen is best:
+        return ""
+    more = best.baseline.vector.size - chosen.baseline.vector.size
+    gain = 100 * (1 - best.error / chosen.error)
+    words = "1 parameter" if more == 1 else f"{more} parameters"
+    return (f". {best.baseline.name} has {gain:.2g} % less error with {words} more: too little, with about "
+            f"{count:.0f} independent samples in the error")
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:

@@ -31,6 +31,8 @@ class Estimated:
     unit : str
     choice : str or None
         What the value means where it is a choice; None for a number.
+    bound : {"lower", "upper"} or None
+        End of the range of the search at which the value stands, so that it has no standard error; None inside.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Estimated:
     std: float | None
     unit: str
     choice: str | None = None
+    bound: str | None = None
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -45,16 +48,18 @@ class Estimated:
         Returns
         -------
         dict
-            Of the attributes by name; ``choice`` only where it is one.
+            Of the attributes by name; ``choice`` only where it is one, ``bound`` only where it stands at one.
         """
         chosen = {} if self.choice is None else {"choice": self.choice}
-        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit, **chosen}
+        bounded = {} if self.bound is None else {"bound": self.bound}
+        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit, **chosen, **bounded}
 
     def __str__(self) -> str:
         if self.choice is not None:
             return f"{self.name} {self.choice}"
         error = "" if self.std is None else f" ± {self.std:.2g}"
-        return f"{self.name} {self.value:.4g}{error} {self.unit}".rstrip()
+        end = "" if self.bound is None else f" (its {self.bound} bound)"
+        return f"{self.name} {self.value:.4g}{error} {self.unit}".rstrip() + end
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ class EffectParameter:
     choices : tuple of str
         For a parameter that can only be one of several things: what its values 0, 1, 2 … mean. A search takes it from
         the grid and leaves it there.
+    former : tuple of str
+        Names by which files of earlier versions hold it.
     """
 
     name: str
@@ -64,6 +66,7 @@ class EffectParameter:
     bounds: tuple[float, float]
     grid: tuple[float, ...]
     choices: tuple[str, ...] = ()
+    former: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.bounds

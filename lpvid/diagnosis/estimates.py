@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Errors, Estimated
-from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.folds import Folds
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
@@ -70,5 +70,15 @@ def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) 
     found = []
     for k, p in enumerate(effect.parameters):
         std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])
-        found.append(Estimated(p.name, float(values[k]), std, p.unit, p.choice(float(values[k]))))
+        value = float(values[k])
+        choice = p.choice(value)
+        found.append(Estimated(p.name, value, std, p.unit, choice, None if choice else _bound(p, value, std)))
     return tuple(found)
+
+
+def _bound(parameter: EffectParameter, value: float, std: float | None) -> str | None:
+    """The end of its range at which a number without a standard error stands; None for one that is absent there."""
+    if std is not None or value == parameter.neutral:
+        return None
+    low, high = parameter.bounds
+    return "lower" if value == low else "upper" if value == high else None

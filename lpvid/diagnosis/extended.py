@@ -232,6 +232,8 @@ class ExtendedModel(Adaptable):
         known = list(range(size))
         for effect, place in zip(composition.effects, composition.places, strict=True):
             names, stored = [p.name for p in effect.parameters], given[effect.name]
+            now = {old: p.name for p in effect.parameters for old in p.former}
+            stored = {now.get(str(name), str(name)): value for name, value in stored.items()}
             if not set(names) - set(effect.added_later) <= set(stored) <= set(names):
                 raise InputError(f"the effect '{effect.name}' has other parameters here than in the file",
                                  got=", ".join(stored), why=f"this version has {', '.join(names)}")

@@ -98,7 +98,8 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
             left.append(f"{role} is left out: only {len(having)} of {len(records)} records have it")
     if not found:
         raise InputError(f"record '{records[0].name}' has no channel that a baseline could read",
-                         got=", ".join(records[0].channels), mend=_checks.role_mend("velocity", "force"))
+                         got=", ".join(records[0].channels), why=f"a baseline reads some of {', '.join(ROLES)}",
+                         mend=_checks.role_mend("ROLE"))
     return found, tuple(left)
 
 

@@ -208,7 +208,10 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
     if s[source].size < SHORT:
         return False
     at, power, noise = power_of(s[source], s.sample_time, s.finer)
-    lower, upper = (float(np.median(half)) for half in np.array_split(top_of(at, power, s.finer), 2))
+    top = top_of(at, power, s.finer)
+    if top.size < 2:  # a record of few samples, or on a slow clock
+        return False
+    lower, upper = (float(np.median(half)) for half in np.array_split(top, 2))
     if not 0 < max(lower, upper) < FLAT * min(lower, upper):
         return False
     size = stretch_samples(s[source].size, s.sample_time)

@@ -253,9 +253,8 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
         if floor is not None:
             time.axhline(floor, color=INK, linewidth=0.8, linestyle="--", label="noise level")
         time.set_ylim(bottom=0.0)
-        time.set_xlabel("time [s]")
+        time.set_xlabel(f"time [s] in {first.name}")  # above the axes it would run into the legend
         time.set_ylabel(label("rms error", first.unit))
-        time.set_title(first.name)
         frequency.set_xlabel("frequency [Hz]")
         frequency.set_ylabel(f"error density [{first.unit}/√Hz]")
         for ax in (time, frequency):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.remark import Cost
 from lpvid.report.formatting import number
 from lpvid.report.page import Item, Notes, PageFigure, PageTable, Paragraph, Section
 
@@ -111,7 +112,7 @@ def cost_lines(found: Identification) -> list[str]:
     stated = [
         f"{new.label} free-run ESR {_esr(old)} unconstrained, {_esr(new)} passive" for old, new in reversed(pairs)
     ]
-    lines = [f"what it costs: {'; '.join(stated)}{_other_aim(found)}"] if stated else []
+    lines: list[str] = [Cost(f"what it costs: {'; '.join(stated)}{_other_aim(found)}")] if stated else []
     worst = None if found.training is None else found.training.worst
     if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
             and not getattr(found.structure, "balanced", True):

@@ -20,6 +20,7 @@ from lpvid.model.hull import outside_share
 from lpvid.model.lpv_model import LPVModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
+from lpvid.remark import Cut, Derivation, LeftOut
 from lpvid.simulation import Model, predict, simulate
 from lpvid.training_fingerprint import beyond_training, recalled, seen_records, seen_remark, unit_doubt
 from lpvid.validation.coherent import independence_remark
@@ -64,8 +65,8 @@ def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rat
 def _cuts(pieces: Sequence[Record]) -> tuple[str, ...]:
     """What records lost at gaps and missing samples, or that they were left out; each record once, by its own name."""
     found = [(piece.name.rpartition("#")[0] or piece.name, note) for piece in pieces for note in piece.notes]
-    return tuple(dict.fromkeys(note if note.startswith("record '") else f"record '{name}': {note}"
-                               for name, note in found if note.startswith(("cut into", "dropped", "record '"))))
+    return tuple(dict.fromkeys(note if isinstance(note, LeftOut) else f"record '{name}': {note}"
+                               for name, note in found if isinstance(note, Cut)))
 
 
 def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_rate: float | None = None, *,
@@ -111,7 +112,8 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     kept = tuple(dict.fromkeys((*channels, "displacement"))) if in_band else channels
     pieces = segments(listed, kept, sample_rate=rate if foreign else None, minimum=model.start + 2)
     pieces = [with_quiet_velocity(r) for r in pieces] if in_band else pieces
-    notes = tuple(dict.fromkeys(n for r in (pieces or listed) for n in r.notes if "velocity" in n)) + _cuts(pieces)
+    made = dict.fromkeys(n for r in (pieces or listed) for n in r.notes if isinstance(n, Derivation))
+    notes = (*made, *_cuts(pieces))
     if foreign:
         count = "1 record" if len(foreign) == 1 else f"{len(foreign)} records"
         notes += (f"{count} resampled to the model's {rate:.6g} Hz",)

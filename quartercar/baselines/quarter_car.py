@@ -19,7 +19,8 @@ from lpvid.toolkit import checks
 from quartercar.parameters import BENCH, CarParameters
 from quartercar.vehicle.strut_friction import OUTPUTS, CarCore, discretised
 
-ROLES = ("road", "unsprung", "sprung", "actuator")
+ROLES = {"road": "m", "unsprung": "m", "sprung": "m", "actuator": "N"}
+"""what a quarter car is simulated from and compared with, and the unit of each"""
 UNITS = {"spring_stiffness": "N/m", "damping": "N*s/m", "sprung_mass": "kg", "unsprung_mass": "kg",
          "tyre_stiffness": "N/m", "tyre_damping": "N*s/m"}
 FREE = ("spring_stiffness", "damping", "unsprung_mass", "tyre_stiffness", "tyre_damping")
@@ -81,7 +82,7 @@ class QuarterCarBaseline(Coded, Baseline):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        return ROLES if self.actuated else ROLES[:3]
+        return tuple(ROLES)[: 4 if self.actuated else 3]
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
@@ -109,6 +110,11 @@ class QuarterCarBaseline(Coded, Baseline):
                 raise InputError(f"record '{record.name}' has no {role}", got=", ".join(record.channels),
                                  why="a quarter car is simulated from its road and compared with its motion",
                                  mend=checks.role_mend(role))
+        for role, wanted in ROLES.items():
+            if record.has(role) and record.unit(role) not in (wanted, ""):
+                raise InputError(f"record '{record.name}': {role} has a wrong unit", got=record.unit(role),
+                                 why=f"{wanted} expected", mend="positions of road, wheel and body; between "
+                                 "accelerations, lpvid identify --input TABLE --output BODY")
         channels = {r: checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
         return Signals(period, channels, channels[self.output], record.name)
 

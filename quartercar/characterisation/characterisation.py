@@ -15,6 +15,7 @@ from quartercar.characterisation.cycles import Block, blocks_of
 from quartercar.characterisation.drift import drift_of
 from quartercar.characterisation.forces import standard_forces
 from quartercar.characterisation.gas import pulling, slowest, static_force
+from quartercar.characterisation.held import with_held_levels
 from quartercar.characterisation.histogram import histograms_of
 from quartercar.characterisation.loops import loop_of
 from quartercar.characterisation.missing import missing_of, unchecked_band
@@ -105,8 +106,8 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
     report_progress = report_progress or (lambda text: None)
     report_progress("cutting cycles")
     data = runs_of(as_records(records), settings)
+    data, blocks = with_held_levels(data, [b for run in data.runs for b in blocks_of(run)])
     models, notes = _simulated(data, damper)
-    blocks = tuple(b for run in data.runs for b in blocks_of(run))
     _check_delays(settings, blocks)
     with_force = tuple(b for b in blocks if b.run.has_force)
     steady = tuple(b for b in with_force if b.run.current != "varies")
@@ -159,7 +160,11 @@ def _simulated(data: RecordPieces, damper: Damper | None) -> tuple[dict[int, np.
     models: dict[int, np.ndarray] = {}
     notes: list[str] = []
     mends: list[str] = []
+    along: dict[int, np.ndarray] = {}
     for run in data.runs:
+        if id(run.record) in along:  # another level of the same record
+            models[id(run)] = along[id(run.record)]
+            continue
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
@@ -170,7 +175,7 @@ def _simulated(data: RecordPieces, damper: Damper | None) -> tuple[dict[int, np.
             continue
         notes += [*note, *(str(w.message) for w in caught)]
         if np.isfinite(force).all():
-            models[id(run)] = damper.polarity * force
+            models[id(run)] = along[id(run.record)] = damper.polarity * force
         else:
             notes.append(f"{damper.name} diverges along '{run.name}'")
     if not models:

@@ -63,7 +63,7 @@ class RecordedCycle:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive cycles of one amplitude and period.
+    """Cycles of one amplitude and period: consecutive, or all those of a record at one held current.
 
     Attributes
     ----------
@@ -72,12 +72,15 @@ class Block:
     cycles : tuple of RecordedCycle
     distortion : float
         Harmonics of the displacement beyond the first, over the first.
+    starting : tuple of int
+        Cycles that may still hold the start of the test, or of the current's hold.
     """
 
     run: RecordPiece
     kind: str
     cycles: tuple[RecordedCycle, ...]
     distortion: float
+    starting: tuple[int, ...] = (0,)
 
     def __repr__(self) -> str:
         return f"Block('{self.run.name}': {self.label}, {len(self.cycles)} cycles)"
@@ -101,9 +104,17 @@ class Block:
         return float(np.mean([0.5 * np.ptp(np.quantile(c.velocity, ends)) for c in self.cycles]))
 
     @property
+    def is_settled(self) -> np.ndarray:
+        """(n,) bool: all cycles but those that may still hold a start, where there are more than two."""
+        kept = np.ones(len(self.cycles), dtype=bool)
+        if kept.size > 2:
+            kept[list(self.starting)] = False
+        return kept
+
+    @property
     def settled(self) -> tuple[RecordedCycle, ...]:
-        """All cycles but the first, which may still hold the start, where there are more than two."""
-        return self.cycles[1:] if len(self.cycles) > 2 else self.cycles
+        """The cycles of `is_settled`."""
+        return tuple(c for c, kept in zip(self.cycles, self.is_settled, strict=True) if kept)
 
     @property
     def last(self) -> RecordedCycle:

@@ -73,7 +73,7 @@ def drift_of(block: Block, direction: int) -> Drift | None:
     point = peak_point(block, direction)
     if point is None or len(block.settled) < ENOUGH or len(point.by_cycle) != len(block.cycles):
         return None
-    force = direction * point.by_cycle[-len(block.settled):]
+    force = direction * point.by_cycle[block.is_settled]
     n, mean = force.size, float(force.mean())
     if mean == 0:
         return None

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from quartercar.characterisation.drift import Drift
+    from quartercar.characterisation.gas import StaticForce
+
 
 WIDTH, HEIGHT, FONT = 7.4, 4.1, 11.0
 """inches and points: at 390 px wide the text is still 5 px high"""
@@ -120,6 +123,12 @@ def _steady(found: Readings) -> list[Block]:
     return [b for b in found.blocks if b.run.has_force and b.run.current != "varies"]
 
 
+def _block_of(found: Readings, row: StaticForce | Drift) -> Block:
+    """The block that a row was read from."""
+    return next(b for b in _steady(found)
+                if (b.run.name, b.label, b.run.level) == (row.record, row.test, row.current))
+
+
 def _peak_velocity(found: Readings) -> Drawn:
     """PVP: force at mid stroke over the peak speed."""
     sign, colours = found.settings.sign, _colours(found)
@@ -219,7 +228,7 @@ def _by_current(found: Readings) -> Drawn | None:
 def _static_line(found: Readings) -> Drawn:
     """The slowest test over displacement, with the mean of its two directions."""
     slow = min(found.static, key=lambda s: s.speed)
-    block = next(b for b in _steady(found) if (b.run.name, b.label) == (slow.record, slow.test))
+    block = _block_of(found, slow)
     sign, c = found.settings.sign, block.last
     x = 1e3 * (c.displacement - c.centre)
     where = "" if slow.current is None and not slow.specimen else f"{_label(found, (slow.specimen, slow.current))}, "
@@ -298,12 +307,13 @@ def _switching(found: Readings) -> Drawn:
 def _drift(found: Readings) -> Drawn:
     """Force at mid stroke cycle by cycle of the longest block."""
     longest = max(found.drifts, key=lambda d: d.cycles)
-    block = next(b for b in _steady(found) if (b.run.name, b.label) == (longest.record, longest.test))
+    block = _block_of(found, longest)
     figure, ax = _chart()
     for n, direction in enumerate(DIRECTIONS):
         point = peak_point(block, direction)
         if point is not None:
-            mean = float(np.mean(point.by_cycle[1:]))
+            own = point.by_cycle[block.is_settled] if point.by_cycle.size == len(block.cycles) else point.by_cycle
+            mean = float(np.mean(own))
             ax.plot(np.arange(1, point.by_cycle.size + 1), 100 * (point.by_cycle / mean - 1), "o-", markersize=3,
                     linewidth=0.8, color=CYCLE[n], label=f"{DIRECTIONS[direction]}, mean {abs(mean):.4g} N")
     ax.set(xlabel="cycle", ylabel="|force| about its mean [%]", title="Drift over the cycles")

@@ -16,10 +16,20 @@ from quartercar.dampers.bench.strokes import turning_points
 
 SLICES = 20
 """Stretches of a random record that count as independent for its standard error: enough for a 16 % error of it."""
-BETWEEN = "no test has this speed,"
-"""how a reason begins where only triangles are faster"""
 LONGEST_STROKE = 0.05
 """Amplitude [m] of the sine that is proposed; a faster test takes a higher frequency."""
+
+
+class TooSlow(str):
+    """Why there is no force: no test is as fast."""
+
+    __slots__ = ()
+
+
+class Between(str):
+    """Why there is no force: no test has this speed, and only triangles are faster."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True)
@@ -242,11 +252,11 @@ def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, spe
         return (f"{passed} {times} {speed:g} m/s in a record without periodic motion, too few for a mean and its "
                 f"error: {propose_sine(speed)}")
     if others := [b.peak for b in own if b.kind == "triangle" and b.peak > (1 + SAME_SPEED) * speed]:
-        return (f"{BETWEEN} the triangles have one speed each, the next faster {min(others):.3g} m/s: "
-                f"{propose_sine(speed)}")
+        return Between(f"no test has this speed, the triangles have one speed each, the next faster {min(others):.3g} "
+                       f"m/s: {propose_sine(speed)}")
     peaks = [b.peak for b in own] + [float(np.quantile(np.maximum(direction * r.velocity, 0), 0.999)) for r in loose]
     fastest = max(peaks, default=0.0)
-    return f"fastest test reaches {fastest:.3g} m/s: {propose_sine(speed)}"
+    return TooSlow(f"fastest test reaches {fastest:.3g} m/s: {propose_sine(speed)}")
 
 
 def propose_sine(speed: float) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.local_fit import APART
 from quartercar.characterisation.settings import CREEP
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 BINS = 16
 """places along the stroke at which the two directions are compared"""
@@ -37,8 +38,9 @@ class StaticForce:
     position : float
         Mid stroke [m].
     creep : bool
-        Whether the speed is at most 10 mm/s and no slower test has another gas force or friction; if not, friction is
-        an upper bound and the gas force holds what the damping of the two directions differs by.
+        Whether the speed is at most 10 mm/s, no slower test has another gas force or friction, and half the difference
+        is friction for the most part; if not, friction is an upper bound and the gas force holds what the damping of
+        the two directions differs by.
     """
 
     specimen: str
@@ -145,7 +147,12 @@ def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
     """Of each specimen and current: every test up to 10 mm/s, or else the slowest test.
 
     Of those, one that differs from the slowest in gas force or friction by more than three standard errors still holds
-    damping: 10 mm/s is creep for a damper of decimetres per second, not for one of millimetres per second.
+    damping: 10 mm/s is creep for a damper of decimetres per second, not for one of millimetres per second. So does one
+    of which the larger part grows with the speed, at the slope to the next faster test::
+
+        v_1 (F_2 − F_1)/(v_2 − v_1) > ½ F_1,     F = ½ (F_out − F_in)
+
+    A damping that grows less than in proportion has a steeper slope below v_1: the part is at least that.
 
     Parameters
     ----------
@@ -160,8 +167,16 @@ def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
     for key in dict.fromkeys((f.specimen, f.current) for f in found):
         own = sorted((f for f in found if (f.specimen, f.current) == key), key=lambda f: f.speed)
         creeping = [f for f in own if f.creep]
-        rows += [replace(f, creep=_alike(f, creeping[0])) for f in creeping] or own[:1]
+        rows += [replace(f, creep=_alike(f, creeping[0]) and not _damped(f, own)) for f in creeping] or own[:1]
     return rows
+
+
+def _damped(test: StaticForce, own: Sequence[StaticForce]) -> bool:
+    """Whether half the difference of the two directions is damping for the most part; False in the fastest test."""
+    faster = next((f for f in own if f.speed > (1 + SAME_SPEED) * test.speed), None)
+    if faster is None:
+        return False
+    return test.speed * (faster.friction - test.friction) / (faster.speed - test.speed) > 0.5 * test.friction
 
 
 def _alike(test: StaticForce, slower: StaticForce) -> bool:

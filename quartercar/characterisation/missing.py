@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quartercar.characterisation.forces import BETWEEN, propose_sine, round_down
+from quartercar.characterisation.forces import Between, TooSlow, propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
+from quartercar.characterisation.settings import CREEP
 
 if TYPE_CHECKING:
     from quartercar.characterisation.forces import StandardForce
@@ -76,14 +77,14 @@ def _forces(found: Readings) -> list[Missing]:
     whole = {v: sum(f.speed == v for f in found.forces) for v in found.settings.speeds}
     short = {v: [f for f in lacking if f.speed == v] for v in found.settings.speeds}
     never = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
-             and all(f.why.startswith("fastest") for f in short[v])]
+             and all(isinstance(f.why, TooSlow) for f in short[v])]
     if never:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
         fastest = max(float(np.quantile(np.abs(r.velocity), 0.999)) for r in found.data.runs)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
                             f"fastest reaches {fastest:.3g} m/s", f"{_own_speeds(found)}run sines: {tests}"))
     between = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
-               and all(f.why.startswith(BETWEEN) for f in short[v])]
+               and all(isinstance(f.why, Between) for f in short[v])]
     if between:
         tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in between)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in between)} m/s", "the triangles have one speed "
@@ -116,6 +117,10 @@ def _static(found: Readings) -> list[Missing]:
         return []
     slow = min((s.speed for s in found.static), default=None)
     why = "no record of constant current and constant speed below 10 mm/s"
+    if slow is not None and slow <= CREEP:
+        return [Missing("gas force, spring rate and friction at creep", "at the slowest steady test's "
+                        f"{1e3 * slow:.3g} mm/s the force is damping for the most part: it grows with the speed, to "
+                        "the next faster test", f"run a triangle of ±2 mm at {100 * slow:.1g} mm/s (three cycles)")]
     if slow is not None:
         why += (f"; the slowest steady test reaches {1e3 * slow:.3g} mm/s: half its difference bounds the friction, "
                 "its mean holds what the dampings of the two directions differ by")

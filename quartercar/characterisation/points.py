@@ -97,7 +97,7 @@ def peak_point(block: Block, direction: int, force: np.ndarray | None = None) ->
     if not rows:
         return None
     found = np.array(rows)
-    kept = found[-len(block.settled):] if len(found) == len(block.cycles) else found
+    kept = found[block.is_settled] if len(found) == len(block.cycles) else found
     n = len(kept)
     spread = float(kept[:, 1].std(ddof=1)) if n > 1 else float("nan")
     return PeakPoint(block, direction, float(kept[:, 0].mean()), float(kept[:, 1].mean()), spread / np.sqrt(n), spread,

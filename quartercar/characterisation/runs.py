@@ -14,7 +14,7 @@ from lpvid.record import Record
 from lpvid.toolkit import checks
 from quartercar.characterisation.settings import CharacteriseSettings
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
-from quartercar.dampers.drive import UNITS
+from quartercar.dampers.drive import UNITS, wrong_unit
 from quartercar.dampers.facts import DISTINCT
 from quartercar.dampers.polarity import common_polarity
 from quartercar.dampers.preparing import SHORTEST
@@ -42,6 +42,8 @@ class RecordPiece:
     integrated : bool
         Whether the displacement is the integral of the velocity.
     polarity : {1, −1}
+    source : str
+        Name of the record as read, of which this may be one of several pieces.
     """
 
     record: Record
@@ -51,6 +53,7 @@ class RecordPiece:
     current: str
     integrated: bool
     polarity: int
+    source: str
 
     @property
     def name(self) -> str:
@@ -174,10 +177,12 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Record
 
     standing, notes = with_current(list(records))
     pieces: list[tuple[Record, Record, str, bool]] = []
+    sources: dict[int, str] = {}
     done: list[str] = []
     for record in standing:
         found, stated = _pieces(record, settings)
         pieces += found
+        sources |= {id(piece): record.name for piece, *_ in found}
         done += list(dict.fromkeys(stated))
     if not pieces:
         raise InputError("no record is long enough to characterise", got=", ".join(
@@ -195,7 +200,7 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Record
                          mend="check the load cell, or leave that file out")
     sense = common_polarity(with_force) if with_force else 1
     current = _kinds([p[0] for p in moving])
-    runs = tuple(RecordPiece(a, b, name, level, kind, integrated, sense or 1)
+    runs = tuple(RecordPiece(a, b, name, level, kind, integrated, sense or 1, sources[id(a)])
                  for (a, b, name, integrated), (kind, level) in zip(moving, current, strict=True))
     unit = next((r.record.unit("current") or "1" for r in runs if r.record.has("current")), "A")
     levels = tuple(sorted({r.level for r in runs if r.level is not None}))
@@ -209,8 +214,7 @@ def _need_channels(records: Sequence[Record]) -> None:
     for r in records:
         for role, wanted in (*UNITS.items(), ("temperature", "K")):
             if r.has(role) and role != "current" and r.unit(role) not in (wanted, "") and r.channel(role).unit_known:
-                raise InputError(f"record '{r.name}': {role} has a wrong unit", got=r.unit(role),
-                                 why=f"{wanted} expected", mend="correct the unit in the header")
+                raise wrong_unit(r, role, wanted)
         if not (r.has("displacement") or r.has("velocity")):
             raise InputError(f"record '{r.name}' has neither displacement nor velocity", got=", ".join(r.channels),
                              mend=checks.role_mend("displacement", "velocity"))
@@ -290,29 +294,103 @@ def _kinds(pieces: Sequence[Record]) -> list[tuple[str, float | None]]:
     found: list[tuple[str, float | None]] = [("none", None)] * len(pieces)
     if not having:
         return found
-    largest = max(float(np.abs(np.median(i)) if np.ptp(i) == 0 else np.abs(i).max()) for _, i in having)
-    noise = [float(np.median(np.abs(np.diff(i)))) / (0.6745 * np.sqrt(2)) for _, i in having]
+    resolution = resolution_of([i for _, i in having])
     medians: list[tuple[float, int]] = []
-    for (k, i), sigma in zip(having, noise, strict=True):
-        low, high = np.quantile(i, (0.005, 0.995))
-        if high - low <= max(DISTINCT * largest, NOISE * sigma):
+    for k, i in having:
+        if resolution.held(i):
             medians.append((float(np.median(i)), k))
         else:
             found[k] = ("varies", None)
-    medians.sort()
-    gap = max([DISTINCT * largest, *noise])
-    groups: list[list[tuple[float, int]]] = []
-    for value, k in medians:
-        if groups and value - groups[-1][-1][0] <= gap:
-            groups[-1].append((value, k))
-        else:
-            groups.append([(value, k)])
-    for group in groups:
-        level = float(np.median([v for v, _ in group]))
-        level = 0.0 if abs(level) <= gap else level
+    for group in resolution.groups(medians):
+        level = resolution.level([v for v, _ in group])
         for _, k in group:
             found[k] = ("constant", level)
     return found
+
+
+@dataclass(frozen=True)
+class CurrentResolution:
+    """Which currents of a data set are one level, and which stretches hold one.
+
+    Attributes
+    ----------
+    share : float
+        Two per cent of the largest current, in its unit.
+    apart : float
+        Currents that differ by more are two levels: `share`, or the noise where it is larger.
+    """
+
+    share: float
+    apart: float
+
+    def held(self, current: np.ndarray) -> bool:
+        """Whether a stretch stays at one current, but for its noise and for 1 % of its samples.
+
+        Parameters
+        ----------
+        current : (n,) array
+
+        Returns
+        -------
+        bool
+        """
+        low, high = np.quantile(current, (0.005, 0.995))
+        return bool(high - low <= max(self.share, NOISE * _noise(current)))
+
+    def groups(self, values: Sequence[tuple[float, int]]) -> list[list[tuple[float, int]]]:
+        """(current, number) sorted into groups between which the current is further apart than `apart`.
+
+        Parameters
+        ----------
+        values : sequence of (float, int)
+
+        Returns
+        -------
+        list of list of (float, int)
+            Of rising current.
+        """
+        found: list[list[tuple[float, int]]] = []
+        for value, k in sorted(values):
+            if found and value - found[-1][-1][0] <= self.apart:
+                found[-1].append((value, k))
+            else:
+                found.append([(value, k)])
+        return found
+
+    def level(self, values: Sequence[float]) -> float:
+        """The level of a group: its median, and 0 where that is no further from 0 than `apart`.
+
+        Parameters
+        ----------
+        values : sequence of float
+
+        Returns
+        -------
+        float
+        """
+        level = float(np.median(values))
+        return 0.0 if abs(level) <= self.apart else level
+
+
+def resolution_of(currents: Sequence[np.ndarray]) -> CurrentResolution:
+    """From the largest current of a data set, and from its noise.
+
+    Parameters
+    ----------
+    currents : sequence of (n,) array
+        Of its pieces.
+
+    Returns
+    -------
+    CurrentResolution
+    """
+    largest = max(float(np.abs(np.median(i)) if np.ptp(i) == 0 else np.abs(i).max()) for i in currents)
+    return CurrentResolution(DISTINCT * largest, max([DISTINCT * largest, *map(_noise, currents)]))
+
+
+def _noise(current: np.ndarray) -> float:
+    """Standard deviation of white noise on a current, from its median step."""
+    return float(np.median(np.abs(np.diff(current)))) / (0.6745 * np.sqrt(2)) if current.size > 1 else 0.0
 
 
 def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
@@ -323,8 +401,8 @@ def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
     elif sense == 0:
         stated.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
                     "taken as positive in tension.")
-    if cut := [(float(r.cut_off.mean()), r.name) for r in runs if r.cut_off.any()]:
-        share, name = max(cut)
+    if cut := {r.name: float(r.cut_off.mean()) for r in runs if r.cut_off.any()}:
+        share, name = max((share, name) for name, share in cut.items())
         records = f"{len(cut)} record" + ("s" if len(cut) > 1 else "")
         stated.append(f"The force of {records} rests on an end of its range (up to "
                       f"{100 * share:.2g} % of the time, '{name}'): forces there are not given, loops, energies and "

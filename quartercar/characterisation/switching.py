@@ -56,7 +56,8 @@ def _steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
     pairs = [(a, b) for a, b in pairwise(holds) if abs(_level(current, a) - _level(current, b)) > 0]
     long = [(a, b) for a, b in pairs if min(a.stop - a.start, b.stop - b.start) >= SHORTEST_HOLD]
     if not long:
-        return [], f"no level is held for {SHORTEST_HOLD} samples"
+        return [], (f"the current rests at no level for {SHORTEST_HOLD} samples in a row (the ripple of a pulse-width "
+                    "modulated driver counts as a step)")
     x = raw["displacement"] if raw.has("displacement") else integral(raw["velocity"], float(raw.sample_time or 0.0))
     found = [s for a, b in long if (s := _step(current, x, float(raw.sample_time or 0.0), a, b)) is not None]
     return found, "" if found else "the speed is not constant about any step of the current"

@@ -145,9 +145,11 @@ def verdict(found: Readings) -> str:
     -------
     str
     """
-    names = dict.fromkeys(r.name for r in found.data.runs)
+    names, pieces = {r.source for r in found.data.runs}, {r.name for r in found.data.runs}
     given = found.given
     count = f"{len(names)} record{'s' if len(names) > 1 else ''}"
+    if len(pieces) > len(names):
+        count += f" in {len(pieces)} pieces"
     specimens = len(found.data.specimens)
     if specimens > 1:
         count += f" of {specimens} specimens"

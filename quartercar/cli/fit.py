@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -36,8 +37,10 @@ def fit(
                                            "long it takes.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="Fit lpv-arx so that it never gives energy, certified; the "
                                           "other models' passivity is checked as ever.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time after which fits "
-                                                 "not yet done are left out; cheap models come first.")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time of the fits "
+                                                 "after which those not yet done are left out; cheap models come "
+                                                 "first. Reading and report come on top; what they took is printed "
+                                                 "at the end.")] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes that fit (one per core).")] = None,
     input: options.Inputs = None,
     output: options.Outputs = None,
@@ -63,6 +66,7 @@ def fit(
     from lpvid.condition.preparing import common_rate
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
+    begun = monotonic()
     results = Results(out, "comparison.json", "report.html")
     with working("reading") as report_progress:
         asked, raw = asked_rate(sample_rate)
@@ -71,16 +75,21 @@ def fit(
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
+        read = monotonic()
         settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive,
                                    workers=workers, budget=budget)
         found = compare(
             training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, report_progress
         )
+        fitted = monotonic()
         found = found.with_notes((*notes, *record_remarks([*training, *kept])))
         _deliver(results, found, report_progress)
     if not found.complete:
         typer.echo("interrupted: the models that were done are kept; the result is marked incomplete", err=True)
     conclude(results, found.to_dict(), str(found), json)
+    if budget is not None:
+        typer.echo(f"--budget {budget:g}: reading {read - begun:.1f} s, fits and their comparison "
+                   f"{fitted - read:.1f} s, report {monotonic() - fitted:.1f} s", err=True)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)
     if found.fails:

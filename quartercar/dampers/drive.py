@@ -156,10 +156,37 @@ def joined(drives: Sequence[Drive], *names: str) -> list[np.ndarray]:
 
 
 UNITS = {"displacement": "m", "velocity": "m/s", "force": "N"}
+ROTARY = ("rad", "rad/s", "N*m")
+"""units that a rotary damper's channels have"""
 MENDS = {"displacement": f"measure it, or fit a model that does not read it; {checks.role_mend('displacement')}",
          "velocity": "lpvid.condition.with_velocity(record) derives it from displacement",
          "current": f"a model without current dependence, or {checks.role_mend('current')}",
          "force": checks.role_mend("force")}
+
+
+def wrong_unit(record: Record, role: str, wanted: str) -> InputError:
+    """That a channel is of another quantity than a damper has in this role.
+
+    Parameters
+    ----------
+    record : Record
+    role : str
+    wanted : str
+        SI unit of the role.
+
+    Returns
+    -------
+    InputError
+        For the caller to raise.
+    """
+    from lpvid.units import contradiction_mend
+
+    channel = record.channel(role)
+    mend = "dampers here are translational; lpvid identify --input ANGULAR_VELOCITY --output TORQUE takes a rotary one"
+    if channel.unit not in ROTARY:
+        mend = contradiction_mend(channel.unit, (wanted,), record.resolve(role), role)
+    return InputError(f"record '{record.name}': {role} has a wrong unit",
+                      got=channel.source_unit or channel.unit, why=f"{wanted} expected", mend=mend)
 
 
 def _signal(record: Record, role: str) -> np.ndarray:
@@ -170,6 +197,6 @@ def _signal(record: Record, role: str) -> np.ndarray:
         raise InputError(f"record '{record.name}': {role} cannot be used", got=channel.fault)
     wanted = UNITS.get(role)
     if wanted and channel.unit not in (wanted, ""):
-        raise InputError(f"record '{record.name}': {role} has a wrong unit", got=channel.unit, why=f"{wanted} expected")
+        raise wrong_unit(record, role, wanted)
     values = np.ascontiguousarray(channel.values)
     return checks.finite(values, f"record '{record.name}': {role}")

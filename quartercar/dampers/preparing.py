@@ -9,7 +9,7 @@ from lpvid.caveat import Caveat
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
-from quartercar.dampers.drive import UNITS
+from quartercar.dampers.drive import UNITS, wrong_unit
 from quartercar.dampers.polarity import common_polarity
 
 SHORTEST = 50
@@ -103,8 +103,7 @@ def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
     for r in records:
         for role, wanted in UNITS.items():
             if r.has(role) and r.unit(role) not in (wanted, ""):
-                raise InputError(f"record '{r.name}': {role} has a wrong unit", got=r.unit(role),
-                                 why=f"{wanted} expected", mend="correct the unit in the header")
+                raise wrong_unit(r, role, wanted)
     found, notes = with_motion(records)
     for r in found:
         if not r.has("force"):

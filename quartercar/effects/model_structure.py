@@ -149,8 +149,8 @@ class ModelOrder(GridEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("share", "", "g; 1 is a resonance of the fixture", 0.0, (0.0, 0.8), (-2.0, 0.9),
                                 (0.1,)),
-                EffectParameter("period", "s", "T = 1/(2 pi f)", 0.006, (0.001, 0.08), (0.0004, 0.3),
-                                (0.0025, 0.006, 0.015, 0.04)),
+                EffectParameter("time_constant", "s", "T = 1/omega = 1/(2 pi f)", 0.006, (0.001, 0.08), (0.0004, 0.3),
+                                (0.0025, 0.006, 0.015, 0.04), former=("period",)),
                 EffectParameter("damping", "", "zeta", 0.3, (0.01, 1.5), (0.005, 3.0), (0.1, 0.3, 0.8)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:

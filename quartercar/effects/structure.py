@@ -122,8 +122,8 @@ class FixtureResonance(GridEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("period", "s", "T = 1/(2 pi f)", 0.0, (0.0, 0.008), (0.0, 0.05),
-                                (0.0012, 0.0016, 0.0021, 0.0027, 0.0036, 0.0048, 0.0065)),
+        return (EffectParameter("time_constant", "s", "T = 1/omega = 1/(2 pi f)", 0.0, (0.0, 0.008), (0.0, 0.05),
+                                (0.0012, 0.0016, 0.0021, 0.0027, 0.0036, 0.0048, 0.0065), former=("period",)),
                 EffectParameter("damping", "", "zeta", 0.1, (0.005, 1.0), (0.002, 2.0), (0.05, 0.3)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:

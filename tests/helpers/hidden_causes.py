@@ -259,7 +259,7 @@ HIDEABLE: tuple[Hideable, ...] = (
     Hideable("fixture-inertia", 2.0, 20.0, _own("fixture-inertia", "mass"), _sprung_mass, "mass"),
     Hideable("fixture-resonance", 0.003, 0.008,
              lambda size, scene: Imposed(setup=effect("fixture-resonance", 1.0,
-                                                      frequency=1 / (2 * np.pi * size)).apply), None, "period",
+                                                      frequency=1 / (2 * np.pi * size)).apply), None, "time_constant",
              False, 1.3e-3),
     Hideable("model-order", 0.2, 1.0, _own("model-order", "share"), None, "share"),
     Hideable("displacement-delay", 0.003, 0.02, _own("displacement-delay", "delay"), _late_sensor, "delay",

@@ -166,7 +166,8 @@ def _concluded(
     tested = [i for i, row in enumerate(table) if row.esr is not None]
     if not tested and complete:
         reasons = list(dict.fromkeys(row.reason for row in table))
-        mend = "allow a share outside with outside=…, or try other" if "frozen" in reasons[0] else "try other"
+        inside = (table[0].outside or 0.0) <= search.limit
+        mend = "try other" if inside else "allow a share outside with outside=…, or try other"
         raise InputError(f"none of {len(table)} candidates survives", got="; ".join(reasons[:2]),
                          mend=f"{mend} orders, bases or longer records")
     left_out = _left_out(search)
@@ -184,8 +185,10 @@ def _concluded(
             own, first_of_all = table[i].fit_percent, table[tested[0]].fit_percent
             assert own is not None and first_of_all is not None
             expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been counted there
-            if expected < highest + NEAR or (final is not None and search.late()):
+            if expected < highest + NEAR:
                 break
+            if final is not None and search.late() and ranked[i][0] not in refits:
+                continue  # what the search took for the best has been refitted: no time is needed to weigh it
             found, fault = refits.get(ranked[i][0]) or _refit(search, in_full(ranked[i][0]), pieces)
             if fault:
                 table[i] = replace(table[i], reason=f"refitted on all training data: {fault}")

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from lpvid.caveat import Caveat
 from lpvid.codec import encode
 from lpvid.errors import InputError
+from lpvid.remark import Cost
 from lpvid.toolkit import Shown
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import Passivity
@@ -206,7 +207,7 @@ class Comparison(Shown):
         total, count = self.best.held_out.total.n_samples, len(self.data.held_out)
         caveats = [n for n in self.notes if isinstance(n, Caveat)]
         lines = [*(n[0].upper() + n[1:] + "." for n in caveats), self.verdict, "",
-                 f"  {'free run, held-out':<28}{'ESR':>9}{'fit %':>7}{'√SSE N':>11}{'rmse N':>9}{'energy':>9}"
+                 f"  {'free run, held-out':<28}{'ESR':>9}{'fit %':>7}{'√SSE N':>11}{'rmse N':>9}{'energy':>11}"
                  f"{'training':>10}{'par.':>5}{'ms/s':>8}  flags"]
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
         lines.append(f"  N = {total:,} samples in {count} record{'s' * (count > 1)} at {self.data.sample_rate:.6g} Hz; "
@@ -251,7 +252,7 @@ def energy_lines(damper: Damper) -> list[str]:
 
 def _costs(row: Compared) -> list[str]:
     """What a constraint costs a fitted model."""
-    return [f"{row.name}, {n}" for n in (() if row.fit is None else row.fit.notes) if n.startswith("what it costs")]
+    return [f"{row.name}, {n}" for n in (() if row.fit is None else row.fit.notes) if isinstance(n, Cost)]
 
 
 def _row(row: Compared) -> str:
@@ -263,6 +264,6 @@ def _row(row: Compared) -> str:
     share = row.held_out.energy_error
     energy = "–" if share is None else f"{100 * share:.3g} %"
     return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
-            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>9}"
+            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>11}"
             f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
             f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != HEADED)}".rstrip())

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
+from lpvid.remark import OutOfTime
 from lpvid.toolkit import checks, in_forks, in_processes, processors
 from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
@@ -140,7 +141,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     if not dampers:
         raise InputError("no damper model could be fitted to these data",
                          got="; ".join(f"{name}: {why}" for name, why in refused) or "no model was named",
-                         mend="a larger --budget" if any("--budget" in why for _, why in refused) else None)
+                         mend="a larger --budget" if any(isinstance(why, OutOfTime) for _, why in refused) else None)
     progress("comparing")
     first = max(d.start for d in dampers)
     rows = _rows(dampers, [*fits, *([None] * len(given))], data, first, settings.workers)
@@ -234,7 +235,7 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
         damper = suited[place]
         if one.stopped:
             failed.append((damper.name, one.stopped if settings.budget is None or one.stopped != "budget" else
-                           f"not done within --budget {settings.budget:g} s"))
+                           OutOfTime(f"not done within --budget {settings.budget:g} s")))
         elif one.error is not None:
             if not isinstance(one.error, (LpvError, ArithmeticError, np.linalg.LinAlgError, RuntimeError)):
                 raise one.error

@@ -112,7 +112,7 @@ def mixed(tables, nodes, s, uf, row):
     for p in range(row.size):
         low = (1.0 - s) * tables[0, j, p] + s * tables[1, j, p]
         high = (1.0 - s) * tables[0, j + 1, p] + s * tables[1, j + 1, p]
-        row[p] = low + w * (high - low)
+        row[p] = (1.0 - w) * low + w * high  # low + w (high − low) rounds to 0 where low is 1e16 times high
 
 
 @njit()

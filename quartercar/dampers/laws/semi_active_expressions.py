@@ -317,7 +317,7 @@ class _Pair:
         with b.loop("parameter", t.shape[2]) as i:
             low = b.let("low_row", (1.0 - s) * t[0, j, i] + s * t[1, j, i])
             high = b.let("high_row", (1.0 - s) * t[0, after, i] + s * t[1, after, i])
-            b.set(self.row[i], low + weight * (high - low))
+            b.set(self.row[i], (1.0 - weight) * low + weight * high)
 
     def settle(self, v: Expr) -> None:
         """z at a constant speed: saturated where the yield force slips, else c_1 v/α."""

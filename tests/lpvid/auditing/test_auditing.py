@@ -376,6 +376,9 @@ def test_a_name_that_promises_another_amplitude() -> None:
     channels = {"displacement": Channel(1.6e-3 * np.sin(2 * np.pi * 5 * t), "m"), "current": Channel(np.ones(N), "A")}
     assert not audit(Record(channels, sample_time=PERIOD, name="1.6mm5Hz1A")).findings[0].name.startswith("nominal")
     found = audit(Record(channels, sample_time=PERIOD, name="2mm4Hz0p25A"))
+    for name in ("SD_1_6mm_5_0Hz", "run 3,5Hz", "2-5Hz"):  # decimals, or a number beside one
+        assert not [f for f in audit(Record(channels, sample_time=PERIOD, name=name)).findings
+                    if f.name.startswith("nominal")], name
     values = {f.name: f.value for f in found.findings if f.name.startswith("nominal")}
     assert values == {"nominal-amplitude": pytest.approx(1.6, rel=0.01), "nominal-current": 1.0,
                       "nominal-frequency": pytest.approx(5.0, rel=0.01)}

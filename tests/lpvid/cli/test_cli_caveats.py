@@ -94,6 +94,16 @@ def test_a_rate_that_was_given_is_not_advised_again(folder, tmp_path):
     assert "mixed-rates" in run("inspect", folder / "run.csv", slow).output
 
 
+def test_jitter_is_no_fault_once_the_rate_was_given(folder, tmp_path):
+    head, *rows = [line.split(",") for line in (folder / "run.csv").read_text().splitlines()]
+    late = np.random.default_rng(3).uniform(0, 5e-4, len(rows))
+    shaky = tmp_path / "shaky.csv"
+    shaky.write_text("\n".join([",".join(head), *(",".join([f"{float(r[0]) + x:.7f}", *r[1:]])
+                                                for r, x in zip(rows, late, strict=True))]) + "\n")
+    assert "fault jitter" in run("inspect", shaky).output
+    assert "fault jitter" not in run("identify", shaky, *IO, "--sample-rate", 200).output
+
+
 def test_units_that_no_file_states_are_named_once(folder):
     stated = "no unit is stated for 'force': taken as SI"
     assert run("identify", folder / "bare.csv", *IO).output.count(stated) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -241,6 +242,32 @@ def test_the_choice_reaches_the_ceiling(chosen):
     assert reached == pytest.approx(100 * (1 - share), abs=0.6)
     assert selection["ceiling"]["held_out_fit_percent"] == pytest.approx(100 * (1 - share), abs=1.0)
     assert described["selection"]["best"] == selection["best"] and "identification" not in described["selection"]
+
+
+def test_a_budget_states_what_came_on_top_of_it(tmp_path):
+    write(tmp_path / "a.csv", **plain(300, 0)[0])
+    shown = run("identify", tmp_path / "a.csv", "--input", "u", "--output", "y", "--auto", "--budget", "1")
+    assert re.search(r"--budget 1: [\d.]+ s of processor time up to the model, [\d.]+ s for the report", shown.stderr)
+
+
+def test_an_interrupted_search_ends_with_130_and_its_best(tmp_path, monkeypatch):
+    from lpvid.identification.selection.search import StructureSearch
+
+    write(tmp_path / "a.csv", **plain(300, 0)[0])
+    late, calls = StructureSearch.late, []
+
+    def stop(self: StructureSearch) -> bool:
+        if (ended := late(self)) or self.best is not None:
+            calls.append(ended)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return ended
+
+    monkeypatch.setattr(StructureSearch, "late", stop)
+    shown = run("identify", tmp_path / "a.csv", "--input", "u", "--output", "y", "--auto", "--out", tmp_path / "out",
+                code=130)
+    assert "marked incomplete" in shown.stderr
+    assert not json.loads((tmp_path / "out" / "selection.json").read_text())["complete"]
 
 
 @pytest.mark.slow

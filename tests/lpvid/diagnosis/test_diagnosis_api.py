@@ -21,6 +21,7 @@ from lpvid.condition.derivation import derived
 from lpvid.diagnosis import registry
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.estimates import estimates
 from lpvid.diagnosis.facade import _with_channel_names, prepare_task, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
@@ -424,3 +425,14 @@ def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_cur
     current = commanded.with_channel("current", np.ones(record.n_samples), "A")
     for other in (record, current):
         assert _with_channel_names(found, [other]).wrong == found.wrong
+
+
+def test_a_parameter_at_the_end_of_its_range_states_which_end():
+    from quartercar.effects.thermal import ViscousFade
+
+    effect = ViscousFade()
+    fade, cooling = estimates(effect, np.array([5e-5, 2900.0]), np.array([2e-6, np.nan]))
+    assert str(cooling) == "cooling_time 2900 s (its upper bound)" and cooling.to_dict()["bound"] == "upper"
+    assert str(fade) == "fade 5e-05 ± 2e-06 1/J" and "bound" not in fade.to_dict()
+    absent, inside = estimates(effect, np.array([0.0, 60.0]), None)
+    assert absent.bound is None and inside.bound is None

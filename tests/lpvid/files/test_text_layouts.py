@@ -271,6 +271,30 @@ def test_a_role_states_the_unit_that_a_file_does_not(tmp_path, parts):
         lpv.read(path, roles={"time": "t [ms]", "displacement": "x [mm]", "stroke": "x [m]"})
 
 
+@pytest.mark.parametrize(("header", "role", "factor"), [
+    ("Force (lbs)", "force=Force [lbf]", 4.4482216152605), ("Force [kg]", "force=Force [kgf]", 9.80665),
+    ("F (lb)", "force=F [lbf]", 4.4482216152605), ("acc_body (g)", "bounce=acc_body [g_0]", 9.80665),
+    ("F [Nwt]", "force=F [daN]", 10.0)])
+def test_a_role_states_the_unit_where_that_of_the_file_could_not_be_used(tmp_path, header, role, factor):
+    path = tmp_path / "run.csv"
+    path.write_text(f"t [s],x [mm],{header}\n" + rows())
+    name, _, text = role.partition("=")
+    record, = lpv.read(path, roles={name: text})
+    np.testing.assert_allclose(record[name], factor * FORCE / 1e3, rtol=1e-6, atol=1e-3)
+    assert any("is read in" in note and f"--role {name} states" in note for note in record.notes)
+    assert not lpv.audit([record]).of("unit-contradicts-name")
+
+
+def test_the_line_on_a_refused_unit_holds_the_option_that_mends_it(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t [s],x [mm],Force (lbs)\n" + rows())
+    fault, = lpv.audit(lpv.read(path)).of("unit-contradicts-name")
+    assert "--role 'force=Force [lbf]'" in fault.mend
+    with pytest.raises(InputError, match=r"--role 'force=Force \[lbf\]'"):
+        lpv.identify(lpv.read(path), lpv.ARX(input="x", output="Force"))
+    assert not lpv.audit(lpv.read(path, roles={"force": "Force [lbf]"})).of("unit-contradicts-name")
+
+
 def test_a_spreadsheet_is_to_be_saved_as_csv(tmp_path):
     path = tmp_path / "run.xlsx"
     path.write_bytes(b"PK")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
 from lpvid.identification.ridge import Ridge
-from lpvid.identification.selection import Candidates, auto, noise_ceiling, select, unstable_share
+from lpvid.identification.selection import Candidates, auto, noise_ceiling, select, selecting, unstable_share
+from lpvid.identification.selection.result import CandidateRow
 from lpvid.identification.selection.screening import Screened, screen
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
@@ -214,3 +216,19 @@ def test_dampers_by_themselves(shared_data):
     training, held_out = split_tail(read(shared_data / "mr_damper_fixed_voltage" / "estimation.csv")[0])
     found = auto(training, "velocity", "force", held_out=[held_out])
     assert found.identification.held_out.overall.free_run.fit_percent > 88
+
+
+def test_what_was_refitted_in_time_takes_the_place_of_a_first_that_runs_worse_than_the_mean(monkeypatch):
+    """The first of the ranking starts badly from measured samples; the time is up, but the next has been refitted."""
+    record = system(np.random.default_rng(1), n=400)
+    first, second = (ARX(na=n, nb=2, nk=1, input="u", output="y", basis=Polynomial("p", degree=1)) for n in (3, 2))
+    rows = [CandidateRow(first, esr=0.08, reason="chosen: least free-run error"), CandidateRow(second, esr=0.11)]
+    search = SimpleNamespace(ranked=lambda: [(r.structure, r) for r in rows], late=lambda: True, limit=0.0, budget=1.0,
+                             first=(), direct=(), screened=[], unscreened=0, unreached=(), left_out=[],
+                             unfinished=lambda structures: 0)
+    fits = {3: -694.0, 2: 66.0}
+    monkeypatch.setattr(selecting, "fit_from_measured_samples", lambda model, *_: fits[model.na])
+    refits = {second: (identify(record, second), "")}
+    found = selecting._concluded(search, [record], None, 6, True, [], refits)
+    assert found.best == second and found.identification is refits[second][0]
+    assert "first by that" in found.table[1].reason and "-694.0 %" in found.table[1].reason

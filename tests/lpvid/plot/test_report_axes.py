@@ -114,5 +114,6 @@ def test_figures_of_a_baseline_that_diverges_at_once_are_drawn() -> None:
     for draw in (diagnosis.error_maps, diagnosis.error_shapes, diagnosis.loops, diagnosis.close_up):
         assert draw(shown, True) is not None
     time, frequency = diagnosis.error_courses(shown, 1.0, True)
+    assert not time.get_title(loc="left") and time.get_xlabel().endswith(shown[0].name)  # a title met the legend
     assert not np.isfinite(time.lines[0].get_ydata()).any() and np.isfinite(time.lines[1].get_ydata()).all()
     assert len(frequency.lines[0].get_ydata()) == 0 and len(frequency.lines[1].get_ydata()) > 0

@@ -432,3 +432,15 @@ def test_what_gaps_and_missing_samples_cut_away_is_stated(rng):
     assert cut == "record 'holed': cut into 3 pieces at missing samples"
     dropped, = [n for n in found.notes if "dropped" in n]
     assert dropped.startswith("record 'holed': dropped 1 piece(s) shorter than")
+
+
+@pytest.mark.parametrize("rate", [200.0, 100.0, 80.0])
+def test_a_record_of_unsteady_stamps_is_recognised_by_a_model_of_its_first_part(rate) -> None:
+    """The mean clock of a part differs from that of the whole by 1e-5, and every sample brought onto it with it."""
+    rng = np.random.default_rng(8)
+    t = np.arange(3000) / 200 + rng.uniform(-0.08, 0.08, 3000) / 200
+    u = np.sin(5 * t) + 0.4 * np.sin(17 * t + 1)
+    whole = lpv.Record({"u": u, "y": 3 * u + 0.2 * u * np.abs(u) + 0.01 * rng.standard_normal(3000)}, time=t, name="w")
+    found = lpv.identify(whole.slice(0, 2000), lpv.ARX(na=1, nb=2, input="u", output="y"), sample_rate=rate)
+    assert lpv.validate(found.model, whole).label == "training"
+    assert lpv.validate(found.model, whole.slice(2000, 3000)).label == "held-out"

@@ -47,6 +47,16 @@ def by_scipy(car: CarParameters, s: Signals, friction: float) -> np.ndarray:
     return found.y.T
 
 
+def test_accelerations_are_no_positions(rng):
+    n = 400
+    record = Record({r: rng.standard_normal(n) for r in ("road", "unsprung", "sprung")}, sample_time=PERIOD,
+                    units={"road": "m/s^2", "unsprung": "m/s^2", "sprung": "m/s^2"})
+    with pytest.raises(InputError, match=r"road has a wrong unit: got m/s\^2; m expected.*identify --input TABLE"):
+        lpv.diagnose(record, "quarter-car")
+    with pytest.raises(InputError, match=r"a baseline reads some of displacement, .*, road, unsprung, sprung"):
+        lpv.diagnose(Record({"acc": rng.standard_normal(n)}, sample_time=PERIOD), "quarter-car")
+
+
 @pytest.mark.parametrize("friction", [0.0, 60.0])
 def test_its_run_is_that_of_the_equations_of_motion(friction, rng):
     s = signals(256, rng)

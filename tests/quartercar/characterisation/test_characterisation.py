@@ -641,3 +641,31 @@ def test_tests_of_one_speed_and_two_frequencies_are_not_called_two_dampers_only(
                                 units={"displacement": "m", "force": "N"}))
     (caveat,) = qc.characterise(parts).data.caveats
     assert "2 and 30 Hz" in caveat and "elastic or inertial" in caveat
+
+
+@pytest.mark.parametrize(("damping", "friction", "creeps"), [(3e5, 0.0, False), (1e3, 60.0, True), (2e4, 60.0, False)])
+def test_a_slow_test_whose_force_is_damping_does_not_give_friction(damping, friction, creeps):
+    """6.3 mm/s: 1900 N of a yaw damper that has no friction were printed as friction at creep."""
+    records = []
+    for amplitude, frequency in ((1e-3, 1.0), (1e-3, 2.0), (5e-3, 2.0)):
+        t = np.arange(0, 5 / frequency, 1 / 500)
+        v = 2 * np.pi * frequency * amplitude * np.cos(2 * np.pi * frequency * t)
+        force = damping * v + friction * np.tanh(v / 1e-4)
+        records.append(record(t, amplitude * np.sin(2 * np.pi * frequency * t), force, f"{amplitude:g}-{frequency:g}"))
+    found = qc.characterise(records)
+    assert found.static[0].speed == pytest.approx(0.00628, rel=1e-2)
+    assert found.static[0].creep is creeps
+    lacking = [m for m in found.missing if "friction at creep" in m.what]
+    assert bool(lacking) is not creeps
+    if lacking:
+        assert "damping for the most part" in lacking[0].why and "0.6 mm/s" in lacking[0].run
+        assert "friction at most" in str(found)
+
+
+def test_a_record_with_missing_samples_is_one_record_in_pieces():
+    t = np.arange(0, 12.0, 2e-3)
+    x = 0.02 * np.sin(2 * np.pi * t)
+    force = 1000 * np.gradient(x, t)
+    x[::2000] = np.nan
+    found = qc.characterise([record(t, x, force)])
+    assert found.verdict.startswith("1 record in 3 pieces, ")

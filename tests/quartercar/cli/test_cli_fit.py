@@ -264,6 +264,12 @@ def test_a_budget_too_small_for_any_model_names_its_mend(files):
     assert "not done within --budget 1 s" in message and "Mend: a larger --budget" in message
 
 
+def test_what_a_budget_does_not_cover_is_stated(files):
+    shown = run(files[0], "--models", "linear", "--budget", 60)
+    assert re.search(r"--budget 60: reading [\d.]+ s, fits and their comparison [\d.]+ s, report [\d.]+ s",
+                     shown.stderr)
+
+
 @pytest.mark.parametrize(("columns", "sign", "stated", "absent"), [
     ("displacement [mm],velocity [mm/s],force [kN]", 1.0, "--controller passive --out ride", "compare control laws"),
     ("displacement [mm],velocity [mm/s],force [kN]", -1.0, "fit again with --flip force", "quartercar ride"),

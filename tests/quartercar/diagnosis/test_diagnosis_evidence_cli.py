@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.cli.app import app
+from lpvid.diagnosis.automatic import Law, _fewer
 from lpvid.diagnosis.facade import prepare_task
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -82,6 +84,15 @@ def test_auto_judges_the_law_that_made_the_record():
     assert "the law diagnosed is linear" in task.prepared.notes[0]
     assert "trying linear" in stated and len(set(stated)) == len(stated), "every law is fitted once"
     np.testing.assert_allclose(task.baseline.vector, [1500.0, 2e3, 0.0, -120.0], atol=1.0)
+
+
+def test_auto_states_why_a_law_of_less_error_is_not_the_one_judged():
+    few, many = (SimpleNamespace(name=f"of-{n}", vector=np.zeros(n)) for n in (4, 15))
+    chosen = Law(few, 1.0)
+    assert _fewer(chosen, chosen, 900.0) == ""
+    assert _fewer(chosen, Law(many, 0.97), 900.0) == (
+        ". of-15 has 3 % less error with 11 parameters more: too little, with about 900 independent samples in the "
+        "error")
 
 
 def test_auto_takes_no_parameters():

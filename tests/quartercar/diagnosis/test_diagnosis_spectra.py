@@ -7,7 +7,7 @@ import pytest
 from helpers.effect_signals import PERIOD, without_noise
 
 from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import noisier, weighed_alike
+from lpvid.diagnosis.spectra import _derived, noisier, weighed_alike
 from quartercar.effects.between_samples import between
 from quartercar.effects.splines import glided
 
@@ -63,3 +63,12 @@ def test_noise_of_a_derived_channel_is_that_of_its_source_differentiated(recorde
     added = {c: again[c] - both[c] for c in ("displacement", "velocity")}
     assert added["displacement"].std() == pytest.approx(1e-4, rel=0.15)
     np.testing.assert_allclose(added["velocity"], np.gradient(added["displacement"], PERIOD))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_record_on_a_clock_of_seconds_has_no_noise_to_compare() -> None:
+    """Stamps in ms that are named s: .4 Hz, and no line of the spectrum above the band that moves."""
+    t = 2.5 * np.arange(1200)
+    x = 0.01 * np.sin(0.008 * t) + 0.003 * np.sin(0.023 * t)
+    s = Signals(2.5, {"displacement": x, "velocity": np.gradient(x, 2.5)}, np.zeros(t.size))
+    assert _derived(s, "velocity", "displacement") in (True, False)

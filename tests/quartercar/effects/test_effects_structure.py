@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.effect_signals import PERIOD, composed, current_itself, motion, nothing, road_like, speed_itself
+from helpers.effect_signals import PERIOD, composed, current_itself, guo, motion, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.between_samples import MOST
 from quartercar.effects.electrical import SEEN_AFTER
+from quartercar.effects.model_structure import ModelOrder
 from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration, second_order
 
 
@@ -17,6 +20,20 @@ def sine(size: float, frequency: float, n: int = 2048) -> Signals:
     t = np.arange(n) / n / frequency
     w = 2 * np.pi * frequency
     return Signals(t[1], {"displacement": size * np.sin(w * t), "velocity": size * w * np.cos(w * t)}, np.zeros(n))
+
+
+@pytest.mark.parametrize("effect", [FixtureResonance(), ModelOrder()], ids=lambda e: e.name)
+def test_files_that_call_the_time_constant_a_period_are_read(effect) -> None:
+    """T is 1/ω: the period is 2π T."""
+    composition = Composition(guo(), (effect,))
+    vector = composition.neutral
+    vector[composition.places[0]] = [p.grid[0] for p in effect.parameters]
+    model = ExtendedModel(composition, vector, np.full((vector.size, vector.size), np.nan))
+    data = model.to_dict()
+    entry = next(p for p in data["effects"][0]["parameters"] if p["name"] == "time_constant")
+    assert entry["unit"] == "s"
+    entry["name"] = "period"
+    np.testing.assert_array_equal(ExtendedModel.from_dict(data).vector, vector)
 
 
 class TestEndStop:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -508,3 +509,14 @@ def test_a_budget_leaves_out_what_is_not_done() -> None:
     for wrong in ({"budget": 0.0}, {"workers": 0}):
         with pytest.raises(InputError):
             CompareSettings(**wrong)
+
+
+def test_columns_of_the_ranking_stand_apart():
+    """An energy error of 0.00332 % stood against the rmse: `32.660.00332 %`."""
+    t = np.arange(4000) / 500
+    v = 0.1 * np.sin(12 * t) + 0.05 * np.sin(31 * t)
+    noise = 0.4 * np.random.default_rng(0).standard_normal(t.size)
+    found = compare([Record({"velocity": v, "force": 1500 * v + noise}, sample_time=1 / 500, name="run",
+                            units={"velocity": "m/s", "force": "N"})], ["linear"])
+    row = next(line for line in str(found).splitlines() if line.startswith(" 1 linear"))
+    assert re.search(r"\s[\d.e-]+\s+[\d.]+\s+[\d.]+\s+[\d.]+\s+[\d.e-]+ %\s", row), row

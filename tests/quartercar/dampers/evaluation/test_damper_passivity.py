@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.toy_dampers import Redundant, Tanh, record, sweep
 
-from lpvid import InputError
+from lpvid import InputError, Record
 from quartercar.dampers import Linear, check_passivity, fit
 from quartercar.dampers.evaluation.passivity import FREQUENCIES
 from quartercar.dampers.polarity import common_polarity, polarity_of
@@ -149,3 +149,20 @@ def test_a_statement_names_no_current_of_a_law_without_and_says_what_the_records
     assert "beyond the 0.13 m/s of the training records" in text and " A" not in text
     still = known.replace(metadata={"training": {"ranges": {"velocity": [-3.0, 3.0]}}})
     assert "beyond" not in check_passivity(still).description
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_many_pieces_of_less_than_a_cycle_decide_together(sign: int) -> None:
+    """Twenty-four pieces of .4 cycles, as a logger's dropouts leave them, against a spring of 7 cω."""
+    omega, rng, pieces = 2 * np.pi * 1.3, np.random.default_rng(4), []
+    for k in range(24):
+        angle = 1.1 * k + omega * np.arange(0.0, 0.31, 0.002)
+        x, v = 0.01 * np.sin(angle), 0.01 * omega * np.cos(angle)
+        force = sign * 900 * v + 7 * 900 * omega * x - 80 + 4 * rng.standard_normal(v.size)
+        pieces.append(Record({"displacement": x, "velocity": v, "force": force}, sample_time=0.002, name=f"run#{k + 1}",
+                             units={"displacement": "m", "velocity": "m/s", "force": "N"}))
+    assert all(polarity_of(p).sign == 0 for p in pieces)
+    assert common_polarity(pieces) == sign
+    assert common_polarity(pieces[:10]) == 0
+    aimless = [p.with_channel("force", 50 * rng.standard_normal(p.n_samples), "N") for p in pieces]
+    assert common_polarity(aimless) == 0

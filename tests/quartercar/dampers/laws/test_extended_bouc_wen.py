@@ -277,3 +277,18 @@ def test_structure_follows_from_the_data() -> None:
     assert found.nodes == (0.1, 0.5) and found.lag == "full"
     with pytest.raises(InputError, match="exponent"):
         ExtendedBoucWen(exponent=0.5)
+
+
+def test_a_series_damping_far_larger_at_one_node_leaves_that_of_the_next_node():
+    """c_1 of 2e65 and 1e49 N·s/m at two nodes: their difference added to the first left 0, and c_0 + c_1 divides."""
+    damper = ExtendedBoucWen(nodes=(0.0, 1.0), lag="none").with_values(**{
+        f"{name}_{side}_{node}": value for side in ("compression", "rebound") for name, value in (
+            ("damping", 0.0), ("stiffness", 1e5)) for node in (1, 2)}, **{
+        f"roll_off_damping_{side}_{node}": value for side in ("compression", "rebound")
+        for node, value in ((1, 2e65), (2, 1e49))})
+    assert damper.mixture(0.1, 1.0, damper.vector)[2] == pytest.approx(1e49)
+    t = np.arange(500) / 500
+    run = Record({"displacement": 0.01 * np.sin(10 * t), "velocity": 0.1 * np.cos(10 * t),
+                  "current": np.ones(t.size)}, sample_time=1 / 500,
+                 units={"displacement": "m", "velocity": "m/s", "current": "A"})
+    assert np.isfinite(damper.simulate(run).output).all()
