@@ -51,7 +51,7 @@ class PreviewQuadratic(Controller):
         names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)
         rows = zip(*(values[n].tolist() for n in names), strict=True)
         loops = [preview_loop(setting.parameters, *row, setting.sample_time) for row in rows]
-        gain, ahead = (np.array(rows) for rows in zip(*((p.gain, p.ahead(setting.preview)) for p in loops), strict=True))
+        gain, ahead = np.array([p.gain for p in loops]), np.array([p.ahead(setting.preview) for p in loops])
         return LinearPreviewLaw(gain, ahead, values["force_lag"], np.zeros(setting.cars), values["low_damping"],
                                 values["high_damping"], setting)
 

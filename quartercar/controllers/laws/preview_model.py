@@ -88,7 +88,7 @@ class PreviewModel:
 
 
 class LinearPreviewLaw(Law):
-    """F = c_nom v_d − K x − Σ_j K_j w(k+j) within c_min and c_max for many cars; carries u_τ and the states of W_k along.
+    """F = c_nom v_d − K x − Σ_j K_j w(k+j) within c_min and c_max, for many cars; it keeps u_τ and the states of W_k.
 
     Parameters
     ----------
