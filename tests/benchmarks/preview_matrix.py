@@ -2,10 +2,10 @@
 
 ``python tests/benchmarks/preview_matrix.py --out FOLDER`` keeps tuned laws and figures in FOLDER, so that it continues
 where it was stopped. The dampers are the embedded identified one and a Guo and a Kwok damper of typical values. Every
-law is tuned for every damper with `--budget` evaluations on 8 s of ISO C with the empty car, three other seeds: for ½ comfort +
-½ tyre load over those of the passive car, `mpc` with the front axle for the least comfort number at a tyre load of at
-most 91 % of SH-ADD's. The loaded car has a sprung mass 30 % above that of the laws
-and observers. Sensors are stroke and body acceleration with noise at both axles, the coil's lag is in the dampers or
+law is tuned for every damper with `--budget` evaluations on 8 s of ISO C with the empty car, three other seeds: for ½
+comfort + ½ tyre load over those of the passive car, `mpc` with the front axle for the least comfort number at a tyre
+load of at most 91 % of SH-ADD's. The loaded car has a sprung mass 30 % above that of the laws and observers.
+Sensors are stroke and body acceleration with noise at both axles, the coil's lag is in the dampers or
 the car, the road ahead is the front axle's estimate. Differences are to SH-ADD without preview on the same damper, load
 and road, paired by seed, in per cent with 95 % intervals.
 """
