@@ -70,7 +70,7 @@ def plant(states: int, speeds: tuple[float, float], rate: float | None) -> lpv.G
     outputs = tuple(map(Signal, ("comfort", "tyre", "stroke", "effort", *names)))
     system = lpv.LPVStateSpace(step, into, out, through, basis, PERIOD, box,
                                inputs=(Signal("road_rate"), Signal("force")), outputs=outputs)
-    return lpv.GeneralizedPlant(system, ["force"], names)
+    return lpv.GeneralizedPlant(system, ("force",), tuple(names))
 
 
 def peak(step: np.ndarray, into: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
@@ -78,7 +78,7 @@ def peak(step: np.ndarray, into: np.ndarray, rows: np.ndarray) -> tuple[float, f
     grid = np.geomspace(0.2, 0.5 / PERIOD, 3000)
     gains = [np.linalg.norm(rows @ np.linalg.solve(np.exp(2j * np.pi * f * PERIOD) * np.eye(len(step)) - step, into))
              for f in grid]
-    return max(gains), grid[int(np.argmax(gains))]
+    return float(max(gains)), float(grid[int(np.argmax(gains))])
 
 
 def at_level(samples: int, gamma: float) -> tuple[float, float]:
@@ -98,7 +98,7 @@ def at_level(samples: int, gamma: float) -> tuple[float, float]:
         into[:n, 1] = e
     step, into = step * unit / unit[:, None], into / unit[:, None]
     try:
-        p = solve_discrete_are(step, into, rows.T @ rows, np.diag([d @ d, -gamma**2]))
+        p = solve_discrete_are(step, into, rows.T @ rows, np.diag(np.array([d @ d, -gamma**2])))
     except (np.linalg.LinAlgError, ValueError):
         return np.inf, 0.0
     road = p @ into[:, 1]
