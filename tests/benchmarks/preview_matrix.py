@@ -1,11 +1,11 @@
 """Preview against SH-ADD: three dampers, empty and loaded car, five roads, twenty seeds.
 
 ``python tests/benchmarks/preview_matrix.py --out FOLDER`` keeps tuned laws and figures in FOLDER, so that it continues
-where it was stopped. The dampers are the embedded identified one and a Guo and a Kwok damper of typical values. Laws are
-tuned for every damper with `--budget` evaluations on 8 s of ISO C with the empty car, three other seeds, for ½ comfort
-+ ½ tyre load over those of the passive car. `mpc` without preview keeps its defaults, which were the best of 16 on the
-embedded damper; with the front axle it is tuned on ISO C and the bump for the least comfort number at a tyre load of at
-most 91 % of SH-ADD's. The loaded car has a sprung mass 30 % above that of the laws and observers.
+where it was stopped. The dampers are the embedded identified one and a Guo and a Kwok damper of typical values. Laws
+are tuned for every damper with `--budget` evaluations on 8 s of ISO C and the bump with the empty car, three other
+seeds: for ½ comfort + ½ tyre load over those of the passive car, `mpc` with the front axle for the least comfort number
+at a tyre load of at most 91 % of SH-ADD's. `mpc` without preview keeps its defaults, which were the best of 16 on the
+embedded damper. The loaded car has a sprung mass 30 % above that of the laws and observers.
 Sensors are stroke and body acceleration with noise at both axles, the coil's lag is in the dampers or
 the car, the road ahead is the front axle's estimate. Differences are to SH-ADD without preview on the same damper, load
 and road, paired by seed, in per cent with 95 % intervals.
@@ -73,9 +73,9 @@ def tuned(case: Case, name: str, car: QuarterCar, reference: Controller | None, 
     started = time.process_time()
     if case.label in UNTUNED:
         return law_class(case.law)()
-    trial = Trial(car, TUNED_ON, SEEDS, case.settings)
+    trial = Trial(car, (*TUNED_ON, Bump()), SEEDS, case.settings)
     if case.label == AIMED:
-        trial = Trial(car, (*TUNED_ON, Bump()), SEEDS, case.settings, Objective(1.0, 0.0, tyre_cap=CAP), reference)
+        trial = replace(trial, objective=Objective(1.0, 0.0, tyre_cap=CAP), reference=reference)
     found = tune(law_class(case.law)(), trial, budget)
     save(found.controller, path)
     print(f"{name}, {case.label}: {found}  {time.process_time() - started:.0f} s", flush=True)
