@@ -13,10 +13,10 @@ EDGE, NOISY = 0.1, 0.002
 """share of a channel's range that a jump between two samples exceeds, and share of its size that is noise"""
 STEP = 0.01
 """share of its range by which a current that jumps must move between two samples to count as a jump"""
-BUSY, SLOWEST = 0.012, 0.03
+RESPONSE_TIME, SLOWEST = 0.012, 0.03
 """time after the start of a jump during which the response of an unknown filter may last, and for which the current is
 set to its level [s]"""
-TURNS, EARLIER, ASTRAY = 3, 2, 1.6
+TURNS, EARLIER, MOST_VARIATION = 3, 2, 1.6
 """samples without movement within one jump, at the peak of its overshoot; the most samples by which a jump begins
 before it exceeds `STEP`; and its largest total variation, in sizes of the jump"""
 LASTS, LEAST, RIPPLE = 6, 2, 0.1
@@ -27,7 +27,7 @@ MISSED, CERTAIN = 0.01, 3.0
 which that must be significant"""
 OUTLYING = 4.0
 """standard deviations from which on a jump is an outlier"""
-RESTLESS = 6.0
+ABOVE_NOISE = 6.0
 """times the median step from sample to sample, the sensor's noise, below which nothing counts as a jump"""
 SEEN = 5
 """samples after its start from which a jump is located"""
@@ -134,7 +134,7 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     ([9, 19], [0.0, 2.0], [2.0, 1.0])
     """
     steps = np.abs(np.diff(current))
-    noise = RESTLESS * float(np.median(steps)) if steps.size else 0.0
+    noise = ABOVE_NOISE * float(np.median(steps)) if steps.size else 0.0
     moving = np.flatnonzero(steps > max(STEP * np.ptp(current), noise))
     if not moving.size:
         none, nowhere = np.zeros(0), np.zeros(0, int)
@@ -153,8 +153,8 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     begun = (starts + np.minimum(LASTS, rest // 2))[1:]
     after = _levels(current, begun, np.minimum(begun + LASTS, ends[1:]), size)
     way = np.concatenate([[0.0], np.cumsum(steps)])
-    after[way[last] - way[first] > ASTRAY * size] = np.nan  # several jumps at once
-    until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:]) for time in (BUSY, SLOWEST))
+    after[way[last] - way[first] > MOST_VARIATION * size] = np.nan  # several jumps at once
+    until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:]) for time in (RESPONSE_TIME, SLOWEST))
     return Edges(first, until, then, before, after, current.size)
 
 

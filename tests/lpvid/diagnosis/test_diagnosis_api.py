@@ -286,7 +286,7 @@ def test_a_current_that_moves_and_is_not_used_is_pointed_out(current, advised):
     found = run_task(prepare_task([measured(0, current=current)], Viscous(), CATALOGUE))
     lines = [n for n in found.notes if "--baseline auto" in n]
     assert len(lines) == advised
-    assert all("viscous does not use it" in n and "\n" not in n for n in lines)
+    assert all("viscous does not read it" in n and "\n" not in n for n in lines)
 
 
 def test_gaps_rates_and_missing_velocity_are_prepared():
@@ -366,7 +366,7 @@ def test_unknown_names_are_refused_with_the_nearest(installed):
         lpv.diagnose(measured(), "viscos", CATALOGUE)
     with pytest.raises(InputError, match=r"no catalogue 'toy'.*toys"):
         lpv.diagnose(measured(), "viscous", "toy")
-    with pytest.raises(InputError, match="this can be no baseline"):
+    with pytest.raises(InputError, match="this is no baseline"):
         lpv.diagnose(measured(), 3.0, CATALOGUE)
     with pytest.raises(InputError, match="a catalogue is a sequence of effects"):
         lpv.diagnose(measured(), Viscous(), [DRY, 3])
@@ -386,7 +386,7 @@ def test_an_lpv_structure_takes_in_what_the_causes_ask_for():
 
 
 @pytest.mark.parametrize(("before", "after", "end"), [(0.4, 0.1, "held-out"), (0.1, 0.2, "; no gain"),
-                                                    (1.4, 1.5, "no model of these data, the mean is as near")])
+                                                    (1.4, 1.5, "no better than the mean of these data")])
 def test_an_lpv_extension_that_gains_nothing_says_so(before, after, end):
     runs = [SimpleNamespace(held_out=SimpleNamespace(overall=SimpleNamespace(free_run=SimpleNamespace(esr=e))))
             for e in (before, after)]
@@ -400,7 +400,7 @@ def test_the_lpv_extension_gains_what_the_cause_costs():
     floor = NOISE**2 / np.var(other["force"])
     assert found.esr[1] == pytest.approx(floor, rel=0.1) and found.esr[0] > 3 * floor
     assert found.gain_percent == pytest.approx(100 * (1 - found.esr[1] / found.esr[0]))
-    assert found.left_out == ("square: no LPV structure shows it",) and found.changes == ("dry: sign",)
+    assert found.left_out == ("square: no LPV structure represents it",) and found.changes == ("dry: sign",)
     assert lpv.validate(found.extended.model, other).overall.free_run.esr == pytest.approx(found.esr[1])
 
 

@@ -256,7 +256,7 @@ def test_what_constant_currents_cannot_tell_the_proposed_experiment_tells():
     found = lpv.diagnose(records, "guo", SOME)
     blind = {c.name: c for c in found.cannot_tell}
     assert found.verdict == "nothing-to-explain" and {"coil-lag", "command-delay"} <= set(blind)
-    assert blind["coil-lag"].smallest_detectable is None and "rests" in blind["coil-lag"].reason
+    assert blind["coil-lag"].smallest_detectable is None and "constant" in blind["coil-lag"].reason
     proposal = plan_for(found)
     assert proposal is not None and "coil-lag" in proposal.names
     plan = parse_plan(proposal.text)
