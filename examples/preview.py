@@ -23,7 +23,8 @@ from quartercar.rides.simulation import RideSettings, drive
 from quartercar.roads.ride_roads import IsoRoad
 
 CASES = {"SH-ADD": ("sh-add", "none"), "MPC without preview": ("mpc", "none"),
-         "preview LQ, front axle": ("preview-lqr", "wheelbase=2.7"), "MPC, front axle": ("mpc", "wheelbase=2.7"),
+         "preview LQ, front axle": ("preview-lqr", "wheelbase=2.7"),
+         "LPV with register, front axle": ("preview-lpv", "wheelbase=2.7"), "MPC, front axle": ("mpc", "wheelbase=2.7"),
          "MPC, the profile itself": ("mpc", "wheelbase=2.7,front=known")}
 
 
@@ -39,7 +40,7 @@ def main(figure: Path | None = None, duration: float = 6.0, seeds: int = 2) -> d
         gap = [100 * (a / b - 1) for a, b in zip(found[label], found["SH-ADD"], strict=True)]
         off = rides[0].road_ahead_error
         stated = f", road ahead estimated to {1e3 * off:.1f} mm rms" if off else ""
-        print(f"{label:<24}comfort {comfort:.3f} m/s^2 ({gap[0]:+.1f} %), tyre load {tyre:.0f} N ({gap[1]:+.1f} %)"
+        print(f"{label:<30}comfort {comfort:.3f} m/s^2 ({gap[0]:+.1f} %), tyre load {tyre:.0f} N ({gap[1]:+.1f} %)"
               f"{stated}")
     canvas = Figure(figsize=(6, 4), layout="constrained")
     axes = canvas.add_subplot(xlabel="comfort [m/s^2]", ylabel="tyre load [N]", title="ISO C at 20 m/s, virtual")

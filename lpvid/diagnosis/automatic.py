@@ -1,4 +1,4 @@
-"""Automatic: the law from which a diagnosis starts, where none is named."""
+"""Automatic: the choice of a baseline, where none is named."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Law:
 def automatic(
     records: Sequence[Record], report_progress: Callable[[str], None] = lambda text: None
 ) -> tuple[Baseline, str]:
-    """The installed law without memory that describes records best for its parameters, fitted, and a note on it.
+    """The installed law without memory that describes records best for its number of parameters, and a note on it.
 
     The least κN ln(error out of fold) + P ln κN is chosen, with P parameters and κN independent samples in the error of
     the best law: of two laws with the same error it is the one with fewer parameters. Laws with memory are left out,
@@ -52,7 +52,7 @@ def automatic(
     records : sequence of Record
         Prepared: uniform, of one rate.
     report_progress : callable, optional
-        Receives in words which law is tried.
+        Receives a line of text for each law that is fitted.
 
     Returns
     -------

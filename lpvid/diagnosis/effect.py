@@ -191,11 +191,16 @@ class Effect(ABC):
     """whether the strength is a lag that acts in whole samples of a held signal, so that it has no useful derivative"""
     flexible: ClassVar[bool] = False
     """whether it is so general that its prior probability is lower (`evidence.priors.FORM_PROBABILITY`)"""
+    visible: ClassVar[bool] = False
+    """whether it is a candidate only where the samples show it before any fit, so that it is more probable than not"""
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
     form_of: ClassVar[str] = ""
     """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
     of its own. A special case that is another component (a stop, a linear spring) is none"""
+    differs_by: ClassVar[str] = ""
+    """name of the parameter at whose neutral value it is that component itself, so that its estimate decides whether
+    the data show this form; "" where there is none"""
     contains: ClassVar[tuple[str, ...]] = ()
     """names of other components that its equation contains, so that it can replace them"""
     behind: ClassVar[str] = ""

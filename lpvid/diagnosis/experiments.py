@@ -1,4 +1,4 @@
-"""Experiments: what to measure next, from packages that have a rig (entry-point group ``lpvid.experiments``)."""
+"""Experiments: plans of further measurements, from packages with a rig (entry-point group ``lpvid.experiments``)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ExperimentProposal:
     names : tuple of str
         Effects that it is meant for.
     advice : tuple of str
-        What no plan of the rig can settle, with the measurement that would.
+        Questions that no plan of the rig decides, each with the measurement that would.
     """
 
     text: str
@@ -33,7 +33,7 @@ class ExperimentProposal:
 
 
 def open_questions(found: Diagnosis) -> tuple[str, ...]:
-    """Effects about which the data left something open, the most pressing first: rivals, then what they cannot show.
+    """Effects that the data do not decide: rivals first, then those that these data cannot reveal.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def open_questions(found: Diagnosis) -> tuple[str, ...]:
 
 
 def proposed(found: Diagnosis) -> ExperimentProposal | None:
-    """The first plan that an installed package has for what a diagnosis left open; None where there is none.
+    """The first plan of an installed package for the open questions of a diagnosis; None where there is none.
 
     Parameters
     ----------

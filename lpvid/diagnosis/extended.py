@@ -1,4 +1,4 @@
-"""ExtendedModel: a baseline with the causes that were found, as a model that every other command can use."""
+"""ExtendedModel: a baseline with the causes found in it, as a model for all other commands."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.refitting import Refit
 
 TRACED = 2000
-"""samples of a record on which is seen which further channels a composition reads"""
+"""samples of a record that are simulated to find the further channels that a composition reads"""
 OPEN = 1e300
-"""box of a scheduling variable of which no range is known"""
+"""bound of a scheduling variable whose range is unknown"""
 SLACK = 0.01
 """share of its range by which a scheduling variable may leave it before that counts as extrapolation"""
 
@@ -42,9 +42,9 @@ class ExtendedModel(Adaptable):
     composition : Composition
     vector : (P,) array
     covariance : (P, P) array
-        NaN where a parameter lies on a bound.
+        NaN where a parameter is at a bound.
     reads : tuple of str
-        Roles that it needs of a record, the output apart.
+        Roles that it reads, without the output.
     units : mapping of str to str
         Units of those roles.
     ranges : mapping of str to (float, float)
@@ -80,7 +80,7 @@ class ExtendedModel(Adaptable):
         covariance : (P, P) array
             Of its parameters; NaN for those at a bound.
         baseline : Baseline
-            That the fit's effects are around.
+            Around which the effects are composed.
 
         Returns
         -------
@@ -90,9 +90,9 @@ class ExtendedModel(Adaptable):
         return cls(Composition(baseline, fit.composition.effects), fit.vector, covariance)
 
     def remembering(self, records: Sequence[Record]) -> ExtendedModel:
-        """The same model with what is needed of its training records: channels, units, ranges, first samples.
+        """The same model with channels, units, ranges and first samples of its training records.
 
-        A channel beyond those of baseline and effects counts as read where the run changes without it.
+        A channel beyond those of baseline and effects counts as read where the simulation changes without it.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class ExtendedModel(Adaptable):
             kept = {n: c for n, c in signals.channels.items() if n != role}
             try:
                 trial = self.composition.predict(replace(signals, channels=kept, cache={}, facts={}), self.vector)
-            except KeyError:  # it cannot do without
+            except KeyError:  # the simulation requires it
                 reads += (role,)
                 continue
             reads += (role,) if not np.array_equal(trial, whole, equal_nan=True) else ()
@@ -204,7 +204,7 @@ class ExtendedModel(Adaptable):
     def from_dict(cls, data: Mapping) -> ExtendedModel:
         """Inverse of `to_dict`; baseline and effects are looked up among those of the installed packages.
 
-        A parameter that an effect had not yet when the file was written (`Effect.added_later`) is neutral.
+        A parameter that was added to an effect after the file was written (`Effect.added_later`) is neutral.
 
         Parameters
         ----------
@@ -225,7 +225,7 @@ class ExtendedModel(Adaptable):
         composition = Composition(baseline, tuple(effects))
         given = {e["name"]: {p["name"]: p["value"] for p in e["parameters"]} for e in data["effects"]}
         if len(given) != len(data["effects"]):
-            raise InputError("an effect stands twice in an extended model", got=", ".join(e.name for e in effects))
+            raise InputError("an extended model has an effect twice", got=", ".join(e.name for e in effects))
         vector = composition.neutral
         size = baseline.vector.size
         vector[:size] = data["baseline"]["vector"]
@@ -258,7 +258,7 @@ class ExtendedModel(Adaptable):
 
 
 def _required(composition: Composition) -> tuple[str, ...]:
-    """Roles of the baseline and needs of the effects, the output apart."""
+    """Roles of the baseline and needs of the effects, without the output."""
     named = (*composition.baseline.channels, *(n for e in composition.effects for n in e.needs))
     return tuple(dict.fromkeys(n for n in named if n != composition.baseline.output))
 
@@ -287,7 +287,7 @@ class ExtendedRun(SelfScheduled):
 
     @property
     def box(self) -> Scheduling:  # type: ignore[override]
-        """Training range of what schedules it, a hundredth wider."""
+        """Training range of the scheduling variables, wider by `SLACK`."""
         ranges = [self.model.ranges.get(n, (-OPEN, OPEN)) for n in self.scheduled]
         slack = [SLACK * max(b - a, abs(b), 1e-9) for a, b in ranges]
         return Scheduling(self.scheduled, tuple(a - s for (a, _), s in zip(ranges, slack, strict=True)),
@@ -296,7 +296,7 @@ class ExtendedRun(SelfScheduled):
 
     @property
     def inputs(self) -> tuple[Signal, ...]:  # type: ignore[override]
-        """What it reads besides."""
+        """The other roles that it reads."""
         return tuple(Signal(n, self.model.units.get(n, "")) for n in self.model.reads if n not in self.scheduled)
 
     @property
@@ -307,7 +307,7 @@ class ExtendedRun(SelfScheduled):
 
     @property
     def metadata(self) -> Mapping[str, Any]:  # type: ignore[override]
-        """The model's; lpvid recognises training data by it."""
+        """That of the model, by which its training data are recognised."""
         turned = {"polarity": "reversed"} if self.model.composition.baseline.polarity < 0 else {}
         return {**self.model.metadata, **IN_BAND, **turned}
 
@@ -358,11 +358,11 @@ class ExtendedRun(SelfScheduled):
         with np.errstate(over="ignore", invalid="ignore"):
             y = np.array(self.model.predict(record))
         y[: past.size] = past
-        sane = np.abs(y) < limit
-        return y, None if sane.all() else int(np.argmin(sane))
+        bounded = np.abs(y) < limit
+        return y, None if bounded.all() else int(np.argmin(bounded))
 
     def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
-        """The free run, whatever the horizon: it has no noise model that would make use of later outputs.
+        """The free run, whatever the horizon: without a noise model, later outputs do not change the prediction.
 
         Parameters
         ----------

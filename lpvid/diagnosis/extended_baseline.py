@@ -1,4 +1,4 @@
-"""ExtendedBaseline: an extended model as what a further diagnosis starts from."""
+"""ExtendedBaseline: an extended model as the baseline of a further diagnosis."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lpvid.record import Record
 
 @dataclass(frozen=True, eq=False)
 class ExtendedBaseline(Baseline):
-    """Baseline and found effects as one, all of their parameters free; further effects stand around it.
+    """Baseline and effects of an extended model as one, all parameters free; further effects are composed around it.
 
     It counts as static where the baseline is and no effect has a memory.
 

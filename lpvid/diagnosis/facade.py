@@ -1,4 +1,4 @@
-"""Facade: `lpvid.diagnose`, from what a user has (records as read, names, files) to the engine and back."""
+"""Facade: `lpvid.diagnose`, from records as read, names and files to a diagnosis."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 Progress = Callable[[str], None]
 AUTO = "auto"
-"""in the place of a baseline's name: the installed law that suits the records best"""
+"""instead of a baseline's name: the installed law that describes the records best"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class DiagnosisTask:
     prepared : PreparedRecords
         Records on one clock.
     baseline : Baseline
-        Fitted only if it was given with its parameters.
+        Fitted only if its parameters were given.
     fitted : bool
-        Whether the parameters were given; they are then where the search starts, and what `as_given` measures.
+        Whether the parameters were given: the search starts from them, and `esr_as_given` is their error.
     catalogue : tuple of Effect
     raw : tuple of Record
         As read, for the audit.
@@ -66,7 +66,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
              progress: Progress | None = None, units: Mapping[str, str] | None = None) -> Diagnosis:
-    """Find what a baseline's simulation gets wrong, name its cause or the reason for none, extend it, measure the gain.
+    """Localise the error of a baseline, name its causes or the reason for none, extend the baseline, measure the gain.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         is decimated.
     baseline : str, path, model or Baseline
         The name of an installed baseline (``"guo"``), fitted to the records first, or ``"auto"`` for the installed law
-        that suits them best; a file written by `lpvid.save`; a model; or a `Baseline`.
+        that describes them best; a file written by `lpvid.save`; a model; or a `Baseline`.
     catalogue : sequence of Effect, name or names, optional
         Candidates: effects, or the names of installed catalogues; all installed ones by default.
     held_out : Record or sequence of Record, optional
@@ -88,12 +88,12 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     progress : callable, optional
         Receives a line of text at every stage.
     units : mapping of str to str, optional
-        Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
+        Of columns without a unit in their name, where the data are no Records; of a plain array, its columns in order.
 
     Returns
     -------
     Diagnosis
-        After an interruption (Ctrl-C) what is known by then, with ``complete`` False.
+        After an interruption (Ctrl-C) the best set so far, with ``complete`` False.
 
     Raises
     ------
@@ -103,13 +103,13 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     training, kept = ([] if part is None else as_records(part, name, units)
                       for part, name in ((records, "data"), (held_out, "held-out")))
     task = prepare_task(training, baseline, catalogue, kept, parameters=parameters, sample_rate=sample_rate,
-                    progress=progress)
+                        progress=progress)
     return run_task(task, settings, progress)
 
 
 def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
-         held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
-         sample_rate: float | None = None, progress: Progress | None = None) -> DiagnosisTask:
+                 held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
+                 sample_rate: float | None = None, progress: Progress | None = None) -> DiagnosisTask:
     """Resolve names, read the model, prepare the records; arguments as for `diagnose`.
 
     Parameters
@@ -164,7 +164,7 @@ def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: A
 
 
 def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
-    """Refuse records in which the output or all that is measured of a motion is constant."""
+    """Raise where the output, or every measured channel of the motion, is constant."""
     values = [r[baseline.output] for r in records if r.has(baseline.output)]
     if values and np.ptp(np.concatenate(values)) == 0:
         unit = next(r.unit(baseline.output) for r in records if r.has(baseline.output))
@@ -178,8 +178,8 @@ def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
 
 
 def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
-           progress: Progress | None = None) -> Diagnosis:
-    """Run the engine on a task; the notes list what was done to the data.
+             progress: Progress | None = None) -> Diagnosis:
+    """Run the engine on a task; the notes list the preparation of the data.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     Returns
     -------
     Diagnosis
-        After an interruption (Ctrl-C) what is known by then, with ``complete`` False.
+        After an interruption (Ctrl-C) the best set so far, with ``complete`` False.
     """
     from lpvid.auditing import audit
     from lpvid.diagnosis.evidence import engine
@@ -202,11 +202,11 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     notes = [*_polarity_note(baseline), *_unused_note(baseline, prepared.training), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
-    def described(text: str) -> None:
+    def report_stage(text: str) -> None:
         stage[0] = text
         report_progress(text)
 
-    def examined() -> Audit:
+    def audit_raw() -> Audit:
         return audit(task.raw,
                      scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in task.raw)))
 
@@ -215,27 +215,27 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     if task.fitted:
         given = {"training": _esr(baseline, prepared.training),
                  "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
-        notes.append("the baseline's parameters were given; the search moves them along with each candidate, so that a "
+        notes.append("the baseline's parameters were given; the search refits them with each candidate, so that a "
                      "wrong parameter is not taken for a cause" if baseline.vector.size else
                      "the baseline's parameters were given and stay as they are")
     try:
         if settings.fit_baseline and not task.fitted and not task.baseline_fitted:
-            described(f"fitting {baseline.name}")
-            baseline, audited = _in_parallel(lambda start=baseline: start.fit(prepared.training), examined)
+            report_stage(f"fitting {baseline.name}")
+            baseline, audited = _in_parallel(lambda start=baseline: start.fit(prepared.training), audit_raw)
         found = engine.diagnose(prepared.training, baseline, task.catalogue, prepared.held_out,
-                                replace(settings, fit_baseline=False), described)
+                                replace(settings, fit_baseline=False), report_stage)
     except KeyboardInterrupt as stop:
         from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
     extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    return replace(_with_channel_names(found, task.raw), audit=audited or examined(), notes=(*found.notes, *notes),
+    return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),
                    extended=extended, baseline=baseline_text)
 
 
 def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosis:
-    """The places of the error with the channel's own name, where one of another unit stands for the current."""
+    """The diagnosis with the channel's own name in the regimes of its error, where a voltage is used as the current."""
     first = with_current(records)[0][0]
     if not first.has("current") or first.unit("current") == "A":
         return found
@@ -250,7 +250,7 @@ def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosi
 
 
 def _in_parallel(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
-    """What two calls return, side by side where there are processors for both."""
+    """Results of two calls, in parallel where there are processors for both."""
     results: list[Any] = in_forks(lambda call: call(), (one, other))
     return results[0], results[1]
 
@@ -290,21 +290,21 @@ def _catalogue(given: Any) -> tuple[Effect, ...]:
 
 
 def _channels(model: Any) -> tuple[str, ...]:
-    """Channels that a model of lpvid cannot do without; those of a name are not known yet."""
+    """Channels that a model of lpvid requires; none for a baseline given by name, which is created later."""
     if not all(hasattr(model, n) for n in ("inputs", "outputs", "box")):
         return ()
     return (*(s.name for s in model.inputs), *model.box.names, *(s.name for s in model.outputs))
 
 
 def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
-    """The extended model, with the channel of the files that played each of its roles in its metadata."""
+    """The extended model with, in its metadata, the channel of the files for each of its roles."""
     raw = with_current(task.raw[:1])[0][0]
     names = [n for n in (*extended.reads, task.baseline.output) if raw.has(n)]
     return replace(extended, metadata={**extended.metadata, "roles": roles(raw, names)})
 
 
 def _by_roles(model: Any) -> Any:
-    """A model whose signals are called by the roles that their channels had in training, so that effects meet them."""
+    """A model whose signals have the names of their roles in training, by which effects find them."""
     stated = getattr(model, "metadata", {}).get("roles", {})
     names = _channels(model)
     known = [r for r in ROLES if r in stated and r not in names]
@@ -317,7 +317,7 @@ def _by_roles(model: Any) -> Any:
 
 
 def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
-    """Rate of a sampled model where the records have another; it can run at no other."""
+    """Rate of a sampled model where that of the records differs; None where it does not."""
     from lpvid.condition.segmentation import RATE_TOLERANCE
 
     period = model.clock if isinstance(model, Baseline) else getattr(model, "sample_time", None)
@@ -352,7 +352,7 @@ def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baselin
         return registry.named_baseline(name, records, given)
     if isinstance(given, Adaptable) and given.period is not None:
         return _baseline(given.to_model(given.period), records, parameters)
-    raise InputError("this can be no baseline", got=type(given).__name__,
+    raise InputError("this is no baseline", got=type(given).__name__,
                      mend="name one, or give a saved damper, transfer function, state space or extended model")
 
 
@@ -376,9 +376,8 @@ def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:
     steps = float(np.mean(np.concatenate([np.diff(c) for c in currents]) ** 2))
     if not steps / 2 < 0.5 * float(pooled.var()) > np.finfo(float).eps * float(np.mean(pooled**2)):
         return []
-    return [f"the current moves between {pooled.min():.3g} and {pooled.max():.3g} and {baseline.name} does not use "
-            f"it: what it changes counts as error here, or as a cause of its own. --baseline {AUTO} looks for a law "
-            "that uses it"]
+    return [f"the current moves between {pooled.min():.3g} and {pooled.max():.3g} and {baseline.name} does not read "
+            f"it: its influence counts as error here, or as a cause. --baseline {AUTO} selects a law that reads it"]
 
 
 def _esr(baseline: Baseline, records: Sequence[Record]) -> float | None:

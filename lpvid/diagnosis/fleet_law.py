@@ -18,28 +18,30 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
 
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
-         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
-         "form_of", "contains", "behind", "turns", "brings")
-"""what an effect that starts from a fleet's values has of its own"""
+         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "visible",
+         "placement_of", "form_of", "differs_by", "contains", "behind", "turns", "brings")
+"""attributes that a `FleetEffect` has from its effect"""
 WITHIN, CONSISTENT = 3.0, 1.4826
-"""standard deviations within which 99.7 % of normal specimens lie; a median absolute deviation in these"""
+"""standard deviations within which 99.7 % of normal specimens lie; the standard deviation of a normal distribution over
+its median absolute deviation"""
 FACTORS = (0.25, 0.5, 2.0, 4.0)
-"""of a fleet's strength, at which another one is looked at beside the points of the catalogue"""
+"""of a fleet's strength, at which a cause is screened in addition to its own points"""
 
 
 @dataclass(frozen=True, eq=False)
 class FleetLaw(ComposedBaseline):
-    """The law that healthy files share, with their causes, each number free within the spread of the specimens alone.
+    """The common law of healthy files with their causes, each parameter free within the spread of the specimens only.
 
-    What every file has is part of the law and no cause of one file. A cause that the fleet has in some strength is a
-    cause of a file where its strength there lies outside the fleet's (`candidates`): neutral is the fleet's strength.
+    What all files have in common is part of the law and no cause of a single file. A cause of the fleet is a candidate
+    for a file with the fleet's strength as its neutral value (`candidates`), so that it is found where its strength in
+    that file lies outside the fleet's range.
 
     Attributes
     ----------
     shared : ExtendedModel
-        Law and causes, at the values of healthy files together.
+        Law and causes, at the parameters of all healthy files together.
     lower, upper : (P,) arrays
-        Between which healthy specimens lie.
+        Range of healthy specimens.
     at : (P,) array
     """
 
@@ -65,9 +67,9 @@ class FleetLaw(ComposedBaseline):
 
     @classmethod
     def of(cls, shared: ExtendedModel, specimens: Sequence[np.ndarray]) -> FleetLaw:
-        """From what healthy files share and the parameters of each by itself.
+        """From the model of all healthy files together and the parameters of each of them.
 
-        A number may lie within three standard deviations of the fleet's own value, or of the specimens' median. The
+        A parameter may lie within three standard deviations of the specimens' median, or up to the fleet's value. The
         standard deviation follows from their median absolute deviation, so that a single outlier among the specimens
         does not widen it.
 
@@ -90,13 +92,13 @@ class FleetLaw(ComposedBaseline):
 
     @classmethod
     def free(cls, found: ExtendedModel) -> FleetLaw:
-        """What a diagnosis of several files together found, with no bounds but the physical ones.
+        """The extended model of several files together, with physical bounds only.
 
         Parameters
         ----------
         found : ExtendedModel
-            One beside a `FleetLaw` becomes one with it. A flexible effect is left out: beside several specimens it
-            follows from which of them a sample is.
+            A `FleetLaw` as its baseline is merged into it. A flexible effect is left out: over several specimens it
+            fits the differences between them.
 
         Returns
         -------
@@ -126,7 +128,7 @@ class FleetLaw(ComposedBaseline):
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """Of the shared model: the roles that its channels had in training."""
+        """Of the shared model: the roles of its channels in training."""
         return self.shared.metadata
 
     @cached_property
@@ -189,7 +191,7 @@ class FleetLaw(ComposedBaseline):
 
 
 class FleetEffect(Effect):
-    """A cause that the whole fleet has, as a cause of one file: at the fleet's values it is not there.
+    """A cause of the whole fleet as a cause of one file: neutral at the fleet's values.
 
     Parameters
     ----------
@@ -214,17 +216,17 @@ class FleetEffect(Effect):
 
     @property
     def component(self) -> str:
-        """The component of which it is a form: a set holds the fleet's lag in another strength, or a further lag."""
+        """The component of which it is a form: a set has the fleet's lag in another strength or a further lag."""
         return self.effect.form_of or self.effect.component
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [*self._near(), *self.effect.points(signals)]
+        return [*self._other_strengths(), *self.effect.points(signals)]
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        return [*self._near(), *self.effect.spread_points(signals, scale)]
+        return [*self._other_strengths(), *self.effect.spread_points(signals, scale)]
 
-    def _near(self) -> list[np.ndarray]:
-        """Other strengths of the fleet's shape."""
+    def _other_strengths(self) -> list[np.ndarray]:
+        """Points with the fleet's shapes and other strengths."""
         low, high = np.array([p.bounds for p in self.parameters]).T
         scale = np.where(np.arange(self.values.size) < self.strengths, 1.0, 0.0)
         return [np.clip(self.values * (1 + (f - 1) * scale), low, high) for f in FACTORS]
@@ -303,7 +305,7 @@ def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict
 
 
 def _refit(composition: Composition, starts: Sequence[np.ndarray], records: Sequence[Record]) -> np.ndarray:
-    """The best of refits along what a search would look at of records."""
+    """Parameters of the best rough refit from these starts, on the thinned samples of a search."""
     from lpvid.diagnosis.blocks import Blocks
     from lpvid.diagnosis.evidence.thinning import for_search, thinned
     from lpvid.diagnosis.facade import prepare_task

@@ -61,7 +61,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     stage : str
         That was interrupted.
     best : BestSoFar, optional
-        Of a search that had begun; it becomes the extended model, and nothing of it is named.
+        Of a search that had begun; it becomes the extended model, and none of its causes is named.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Localise: the regimes of the inputs, of time and of frequency that hold most of the error."""
+"""Localise: the regimes of the inputs, of time and of frequency with most of the error."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, 15.0), (15.0, 50.0), (50.0, np.inf))
 """frequency bands [Hz]"""
 NOTABLE = 1.5
-"""times its share of the time that a regime's share of the squared error must be to be listed"""
+"""least ratio of a regime's share of the squared error to its share of the time at which it is listed"""
 
 
 @dataclass(frozen=True)
 class ErrorRegime:
-    """A regime that holds more of the error than of the time.
+    """A regime whose share of the error exceeds its share of the time.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""LpvBaseline: a saved model of lpvid (transfer function, state space, quasi-LPV) as what a diagnosis starts from."""
+"""LpvBaseline: a saved model of lpvid (transfer function, state space, quasi-LPV) as the baseline of a diagnosis."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from lpvid.simulation import simulate
 Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
 ARRAYS: Mapping[type, tuple[str, ...]] = {LPVTransferFunction: ("a", "b", "c"),
                                           LPVStateSpace: ("A", "B", "C", "D", "state_offset", "output_offset")}
-"""where the free numbers of a model stand; those that are exactly zero are structure"""
+"""arrays of a model's free coefficients; those that are exactly zero are fixed"""
 LINEAR: Mapping[type, tuple[str, ...]] = {LPVTransferFunction: ("b", "c"), LPVStateSpace: ("C", "D", "output_offset")}
 """those of them in which the free run is linear"""
 MOST_FREE = 60
-"""numbers beyond which only those of `LINEAR` stay free, of a model that schedules itself none: every free one is one
-more run at every step of every refit"""
+"""number of coefficients above which only those of `LINEAR` are free, and none of a model with a vector of its own:
+each free one costs a run at every step of a refit"""
 SENSES = ("records", "device")
 KINDS = {"lpv-transfer-function": LPVTransferFunction, "lpv-state-space": LPVStateSpace, "quasi-lpv": QuasiLPVModel,
          "compliance": ComplianceModel}
 STEP = 1e-6
-"""share of a number's scale by which it is moved to see what it does"""
+"""step of the forward difference in a coefficient, as a share of its scale"""
 SMALL = 1e-3
-"""scale of a number, as a share of the largest in its array, where the number itself is smaller"""
+"""least scale of a coefficient, as a share of the largest one in its array"""
 
 
 @dataclass(frozen=True, eq=False)
 class LpvBaseline(Baseline):
-    """An LPV model, free in its coefficients, the numbers of its input stage and of its scheduling filter.
+    """An LPV model, free in its coefficients and in the parameters of its input stage and its scheduling filter.
 
-    Everything here is about the device itself: where the records' output has the other sign, it is turned on its way
-    in.
+    Signals and simulation have the sign of the device: an output that is recorded with the other sign is reversed on
+    reading.
 
     Attributes
     ----------
@@ -53,11 +53,11 @@ class LpvBaseline(Baseline):
         Discrete-time, one output.
     name : str
     sense : {"records", "device"}
-        Whether the model simulates records as measured or, in its own sign and zero, what was measured.
+        Whether the model simulates the output as recorded or that of the device, with its own sign and zero.
     polarity : {1, -1}, optional
         -1 where the records' output has the other sign than the device's; read off the model's metadata if left out.
     zero : mapping of str to float
-        Value of a channel that the model calls zero.
+        Value of a channel that is zero in the model.
     """
 
     model: Model
@@ -95,7 +95,7 @@ class LpvBaseline(Baseline):
 
     @cached_property
     def places(self) -> tuple[tuple[str, np.ndarray], ...]:
-        """Arrays of the model and which of their entries are free; none for a model that has its own vector."""
+        """Arrays of the model and their free entries; none for a model with a vector of its own."""
         kind = type(self.model)
         listed = [(n, np.flatnonzero(getattr(self.model, n))) for n in ARRAYS.get(kind, ())]
         if sum(free.size for _, free in listed) > MOST_FREE:
@@ -104,7 +104,7 @@ class LpvBaseline(Baseline):
 
     @cached_property
     def shape(self) -> np.ndarray:
-        """Numbers of the input stage that a fit moves."""
+        """Indices of the input stage's free parameters."""
         stage = self.model.input_stage
         if stage is None:
             return np.zeros(0, dtype=int)
@@ -134,7 +134,7 @@ class LpvBaseline(Baseline):
 
     @property
     def _own(self) -> np.ndarray:
-        """Numbers of a model that has its vector, unless there are too many."""
+        """Parameters of a model with a vector of its own, unless there are more than `MOST_FREE`."""
         known = isinstance(self.model, SelfScheduled) and self.model.vector.size <= MOST_FREE
         return np.array(self.model.vector) if known else np.zeros(0)  # type: ignore[union-attr]
 
@@ -183,7 +183,7 @@ class LpvBaseline(Baseline):
         try:
             with np.errstate(all="ignore"):
                 model = self._model(vector)
-        except InputError:  # no such model: its numbers are not finite
+        except InputError:  # parameters that are not finite
             return lambda s: np.full(s.n_samples, np.nan)
         units = {s.name: s.unit for s in (*model.inputs, *model.outputs)}
         units |= dict(zip(model.box.names, model.box.units, strict=True))
@@ -203,7 +203,7 @@ class LpvBaseline(Baseline):
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         here = self.core(vector)(signals)
-        out, exact = np.empty((signals.n_samples, vector.size)), self._forwards(signals, vector, here)
+        out, exact = np.empty((signals.n_samples, vector.size)), self._by_recursion(signals, vector, here)
         known = 0 if exact is None else exact.shape[1]
         if exact is not None:
             out[:, :known] = exact
@@ -213,8 +213,8 @@ class LpvBaseline(Baseline):
             out[:, j] = (self.core(moved)(signals) - here) / (moved[j] - vector[j])
         return np.nan_to_num(out, nan=0.0, posinf=0.0, neginf=0.0)
 
-    def _forwards(self, signals: Signals, vector: np.ndarray, here: np.ndarray) -> np.ndarray | None:
-        """(n, k) derivative in the coefficients of a transfer function, which stand first; None for other models."""
+    def _by_recursion(self, signals: Signals, vector: np.ndarray, here: np.ndarray) -> np.ndarray | None:
+        """(n, k) derivative in the coefficients of a transfer function, the first k parameters; None for others."""
         from lpvid.diagnosis.lpv_tangent import free_run_sensitivities
 
         if not self.forward or not np.isfinite(here).all() or not np.isfinite(vector).all():
@@ -258,7 +258,7 @@ class LpvBaseline(Baseline):
 
 
 def _scaled(names: Sequence[str], values: np.ndarray) -> list[Coefficient]:
-    """Coefficients without bounds, small ones on the scale of the largest."""
+    """Coefficients without bounds; the scale of each is its size, `SMALL` of the largest at least."""
     largest = max(float(np.abs(values).max(initial=0.0)), 1e-300)
     return [Coefficient(n, "", -np.inf, np.inf, max(abs(float(v)), SMALL * largest))
             for n, v in zip(names, values, strict=bool(values.size))]

@@ -27,7 +27,7 @@ HELD_OUT = 1 / 3
 
 @dataclass(frozen=True, eq=False)
 class LpvExtension:
-    """An LPV model without and with what the causes require.
+    """An LPV model without and with the changes that the causes require.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class LpvExtension:
     changes : tuple of str
         What each cause required, in words.
     left_out : tuple of str
-        Causes that no LPV structure takes in, or not with these channels.
+        Causes that no LPV structure represents, or not with these channels.
     """
 
     base: Identification
@@ -76,7 +76,7 @@ class LpvExtension:
         stated = "; ".join(self.changes) or "nothing changed"
         if before is None or after is None:
             return f"LPV extension ({stated}): a free run diverged on held-out data"
-        end = "; no model of these data, the mean is as near" if after >= 1 else "; no gain" if after >= before else ""
+        end = "; no better than the mean of these data" if after >= 1 else "; no gain" if after >= before else ""
         return f"LPV extension ({stated}): free-run ESR {before:.4g} to {after:.4g} held-out{end}"
 
 
@@ -84,9 +84,9 @@ def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effe
                held_out: Sequence[Record] | None = None) -> Identification:
     """Identify an LPV-ARX structure enlarged by what each effect requires.
 
-    A lag filters the scheduling variable, a bend raises the degree, a parallel force becomes a further input (derived
-    where it is not measured), an unlogged quantity a further scheduling variable, a state a further order; a delay of
-    the input chooses nk anew by the free run on training data.
+    A lag filters the scheduling variable, a curved dependence raises the degree, a parallel force becomes a further
+    input (derived where it is not measured), an unlogged quantity a further scheduling variable, a state a further
+    order; for a delay of the input, nk is selected again by the free run on training data.
 
     Parameters
     ----------
@@ -116,9 +116,9 @@ def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effe
 
 def measured_extension(records: Sequence[Record], structure: ARX, effects: Sequence[Effect],
                        held_out: Sequence[Record] = ()) -> LpvExtension:
-    """The structure without and with the effects, both judged on records that neither has seen.
+    """The structure without and with the effects, both compared on held-out records.
 
-    Without `held_out` the last third of every record is kept back.
+    Without `held_out` the last third of every record is held out.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
         Uniform.
     structure : ARX
     effects : sequence of Effect
-        Those that no LPV structure takes in, or that need a channel which was not measured, are left out.
+        Those that no LPV structure represents, or that need a channel which was not measured, are left out.
     held_out : sequence of Record, optional
 
     Returns
@@ -143,9 +143,9 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
     stated, left, taken, names = [], [], [], structure.basis.names
     for effect in effects:
         change = effect.lpv_change()
-        lacking = None if change is None else _lacking((*change.regressors, *change.schedule), derived(records))
-        if change is None or lacking is not None:
-            why = f"{lacking} was not measured" if lacking else "no LPV structure shows it"
+        missing = None if change is None else _first_missing((*change.regressors, *change.schedule), derived(records))
+        if change is None or missing is not None:
+            why = f"{missing} was not measured" if missing else "no LPV structure represents it"
             left.append(f"{effect.name}: {why}")
         elif change.schedule_filter is not None and at_rest(training, names):
             left.append(f"{effect.name}: {', '.join(names)} stands still within every record")
@@ -184,7 +184,7 @@ def common_structure(records: Sequence[Record], output: str) -> ARX | None:
 
 
 def enlarged(structure: ARX, changes: Sequence[LpvChange], records: Sequence[Record]) -> ARX:
-    """The structure with all changes in it; the records hold whether what is required was measured.
+    """The structure with all changes, as far as the records have the channels that these require.
 
     Parameters
     ----------
@@ -221,22 +221,21 @@ def enlarged(structure: ARX, changes: Sequence[LpvChange], records: Sequence[Rec
 
 
 def _filter(structure: ARX, changes: Sequence[LpvChange]):
-    asked = [c.schedule_filter for c in changes if c.schedule_filter is not None]
-    if not asked or not structure.basis.names:
+    required = [c.schedule_filter for c in changes if c.schedule_filter is not None]
+    if not required or not structure.basis.names:
         return structure.schedule_filter
-    words = {w for text in asked for w in (("rise-fall",) if "rise-fall" in text else ()) + (
-        ("delay",) if "delay" in text else ())}
-    return ("rise-fall" if "rise-fall" in words else "lag") + ("-delay" if "delay" in words else "")
+    lag = "rise-fall" if any("rise-fall" in kind for kind in required) else "lag"
+    return lag + ("-delay" if any("delay" in kind for kind in required) else "")
 
 
 def _channel(name: str, records: Sequence[Record]) -> str:
-    if _lacking((name,), records) is not None:
+    if _first_missing((name,), records) is not None:
         raise InputError(f"the LPV extension needs {name}, which some record does not have",
                          got=", ".join(records[0].channels))
     return DERIVED[name].name if name in DERIVED else name
 
 
-def _lacking(names: Sequence[str], records: Sequence[Record]) -> str | None:
+def _first_missing(names: Sequence[str], records: Sequence[Record]) -> str | None:
     """The first name that some record does not have, measured or derived."""
     known = {n: DERIVED[n].name if n in DERIVED else n for n in names if n != "1"}
     return next((n for n, channel in known.items() if not all(r.has(channel) for r in records)), None)

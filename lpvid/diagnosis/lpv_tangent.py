@@ -17,7 +17,7 @@ def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.nd
                            places: Sequence[tuple[str, np.ndarray]]) -> np.ndarray | None:
     """Derivatives of a free run in coefficients of a, b and c; None where the basis is not that of one sample.
 
-    With y(k) = −Σ_i a_i(k) y(k−i) + Σ_j b_j(k) u(k−j) + Σ_j c_j(k), a_i(k) = Σ_m a_im φ_m(k), one recursion does::
+    With y(k) = −Σ_i a_i(k) y(k−i) + Σ_j b_j(k) u(k−j) + Σ_j c_j(k), a_i(k) = Σ_m a_im φ_m(k), one recursion holds::
 
         ∂y/∂θ(k) = f_θ(k) − Σ_i a_i(k) ∂y/∂θ(k−i),   f = −φ_m y(k−i), φ_m u(k−j) or φ_m
 
@@ -43,7 +43,7 @@ def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.nd
     from lpvid import _sensitivity
 
     start, n = model.start, s.n_samples
-    u, phi = _driven(model, s)
+    u, phi = _inputs_and_basis(model, s)
     history, lag = max(PAST, model.na), int(model.lagged)
 
     def of(values: np.ndarray, back: int) -> np.ndarray:
@@ -67,8 +67,8 @@ def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.nd
     return out
 
 
-def _driven(model: LPVTransferFunction, s: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """(inputs, n) and (functions, n): what drives the recursion, behind the stages of input and scheduling."""
+def _inputs_and_basis(model: LPVTransferFunction, s: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """(inputs, n) inputs after the input stage, (functions, n) basis functions after the scheduling stage."""
     p = np.column_stack([s[name] for name in model.box.names]) if model.box.names else np.zeros((s.n_samples, 0))
     if model.scheduling_stage is not None:
         p = model.scheduling_stage.apply(p, model.sample_time or s.sample_time)

@@ -22,7 +22,7 @@ class NoiseLevel:
     variance : float or None
         Of the noise on the output, in its unit squared; None where nothing repeats.
     samples : int
-        Samples it rests on.
+        Number of samples it was estimated from.
     description : str
     """
 
@@ -31,7 +31,7 @@ class NoiseLevel:
     description: str
 
     def bounded(self, most: float) -> NoiseLevel:
-        """The same, limited to the error of a model on data not seen: no model predicts noise.
+        """The same, at most the error of a model on data not seen: no model predicts noise.
 
         Repeats with slightly different inputs, or another initial state, differ by more than noise.
 

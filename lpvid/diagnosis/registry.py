@@ -1,7 +1,7 @@
-"""Baselines and catalogues by name: what installed packages offer to a diagnosis through entry points.
+"""Baselines and catalogues of installed packages by name, through entry points.
 
-A package names its baselines in the group ``lpvid.baselines``: a factory ``(records, parameters=None) -> Baseline``, or
-a mapping from names to such factories. It names its causes in the group ``lpvid.effects``: a tuple of effects::
+A package registers its baselines in the group ``lpvid.baselines``: a factory ``(records, parameters=None) -> Baseline``
+or a mapping from names to such factories. It registers its causes in the group ``lpvid.effects``, a tuple of effects::
 
     [project.entry-points."lpvid.effects"]
     mine = "my_package.causes:CATALOGUE"
@@ -174,7 +174,7 @@ def stored_baseline(data: Mapping) -> Baseline:
 
 
 def loaded(group: str) -> list[tuple[str, Any]]:
-    """What the entry points of a group give, by name.
+    """The objects of a group's entry points, by name.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def loaded(group: str) -> list[tuple[str, Any]]:
     Returns
     -------
     list of (str, object)
-        Names with what was loaded, sorted by name.
+        Names with the objects loaded, sorted by name.
 
     Raises
     ------

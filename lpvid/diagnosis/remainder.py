@@ -18,7 +18,7 @@ STEEPNESS = (0.5, 1.5, 5.0)
 KNOTS = 32
 """of a piecewise linear function of each input by itself"""
 RIDGES = (1e-4, 1e-2, 1.0)
-"""penalties tried; the one that predicts best counts"""
+"""penalties of the ridge regression; the one with the least error out of fold is used"""
 
 
 def predictable_share(
@@ -135,7 +135,7 @@ def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     ----------
     x : (n,) array
     knots : (m,) array
-        Increasing, in the unit of x; beyond the outer ones the outer functions stay 1.
+        Increasing, in the unit of x; the outer functions are 1 beyond the outer knots.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Signals: the channels of one record as plain arrays, as effects and baselines see them."""
+"""Signals: the channels of one record as plain arrays, the input of effects and baselines."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import numpy as np
 from lpvid import _checks
 
 REMEMBERED, REPLACED = 24, 4
-"""simulations that signals keep, and what a cause makes of their channels for the last values that it was given"""
+"""simulations kept along signals, and results of one kind kept for the last parameter values"""
 LONG, FEWEST = 65_536, 2
-"""samples of signals from which on they keep fewer of all that, so that ten minutes hold no more than two; what the
-derivative at a point and the run beside it share stays
+"""samples from which on fewer are kept, of each kind two along ten minutes; the least number kept, so that a derivative
+and the run at the same point share their results
 """
 
 
@@ -31,9 +31,9 @@ class SignalStretch:
     first : int
         Its first sample among these.
     span : (float, float)
-        Where it lies in the time of all records of the diagnosis, 0 their start and 1 their end.
+        Its place in the time of all records of the diagnosis, 0 their start and 1 their end.
     past : Signals or None
-        What came before it in its record: of that a slow state, such as heat, is built up.
+        The part of its record before it, from which the initial value of a slow state, such as heat, follows.
     """
 
     first: int
@@ -56,23 +56,23 @@ class Signals:
     name : str
         Of the record.
     span : (float, float), optional
-        Where the record lies in the time of all records of a diagnosis, 0 their start and 1 their end; None for a
-        record of its own, about whose place nothing is known.
+        Place of the record in the time of all records of a diagnosis, 0 their start and 1 their end; None where it is
+        unknown.
     record : Signals, optional
-        Those whose range and history count where these hold other values, at which a law is only evaluated.
+        The record, where these hold other values at which a law is evaluated; range and history are the record's.
     at : (n,) array, optional
-        Where each sample lies in that record, counted in its samples; None where they are its own, in order.
+        Place of each sample in that record, counted in its samples; None where they are its own, in order.
     finer : int
-        How many times as fast the clock is as that by which they were recorded: beyond its band there is nothing.
+        Ratio of the sample rate to that of the recording, which limits the band.
     coarse : Signals, optional
-        The same signals on the clock by which they were recorded, where this one is faster: what has a memory runs
-        along those, and comes here by `refined`.
+        The same signals at the sample rate of the recording, where this one is higher: a simulation with memory runs
+        along those and is interpolated by `refined`.
     peers : tuple of Signals
-        All records of a diagnosis, as recorded: what one measurement did to all of them shows in all together.
+        All records of a diagnosis, as recorded, for properties of a measurement that they share.
     stretches : tuple of SignalStretch
-        Where these are cut together from stretches of records, what they are; else empty.
+        The stretches of records that these consist of; empty for a whole record.
     repeats : (Signals, int), optional
-        Signals of which these repeat all but the velocity so many times, one repetition after the other.
+        Signals that these repeat, except for the velocity, and the number of repetitions.
     """
 
     sample_time: float
@@ -106,17 +106,17 @@ class Signals:
 
     @property
     def pieces(self) -> list[tuple[int, int]]:
-        """First sample and the one after the last of every stretch in which time goes on evenly."""
+        """First sample and the one after the last of every stretch of uniform time."""
         firsts = [t.first for t in self.stretches] or [0]
         return list(zip(firsts, [*firsts[1:], self.n_samples], strict=True))
 
     @property
     def places(self) -> np.ndarray:
-        """(n,) where the samples lie in their record, counted in its samples."""
+        """(n,) places of the samples in their record, counted in its samples."""
         return np.arange(self.n_samples, dtype=float) if self.at is None else self.at
 
     def of_record(self, values: np.ndarray) -> np.ndarray:
-        """(n,) values given along the whole record, taken at these samples.
+        """(n,) values along the whole record, interpolated linearly at these samples.
 
         Parameters
         ----------
@@ -125,12 +125,12 @@ class Signals:
         Returns
         -------
         (n,) array
-            In the unit of the values, straight between samples.
+            In the unit of the values.
         """
         return values if self.at is None else np.interp(self.at, np.arange(values.size), values)
 
     def refined(self, values: np.ndarray) -> np.ndarray:
-        """(n,) values along `coarse`, straight in between.
+        """(n,) values along `coarse`, interpolated linearly.
 
         Parameters
         ----------
@@ -161,10 +161,10 @@ class Signals:
         return self.channels[role]
 
     def replace(self, **channels: np.ndarray) -> Signals:
-        """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`.
+        """The same signals with some channels replaced or added, without cached results except `fact`.
 
-        `coarse` and `repeats` are dropped, for they hold other channels than these now: code that reads none of the
-        replaced channels along them puts them back (`dataclasses.replace`).
+        `coarse` and `repeats` are dropped, since they hold the former channels; code that reads none of the replaced
+        channels along them sets them again (`dataclasses.replace`).
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Signals:
                        stretches=self.stretches)
 
     def evaluated(self, **channels: np.ndarray) -> Signals:
-        """Signals with some channels replaced, at which a law is evaluated: these stay the record.
+        """Signals with some channels replaced, at which a law is evaluated; their record remains these.
 
         Parameters
         ----------
@@ -199,11 +199,11 @@ class Signals:
 
     @property
     def distinct(self) -> tuple[Signals, int]:
-        """Signals without repetitions of all but the velocity, and how often these repeat them."""
+        """The signals that these repeat, except for the velocity, and the number of repetitions."""
         return self.repeats or (self, 1)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
-        """What `make` returns, computed once for these signals.
+        """The result of `make`, computed once for these signals.
 
         Parameters
         ----------
@@ -220,7 +220,7 @@ class Signals:
         return self.cache[key]
 
     def remembered(self, kind: str, key: Hashable, make: Callable[[], Any], most: int = REPLACED) -> Any:
-        """What `make` returns for a key, of which the last few of one kind are kept; fewer where they are long.
+        """The result of `make` for a key; the last few of a kind are kept, fewer along many samples.
 
         Parameters
         ----------
@@ -257,11 +257,11 @@ class Signals:
         -------
         tuple of Signals
         """
-        mine = self.channels[role]
-        return self.peers if any(p.channels.get(role) is mine for p in self.peers) else (self,)
+        own = self.channels[role]
+        return self.peers if any(p.channels.get(role) is own for p in self.peers) else (self,)
 
     def fact(self, role: str, key: object, make: Callable[[np.ndarray], Any]) -> Any:
-        """What `make` finds about one channel, computed once for all signals that share it by `replace`.
+        """The result of `make` for one channel, computed once for all signals that share it by `replace`.
 
         Parameters
         ----------
@@ -279,10 +279,9 @@ class Signals:
         return self.facts[role, key]
 
     def passed(self, core: Core) -> np.ndarray:
-        """(n,) a simulation along these signals, which nothing is kept of: they were made for this one run.
+        """(n,) simulation along these signals, made for this run alone: their cache is cleared afterwards.
 
-        What a law caches along signals refers back to them, so that they would stay in memory until the next garbage
-        collection.
+        Cached results refer to their signals, which would stay in memory until the next garbage collection.
 
         Parameters
         ----------
@@ -298,9 +297,9 @@ class Signals:
         return out
 
     def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """(n,) what `make` returns for one channel of the record, at these samples; found once for all signals of it.
+        """(n,) result of `make` for one channel of the record, at these samples; computed once for the record.
 
-        Every sample has its place in the record, so that nothing is interpolated twice.
+        The place of every sample in the record is known, so that nothing is interpolated twice.
 
         Parameters
         ----------
@@ -317,14 +316,14 @@ class Signals:
         found = record.fact(role, key, make)
         if self.at is None:
             return found
-        name = ("", role, key)  # of no channel: `replace` passes it on
+        name = ("", role, key)  # belongs to no channel, so that `replace` keeps it
         if name not in self.facts:
             self.facts[name] = self.of_record(found)
         return self.facts[name]
 
 
 def most_kept(most: int, n_samples: int) -> int:
-    """How many results along so many samples are kept, of `most` along few.
+    """Number of results kept along signals of a length; `most` along short ones.
 
     Parameters
     ----------
@@ -344,7 +343,7 @@ def most_kept(most: int, n_samples: int) -> int:
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
-    """The same signals, each with the others and its place among them, one after the other without pauses.
+    """The same signals with `peers` and `span`: records that follow one another without pauses.
 
     Parameters
     ----------
@@ -369,7 +368,7 @@ Core = Callable[[Signals], np.ndarray]
 
 
 class Linearised(ABC):
-    """A simulation that gives, along its own run, what small changes of its parts do: cheaper than a run for each."""
+    """A simulation with the first-order effect of small changes of its parts, at less cost than a run for each."""
 
     @abstractmethod
     def __call__(self, s: Signals) -> np.ndarray:
@@ -377,7 +376,7 @@ class Linearised(ABC):
 
     @abstractmethod
     def near(self, others: Sequence[Core]) -> list[Core]:
-        """Simulations of its own kind that differ little from it, to first order in what differs.
+        """Simulations of its own kind that differ little from it, to first order in the difference.
 
         Parameters
         ----------
@@ -392,13 +391,13 @@ class Linearised(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Remembered:
-    """A simulation that is run once for each signals and key, of which the last `REMEMBERED` are kept; read-only.
+    """A simulation that runs once for each pair of signals and key; the last `REMEMBERED` are kept, read-only.
 
     Attributes
     ----------
     core : Core
     key : hashable
-        The same for simulations that are the same.
+        Equal for equal simulations.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Spectra: a recorded signal before a low-pass that it has passed, behind one more, and without its sensor's noise."""
+"""Spectra: channels before a low-pass of the recording, after a further one, and differentiated without noise."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from lpvid.condition.interference import (
 from lpvid.diagnosis.signals import Signals
 
 LASTING = 50.0
-"""times its time constant that a low-pass remembers what has been"""
+"""length of the transient of a low-pass, in time constants"""
 RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
-"""channels that may have been derived from another one"""
+"""channels from which another one may have been derived"""
 COHERENT, FLAT = 0.5, 1.5
-"""coherence with what is noise in another channel from which on one was derived from it; ratio of the two halves of
-the top of a spectrum up to which it is the level of a sensor's noise"""
+"""coherence with the noise of another channel above which a channel was derived from that; ratio of the median levels
+of the two halves of the top of a spectrum below which they are the level of a sensor's noise"""
 
 
 def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int = 1) -> np.ndarray:
     """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, c from k = 1 on.
 
-    x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S,
-    N the sensor's noise taken twice to be safe, S the power: where that is small, undoing a filter raises little but
-    noise. N is the level at the top of the spectrum. Beyond its ends it goes on as it can be predicted (`ahead`). On a
-    clock `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
+    x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain with Wiener's weight (S − 2N)₊/S: S is the power, N the
+    sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small, the inverse
+    would amplify little but noise. The ends are continued by linear prediction. On a clock `finer` times as fast the
+    channel is band-limited between its samples. A channel of few samples is unchanged.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
 
 
 def derivative(s: Signals, channel: str) -> np.ndarray:
-    """(n,) rate of change of a channel without the noise of its sensor beyond the band in which it moves.
+    """(n,) rate of change of a channel, limited to the band of its motion to exclude its sensor's noise.
 
-    As `lpvid.condition.band_limited.in_band` has it. One that jumps, or of few samples, by central differences.
+    By `lpvid.condition.band_limited.in_band`; by central differences where the channel jumps or has few samples.
 
     Parameters
     ----------
@@ -75,11 +75,11 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
         return np.gradient(values, s.sample_time)
     at, interfering = s.fact(channel, "interference", lambda x: interference(x, s.output, s.sample_time, s.finer)
                              if channel == "displacement" else (np.zeros(1), np.zeros(1, dtype=bool)))
-    return in_band(values, *_known(s, channel), at, interfering)
+    return in_band(values, *_spectrum_and_share(s, channel), at, interfering)
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be found: it does not jump, and has enough samples.
+    """Whether the band of a channel's motion can be determined: it does not jump and has enough samples.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def has_band(s: Signals, channel: str) -> bool:
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
-    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection.
+    """(n,) x filtered by 1/(1 + 2ζTs + T²s²) in the frequency domain, its ends continued by odd reflection.
 
     Parameters
     ----------
@@ -119,45 +119,46 @@ def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.n
 
 def _weighed(s: Signals, channel: str, weights: Callable[[np.ndarray, np.ndarray], np.ndarray],
              finer: int = 1) -> np.ndarray:
-    """(n finer,) a channel, its spectrum times weights(ω, share that is motion); one of few samples as it is."""
+    """(n finer,) a channel, its spectrum times weights(ω, share of motion); one of few samples is unchanged."""
     if s[channel].size < SHORT:
         return np.repeat(s[channel], finer)
-    signal, share = _known(s, channel)
+    signal, share = _spectrum_and_share(s, channel)
     return signal.back(signal.spectrum * weights(signal.omega, share), finer)
 
 
-def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
-    """Spectrum of a channel continued at both ends, and the share of each frequency that is motion; found once.
+def _spectrum_and_share(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
+    """Spectrum of a channel continued at both ends, and the share of motion at each frequency; computed once.
 
-    A channel that was derived from another has the share of that one: what makes motion of it makes as much of the
-    noise, which then rises with the frequency up to where the derivative was smoothed.
+    A channel derived from another one has the share of that one: differentiation amplifies motion and noise alike, so
+    that its noise rises with frequency instead of being a level at the top of the spectrum.
     """
     signal = s.fact(channel, "spectrum", lambda x: Continued.predicted(x, s.sample_time))
 
     def find(x: np.ndarray) -> np.ndarray:
         if (channel, "made of") in s.facts:
-            before, share = _known(s.facts[channel, "made of"], channel)
+            before, share = _spectrum_and_share(s.facts[channel, "made of"], channel)
             return share if before.omega.size == signal.omega.size else \
                 np.interp(signal.omega, before.omega, share, right=0.0)
         source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
-        return share_of_motion(signal.omega, x, s.sample_time, s.finer) if source is None else _known(s, source)[1]
+        return share_of_motion(signal.omega, x, s.sample_time, s.finer) if source is None else \
+            _spectrum_and_share(s, source)[1]
 
     return signal, s.fact(channel, "share", find)
 
 
 def weighed_alike(s: Signals, like: Signals) -> Signals:
-    """The signals, whose channels are weighed from now on with the share of motion that they have in others.
+    """The signals, with the share of motion of each channel that of the signals from which they were computed.
 
-    For signals that were computed from others, perhaps on a faster clock: a delayed channel, or one before a filter,
-    has its noise at the same frequencies as the original. A channel whose noise was removed would seem to move at every
-    frequency, and a filter would be undone where there is no motion.
+    A delayed channel, or one before a filter, has its noise at the same frequencies as the original, also on a faster
+    clock. From a channel whose noise was removed the share cannot be estimated: it would be one at every frequency, and
+    a filter would be inverted where there is no motion.
 
     Parameters
     ----------
     s : Signals
-        Changed in place: each channel notes where it comes from.
+        Changed in place: the source of each channel is stored in `facts`.
     like : Signals
-        Those that they were made of; a channel that is the very same array is left out.
+        From which they were computed; a channel that is the same array is left out.
 
     Returns
     -------
@@ -171,9 +172,9 @@ def weighed_alike(s: Signals, like: Signals) -> Signals:
 
 
 def noisier(s: Signals, rng: np.random.Generator) -> Signals:
-    """The signals with as much noise again from the sensors of the motion, weighed as they were.
+    """The signals with further noise of the level of the motion's sensors; the shares of motion stay.
 
-    White at the level at the top of each spectrum; in a channel that was derived from another one that one's,
+    White, at the level at the top of each spectrum; for a channel derived from another one, the noise of that one
     differentiated.
 
     Parameters
@@ -196,11 +197,11 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
 
 
 def _derived(s: Signals, channel: str, source: str) -> bool:
-    """Whether a channel moves with the noise of another one's sensor, as one does that was computed from it.
+    """Whether a channel is coherent with the noise of another one's sensor, and so was computed from that channel.
 
-    At frequencies where the other channel holds only a flat level, which is its sensor's noise, two channels of
-    separate sensors are not coherent. Decided by their mean coherence there, weighted with the power of the channel, of
-    which smoothing may have removed a part.
+    At frequencies where the spectrum of the other channel is flat, which is its sensor's noise, two channels of
+    separate sensors are not coherent. The criterion is their mean coherence there, weighted with the power of the
+    channel, which smoothing may have reduced.
     """
     from scipy.signal import coherence, welch
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from lpvid.synthesis.progress import stop_at, stopped
-from lpvid.synthesis.projected_search import ROOMY, Clock, least_bound
+from lpvid.synthesis.projected_search import ROOMY, least_bound
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
 from lpvid.synthesis.regularised_plants import regular, singular
 
@@ -28,13 +28,11 @@ class Moderated:
         Of the plant itself.
     best : MatrixPair
         Its pair of least bound.
-    clock : Clock
     solvers : tuple of str
     """
 
-    def __init__(self, projected: ProjectedInequalities, best: MatrixPair, clock: Clock, solvers: tuple[str, ...]
-                 ) -> None:
-        self.projected, self.best, self.clock, self.solvers = projected, best, clock, solvers
+    def __init__(self, projected: ProjectedInequalities, best: MatrixPair, solvers: tuple[str, ...]) -> None:
+        self.projected, self.best, self.solvers = projected, best, solvers
         self.sizes = NOISE if singular(projected.plant) else ()
         self.found: dict[int, tuple[ProjectedInequalities, MatrixPair | None]] = {}
 
@@ -69,7 +67,7 @@ class Moderated:
             if stopped():
                 return noisy, None
             try:
-                least = least_bound(noisy, self.clock, solvers=self.solvers, known=self.best, roughly=True)
+                least = least_bound(noisy, solvers=self.solvers, known=self.best, roughly=True)
             except KeyboardInterrupt as error:  # the plant's own pair is there to go on with
                 stop_at(error)
             self.found[k] = noisy, least

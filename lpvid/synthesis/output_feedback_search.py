@@ -22,7 +22,7 @@ from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
 from lpvid.synthesis.progress import remember, stage, stop_at, stopped
-from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound, roomy
+from lpvid.synthesis.projected_search import ROOMY, conditioned, least_bound, roomy
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
 from lpvid.synthesis.regularised_plants import restrained, stirred
 from lpvid.synthesis.result import Synthesis
@@ -194,15 +194,15 @@ def _kept_near(verified: float, least: float) -> str:
 def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: MatrixPair | None
             ) -> Synthesis | tuple[np.ndarray, MatrixPair]:
     """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these."""
-    clock, verdict, why, mend = Clock(), "", "", ""
+    verdict, why, mend = "", "", ""
     projected = problem.projected
-    best = _least(projected, clock, problem.solvers, known)
+    best = _least(projected, problem.solvers, known)
     if best is None or best.status == ROOMY:
         verdict, why, mend = obstacle(problem.plant.plant, projected)
         if verdict == "infeasible":
             return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     if best is None or best.status in (ROOMY, RICCATI):
-        projected, best = _stirred(problem, projected, best, clock)
+        projected, best = _stirred(problem, projected, best)
     if best is None:
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     weights = f"lower the weights on {', '.join(problem.plant.plant.performance)}"
@@ -210,15 +210,15 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
         return Synthesis("infeasible", why=f"the gain cannot be brought below {wanted:.6g}: {best.gamma:.6g} is the "
                          "least that the inequalities admit", infimum=best.gamma, method=problem.method,
                          mend=f"ask for more than {best.gamma:.6g}, or {weights}{problem.richer}")
-    target, note = _target(problem, projected, best, clock)
-    moderated = Moderated(projected, best, clock, problem.solvers[:1])
+    target, note = _target(problem, projected, best)
+    moderated = Moderated(projected, best, problem.solvers[:1])
     rapid: Synthesis | None = None  # verified, with states that no sampled target can run
     shares = [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]
     for share in dict.fromkeys(max(s, 0.0) for s in shares):
         if rapid is not None and (share > SOLVED or stopped()):
             break
         gamma = target * (1 + share)
-        for formula in _formulas(problem, projected, best, gamma, clock, moderated):
+        for formula in _formulas(problem, projected, best, gamma, moderated):
             missed = _missed(problem, formula) if rapid is None else problem.extra[:0]
             if len(missed):
                 return missed, best
@@ -254,10 +254,10 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
 
 
 def _least(
-    projected: ProjectedInequalities, clock: Clock, solvers: tuple[str, ...], known: MatrixPair | None = None
+    projected: ProjectedInequalities, solvers: tuple[str, ...], known: MatrixPair | None = None
 ) -> MatrixPair | None:
     """The pair of least bound; for a plant that does not move, by the Riccati equations too where that is lower."""
-    best = least_bound(projected, clock, solvers=solvers, known=known, hopeless=lambda: hopeless(projected))
+    best = least_bound(projected, solvers=solvers, known=known, hopeless=lambda: hopeless(projected))
     if len(projected.plant.A) > 1 or projected.strictly_proper:
         return best
     judged = least_gain(projected.plant)
@@ -267,7 +267,7 @@ def _least(
     return best if found is None else MatrixPair(found.x[None], found.y[None], judged, "Riccati equations", RICCATI)
 
 
-def _stirred(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair | None, clock: Clock
+def _stirred(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair | None
              ) -> tuple[ProjectedInequalities, MatrixPair | None]:
     """The inequalities of a plant with a disturbance at the controls, or a weight on the measurements, where those of
     the plant itself have no answer: those of the lowest bound, with it."""
@@ -276,7 +276,7 @@ def _stirred(problem: FeedbackProblem, projected: ProjectedInequalities, best: M
         for by_controls in (True, False):
             other = replace(projected, plant=stirred(projected.plant, size, by_controls=by_controls))
             try:
-                pair = least_bound(other, clock, solvers=problem.solvers[:1])
+                pair = least_bound(other, solvers=problem.solvers[:1])
             except KeyboardInterrupt as error:
                 if found[1] is None:
                     raise
@@ -288,14 +288,13 @@ def _stirred(problem: FeedbackProblem, projected: ProjectedInequalities, best: M
     return found
 
 
-def _target(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, clock: Clock
+def _target(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair
             ) -> tuple[float, tuple[str, ...]]:
     """The bound that is requested, and a remark where that is not the least."""
     if best.gamma > NOTHING * _size(projected.plant):
         return best.gamma, ()
     try:
-        noisy = least_bound(replace(projected, plant=restrained(projected.plant, NOISE[-1])), clock,
-                            solvers=problem.solvers)
+        noisy = least_bound(replace(projected, plant=restrained(projected.plant, NOISE[-1])), solvers=problem.solvers)
     except KeyboardInterrupt as error:
         stop_at(error)
         noisy = None
@@ -322,12 +321,12 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
     ControllerFormula
         What it was made of.
     """
-    clock, projected = Clock(), problem.projected
-    best = _least(projected, clock, problem.solvers)
+    projected = problem.projected
+    best = _least(projected, problem.solvers)
     if best is None or best.gamma * (1 + SLACK) > bound:
         return None
-    moderated = Moderated(projected, best, clock, problem.solvers[:1])
-    for formula in _formulas(problem, projected, best, bound / (1 + SLACK) ** 2, clock, moderated):
+    moderated = Moderated(projected, best, problem.solvers[:1])
+    for formula in _formulas(problem, projected, best, bound / (1 + SLACK) ** 2, moderated):
         try:
             kept = _kept(problem, formula)
         except np.linalg.LinAlgError:
@@ -337,24 +336,24 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
     return None
 
 
-def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, gamma: float, clock: Clock,
+def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, gamma: float,
               moderated: Moderated) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
     for noisy, least in moderated.fitting(gamma):
-        yield from _gentle(problem, noisy, least, gamma, clock)
-    yield from _gentle(problem, projected, best, gamma, clock)
+        yield from _gentle(problem, noisy, least, gamma)
+    yield from _gentle(problem, projected, best, gamma)
     found = central(projected.plant, gamma) if len(projected.plant.A) == 1 else None
-    for pair in itertools.chain(roomy(projected, best, gamma, clock, solvers=problem.solvers),
+    for pair in itertools.chain(roomy(projected, best, gamma, solvers=problem.solvers),
                                 [] if found is None else [MatrixPair(found.x[None], found.y[None], gamma)]):
         formula = ControllerFormula.gentle(problem.plant, problem.variations, pair, gamma * (1 + SLACK), problem.points)
         if formula is not None:
             yield formula
 
 
-def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock
+def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: MatrixPair, gamma: float
             ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, each better conditioned than the last."""
-    for found in conditioned(projected, pair, gamma, clock, solvers=problem.solvers):
+    for found in conditioned(projected, pair, gamma, solvers=problem.solvers):
         formula = ControllerFormula.gentle(problem.plant, problem.variations, found, gamma * (1 + SLACK),
                                            problem.points)
         if formula is not None:

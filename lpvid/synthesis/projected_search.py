@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,22 +40,8 @@ FACTORS = (1.01, 1.05, 1.12, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
 """of the largest frozen optimum that are tried where no least bound could be computed"""
 
 
-@dataclass
-class Clock:
-    """Wall time spent inside solvers [s], for comparison with the whole.
-
-    Attributes
-    ----------
-    solving : float
-        Raised by each solve.
-    """
-
-    solving: float = 0.0
-
-
 def least_bound(
     problem: ProjectedInequalities,
-    clock: Clock,
     *,
     solvers: Sequence[str] = SOLVERS,
     known: MatrixPair | None = None,
@@ -77,8 +62,6 @@ def least_bound(
     ----------
     problem : ProjectedInequalities
         In balanced units.
-    clock : Clock
-        Takes the time of the solvers.
     solvers : sequence of str
         In the order in which they are tried; those that are not installed are passed over.
     known : MatrixPair, optional
@@ -97,7 +80,7 @@ def least_bound(
     for solver in (s for s in solvers if available([s])):
         for pair, roots in itertools.chain([] if known is None else [(known, roots_of(problem, known))],
                                            _starts(problem)):
-            found = _settled(problem, pair, roots, clock, (solver,), roughly)
+            found = _settled(problem, pair, roots, (solver,), roughly)
             if found is not None and found.status == ROOMY:
                 rough = found
             elif found is not None and _plausible(problem, found.gamma):
@@ -105,7 +88,7 @@ def least_bound(
             if hopeless is not None and hopeless():
                 return None
             hopeless = None
-    return _with_room(problem, clock, solvers) or rough
+    return _with_room(problem, solvers) or rough
 
 
 def _plausible(problem: ProjectedInequalities, gamma: float) -> bool:
@@ -118,7 +101,7 @@ def _plausible(problem: ProjectedInequalities, gamma: float) -> bool:
         for k in range(len(problem.plant.A)))
 
 
-def _with_room(problem: ProjectedInequalities, clock: Clock, solvers: Sequence[str]) -> MatrixPair | None:
+def _with_room(problem: ProjectedInequalities, solvers: Sequence[str]) -> MatrixPair | None:
     """A pair for the first multiple of the largest frozen optimum at which there is one."""
     if not problem.plant.A.shape[1]:
         return None
@@ -132,7 +115,7 @@ def _with_room(problem: ProjectedInequalities, clock: Clock, solvers: Sequence[s
         middle = central(problem.plant, gamma, worst)
         if middle is None:
             continue
-        found = list(conditioned(problem, _spread(plain, middle), gamma, clock, rounds=1, solvers=solvers))
+        found = list(conditioned(problem, _spread(plain, middle), gamma, rounds=1, solvers=solvers))
         if found:
             return replace(found[0], status=ROOMY)
     return None
@@ -170,7 +153,7 @@ def _spread(plain: MatrixPair, middle: Central) -> MatrixPair:
     return MatrixPair(x, y, middle.gamma)
 
 
-def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.ndarray, np.ndarray], clock: Clock,
+def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.ndarray, np.ndarray],
              solvers: Sequence[str], roughly: bool = False) -> MatrixPair | None:
     """The pair of least γ from one start on.
 
@@ -185,7 +168,7 @@ def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.n
         try:
             rounds.enter("" if best is None else f"{best.gamma:.4g} so far")
             program = problem.program(roots, sizes_at(problem, roots, pair), gamma=None)
-            found = next(_usable(program, clock, solvers), None)
+            found = next(_usable(program, solvers), None)
         except KeyboardInterrupt as error:
             if best is None:
                 raise
@@ -206,7 +189,7 @@ def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.n
     return best if best is not None or rough is None else replace(rough, status=ROOMY)
 
 
-def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *, rounds: int = 2,
+def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, *, rounds: int = 2,
                 solvers: Sequence[str] = SOLVERS) -> Iterator[MatrixPair]:
     """Pairs for a fixed bound above the least one, each better conditioned than the last.
 
@@ -220,8 +203,6 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
         Whose coordinates are used first.
     gamma : float
         Bound to keep.
-    clock : Clock
-        Takes the time of the solvers.
     rounds : int
         Most pairs that are made.
     solvers : sequence of str
@@ -238,7 +219,7 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
             timed.enter()
             roots = roots_of(problem, pair)
             program = problem.program(roots, sizes_at(problem, roots, pair), gamma=gamma)
-            found = next(_usable(program, clock, solvers), None)
+            found = next(_usable(program, solvers), None)
         except KeyboardInterrupt as error:  # the pair of the least bound has room at this one
             stop_at(error)
             yield pair
@@ -249,7 +230,7 @@ def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, 
         yield pair
 
 
-def roomy(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *,
+def roomy(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, *,
           solvers: Sequence[str] = SOLVERS) -> Iterator[MatrixPair]:
     """Pairs that keep a bound with room in every inequality: half of the largest common margin, and well conditioned
     with that; then the largest.
@@ -260,7 +241,6 @@ def roomy(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock:
     pair : MatrixPair
         Whose coordinates are used.
     gamma : float
-    clock : Clock
     solvers : sequence of str
 
     Yields
@@ -276,19 +256,13 @@ def roomy(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock:
     if answer is None or answer.objective >= 0:
         return
     half = problem.program(roots, sizes, gamma=gamma, room=-0.5 * answer.objective)
-    yield from itertools.islice(_usable(half, clock, solvers), 1)
+    yield from itertools.islice(_usable(half, solvers), 1)
     yield program.pair(answer)
 
 
-def _usable(program: ProjectedProgram, clock: Clock, solvers: Sequence[str]) -> Iterator[MatrixPair]:
+def _usable(program: ProjectedProgram, solvers: Sequence[str]) -> Iterator[MatrixPair]:
     """Answers whose inequalities hold to a solver's accuracy in the program's own coordinates."""
-    answers = program.program.solve(solvers=solvers)
-    while True:
-        begun = time.perf_counter()
-        solution = next(answers, None)
-        clock.solving += time.perf_counter() - begun
-        if solution is None:
-            return
+    for solution in program.program.solve(solvers=solvers):
         matrices = [*program.x, *program.y]
         if np.all(np.isfinite(solution.x)) and all(np.abs(solution[m]).max() < 1e12 for m in matrices):
             yield program.pair(solution)

@@ -26,6 +26,7 @@ LAWS: tuple[tuple[str, str, str], ...] = (
     ("pdd", "quartercar.controllers.laws.pdd", "PowerDriven"),
     ("clipped-optimal", "quartercar.controllers.laws.clipped_optimal", "ClippedOptimal"),
     ("preview-lqr", "quartercar.controllers.laws.preview_lqr", "PreviewQuadratic"),
+    ("preview-lpv", "quartercar.controllers.laws.preview_lpv", "PreviewStorage"),
     ("mpc", "quartercar.controllers.laws.mpc", "Predictive"),
     ("lpv-hinf-clipped", "quartercar.controllers.designed.lpv_hinf_clipped", "LpvHinfClipped"),
     ("lpv-hinf", "quartercar.controllers.designed.lpv_hinf", "LpvHinf"),

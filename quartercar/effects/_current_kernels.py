@@ -1,7 +1,7 @@
 """Compiled filters of a current: first-order lag with unequal edges; arrays only.
 
-The field builds up while its magnitude grows and decays while it shrinks, whatever its sign: a current that is turned
-over decays to zero first and builds up from there.
+The field builds up while its magnitude grows and decays while it shrinks, whatever its sign: where the current changes
+sign, the field decays to zero first and builds up from there.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from lpvid.toolkit import njit
 
 INSTANT = 1e-9
-"""share of a sample below which a time constant is none in `lag_linear`, whose formula divides rounding by it"""
+"""share of a sample below which `lag_linear` takes a time constant as zero: its formula divides by it"""
 HALVINGS = 40
-"""of the step in which the field passes zero: to 1e-12 of it"""
+"""bisections of the step in which the field passes zero: to 1e-12 of it"""
 
 
 @njit()
 def lag_held(current: np.ndarray, rise: float, fall: float, step: float, after: float, out: np.ndarray) -> None:
-    """Lag of a current that is held between samples, seen `after` of a step behind each change."""
+    """Lag of a current that is held between samples, taken a share `after` of a step after each sample."""
     y = current[0]
     for k in range(current.size):
         out[k] = _settled(y, current[k], rise, fall, after * step)
@@ -29,7 +29,7 @@ def lag_held(current: np.ndarray, rise: float, fall: float, step: float, after: 
 
 @njit()
 def _grows(y: float, current: float) -> bool:
-    """Whether |y| grows towards a current."""
+    """Whether |y| grows on the way to a current."""
     return current > y if y > 0.0 or (y == 0.0 and current > 0.0) else current < y
 
 

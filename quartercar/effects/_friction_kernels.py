@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.toolkit import njit
 
 NODES = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
-"""speeds, in ε, between which tanh(v/ε) is followed in proportion to the way"""
+"""speeds, in ε, between which tanh(v/ε) is taken as linear in the displacement"""
 
 
 @njit()
@@ -17,9 +17,9 @@ def bristles(velocity: np.ndarray, step: float, deflection: float, reversal: flo
              start: float, out: np.ndarray) -> None:
     """d dz/d|x| = g − z, g = tanh(v/ε), along a velocity that is linear between samples.
 
-    Cut at the `nodes`, one of which is the reversal. Along a piece of length L, g runs from g₀ to g₁ in proportion to
-    the way: z = g₁ + (z₀ − g₀) e^(−L/d) − (g₁ − g₀) (1 − e^(−L/d)) d/L. As d → 0 that is tanh(v/ε). It begins at
-    `start`.
+    Each interval is divided at the `nodes`, one of which is the reversal. Along a piece of length L, g is linear in the
+    displacement from g₀ to g₁: z = g₁ + (z₀ − g₀) e^(−L/d) − (g₁ − g₀) (1 − e^(−L/d)) d/L. As d → 0 that is tanh(v/ε).
+    The initial value is `start`.
     """
     z = start
     out[0] = z
@@ -44,10 +44,10 @@ def bristles(velocity: np.ndarray, step: float, deflection: float, reversal: flo
 
 @njit()
 def hysteresis(velocity: np.ndarray, step: float, deflection: float, share: float, out: np.ndarray) -> None:
-    """d ż = v − (1 − s)|v| z − s v |z| along a velocity that is linear between samples, cut where it turns.
+    """d ż = v − (1 − s)|v| z − s v |z| along a velocity that is linear between samples, divided where its sign changes.
 
-    Piecewise exact in the way L = ∫|v|dt: with σ = sign v, towards σ it is 1 − σz = (1 − σz₀) e^(−L/d); away from the
-    other side u = −σz > 0 obeys d u' = −(1 + c u), c = 1 − 2s: u = (u₀ + 1/c) e^(−cL/d) − 1/c, up to u = 0.
+    Piecewise exact in the path length L = ∫|v|dt. With σ = sign v: where σz ≥ 0, 1 − σz = (1 − σz₀) e^(−L/d); where
+    u = −σz > 0, d u' = −(1 + c u), c = 1 − 2s, so that u = (u₀ + 1/c) e^(−cL/d) − 1/c, down to u = 0.
     """
     z, c = 0.0, 1.0 - 2.0 * share
     out[0] = z

@@ -11,7 +11,7 @@ from lpvid.toolkit import njit
 
 @njit()
 def second_order(signal: np.ndarray, turn: float, damping: float, out: np.ndarray) -> None:
-    """q'' + 2ζω q' + ω² q = ω² f along f straight between samples, exact, started at rest on the first; turn = ωh.
+    """q'' + 2ζω q' + ω² q = ω² f, exact for f linear between samples, at rest at the first one; turn = ωh.
 
     With poles p (in units of 1/h), f = f_0 + s t: q = f_0 − 2ζs/turn + s t + Re-part of Σ A e^{pt}.
     """

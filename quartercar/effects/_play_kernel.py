@@ -1,4 +1,4 @@
-"""Compiled play operator, the memory of where a signal turned; arrays only."""
+"""Compiled play operator; arrays only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lpvid.toolkit import njit
 
 @njit()
 def play(signal: np.ndarray, half_width: float, out: np.ndarray) -> None:
-    """The output moves only when the signal pushes it at either end of a gap of 2·half_width, first in its middle.
+    """The output moves only with the signal at either end of a gap of 2·half_width, in whose middle it starts.
 
     Parameters
     ----------

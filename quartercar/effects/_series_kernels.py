@@ -1,9 +1,9 @@
-"""Compiled march of elements in series with a law; arrays only.
+"""Compiled integration (march) of elements in series with a law; arrays only.
 
-A law at one sample is Σ_r b_r φ_r(w), φ_r straight between nodes. The series element has the deflection d = D(F − F_0),
+A law at one sample is Σ_r b_r φ_r(w), φ_r linear between nodes. The series element has the deflection d = D(F − F_0),
 ḋ = v − w, F = law(w): each stage of the stiffly accurate two-stage rule of order two (Alexander 1977) is one scalar
-equation D(law(w) − F_0) + γh w = R. Its cell is sought from the last one on; inside, it is linear for a spring. The
-march is one function: each call with arrays would cost more than what it computes.
+equation D(law(w) − F_0) + γh w = R. The search for the cell of its root starts at the last one; inside the cell, it is
+linear for a spring. The march is one function: a call with arrays would cost more than its computation.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ GAMMA = 1.0 - math.sqrt(0.5)
 HEAD = 0.03
 """part of a step before a sample in which a held signal already has the sample's value"""
 CLOSE = 1e-7
-"""last move of Newton's rule, as a share of the force; what it leaves is of second order"""
+"""last step of Newton's method, as a share of the force; the error left is of second order"""
 TAKEN_UP = 5.0
-"""force over which play is taken up [N]"""
+"""force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
 TAKEN = 20.0 * TAKEN_UP
-"""force from which it is, to the last digit [N]"""
+"""force from which the play is taken up to the last digit [N]"""
 SIGN = np.tanh(np.linspace(0.0, TAKEN / TAKEN_UP, 2049))
-"""tanh(F/TAKEN_UP) evenly from 0 to TAKEN, straight in between: concave, as it is, and within 1e-5"""
+"""tanh(F/TAKEN_UP) at even steps from 0 to TAKEN, interpolated linearly: concave, and within 1e-5"""
 AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / 1.3)
-"""1 − (1 + |F|/F_p)^(−1/1.3) over |F|/(|F| + F_p), evenly from 0 to 1"""
+"""1 − (1 + |F|/F_p)^(−1/1.3) at even steps of |F|/(|F| + F_p) from 0 to 1"""
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -49,30 +49,30 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
     ----------
     velocity : (n,) array
     rise, corner : (n,) arrays
-        Mean velocity from the sample before to each beyond that of a straight line, a tent over it, and where that has
-        its top, as a share of the interval.
+        Mean velocity in the interval before each sample less that of a linear course, added as a triangle, and the
+        place of the triangle's vertex, as a share of the interval.
     speeds : (G,) array
-        At which φ is given.
+        Nodes of φ.
     nodes : (G, r) array
         φ there.
     rows, before, tilt : (n, r) arrays
-        b at the samples, b just before them, and −∂b/∂x for a law that depends on the position of the fluid's side.
+        b at the samples, b just before them, and −∂b/∂x for a law that depends on the position behind the elements.
     element : tuple of six floats
         Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], and the
         force at rest, which acts beside the elements [N].
     step : float
         [s].
     trace : (stages, 5) array
-        Filled with w, the deflection that the law saw, F, ∂F/∂w (−1 on the floor) and ∂F/∂d at every stage; left alone
-        where it has no rows.
+        Filled with w, the deflection at which the law was evaluated, F, ∂F/∂w (−1 on the floor) and ∂F/∂d at every
+        stage, unless it has no rows.
     parts : (n,) array of int
         Steps from the sample before to each.
     ends : (n,) bool array
-        Samples before which a short step of first order is put, with what the held signals are from there on.
+        Samples that a short step of first order precedes, with the values of the held signals from there on.
     """
     floor = element[4]
-    bends, rigid = element[1] > 0.0 or element[3] > 0.0, element[0] == 0.0 and element[1] == 0.0 and element[3] == 0.0
-    torn = _deflection(floor, element)[0] if floor > -1e299 else 0.0
+    curved, rigid = element[1] > 0.0 or element[3] > 0.0, element[0] == 0.0 and element[1] == 0.0 and element[3] == 0.0
+    at_floor = _deflection(floor, element)[0] if floor > -1e299 else 0.0
     last, b = speeds.size - 1, rows[0].copy()
     low = _cell(velocity[0], speeds)
     deflection = force = force_low = force_high = w = void = known = 0.0
@@ -100,7 +100,7 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
                 h, passed = GAMMA * full, (GAMMA if stage % 2 == 0 else 1.0 - GAMMA) * full
             target, speed, seen = known + h * v, w, deflection
             if void > 0.0:
-                w = (target - torn) / h
+                w = (target - at_floor) / h
                 void += passed * (_speed_at(floor, low, speeds, nodes, b) - 0.5 * (speed + w))
                 force = floor
             if not void > 0.0:
@@ -119,22 +119,22 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
                 if rigid or k == 0:
                     t = (w - speeds[low]) / (speeds[low + 1] - speeds[low])
                 else:
-                    gap_low = _gap(force_low, speeds[low], target, h, element, bends)
-                    gap_high = _gap(force_high, speeds[low + 1], target, h, element, bends)
-                    if gap_low > 0.0 and low > 0:
-                        low = _bracket(low, -1, speeds, nodes, b, target, h, element, bends)
-                    elif gap_high <= 0.0 and low + 1 < last:
-                        low = _bracket(low, 1, speeds, nodes, b, target, h, element, bends)
+                    below = _residual(force_low, speeds[low], target, h, element, curved)
+                    above = _residual(force_high, speeds[low + 1], target, h, element, curved)
+                    if below > 0.0 and low > 0:
+                        low = _bracket(low, -1, speeds, nodes, b, target, h, element, curved)
+                    elif above <= 0.0 and low + 1 < last:
+                        low = _bracket(low, 1, speeds, nodes, b, target, h, element, curved)
                     if low != found:
                         force_low, force_high = _node_force(low, nodes, b), _node_force(low + 1, nodes, b)
-                        gap_low = _gap(force_low, speeds[low], target, h, element, bends)
-                        gap_high = _gap(force_high, speeds[low + 1], target, h, element, bends)
-                    t = gap_low / (gap_low - gap_high)
+                        below = _residual(force_low, speeds[low], target, h, element, curved)
+                        above = _residual(force_high, speeds[low + 1], target, h, element, curved)
+                    t = below / (below - above)
                     cell = speeds[low + 1] - speeds[low]
                     taken = element[1] == 0.0 and (min(force_low, force_high) - element[5] > TAKEN
                                                    or max(force_low, force_high) - element[5] < -TAKEN)
-                    if (bends and not taken) or min(force_low, force_high) < floor:
-                        t = _within(force_low, force_high - force_low, speeds[low], cell, target, h, element)
+                    if (curved and not taken) or min(force_low, force_high) < floor:
+                        t = _root_in_cell(force_low, force_high - force_low, speeds[low], cell, target, h, element)
                     w = speeds[low] + t * cell
                 force = max(force_low + t * (force_high - force_low), floor)
                 if force <= floor and k:
@@ -164,7 +164,7 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
 
 @njit(error_model="numpy", fastmath={"contract"})
 def stages(parts, ends, last, place):
-    """Sample up to which each stage of `march` goes, and its share of the way there; 2 at the step into a sample."""
+    """Last sample of the interval of each stage of `march`, and its place in it; 2 at the step into a sample."""
     count = 0
     for k in range(parts.size):
         share = 1.0 - HEAD if ends[k] else 1.0
@@ -196,15 +196,15 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, first, sta
     trace : (stages, 5) array
         Of the march.
     direct, softer : (m, stages) arrays
-        Changes of the law at the same speed and position, and of the deflection under the same force.
+        Changes of the law at given speed and position, and of the deflection at given force.
     falls : (m,) array
         Changes of the floor.
     element, step, parts, ends
-        As of the march; some consecutive samples of it, and the stages of these.
+        As for the march; consecutive samples of it, and the stages of these.
     first : bool
         Whether these begin with the first sample of the march.
     state : (2, m) array
-        What is known of the deflections, and these, at the sample before; afterwards at the last one.
+        Changes of the known part and of the deflection, at the sample before; afterwards at the last one.
     out : (m, n) array
     """
     changes = direct.shape[0]
@@ -220,20 +220,20 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, first, sta
             renewed = head or stage % 2 == 0
             steep, shifted = trace[count, 3], trace[count, 4]
             soft = _deflection(trace[count, 2], element)[1]
-            give = 1.0 / (soft * max(steep, 0.0) + h)
+            inverse = 1.0 / (soft * max(steep, 0.0) + h)
             for j in range(changes):
                 if renewed:
                     known[j] = deflection[j]
                 if steep < 0.0:
                     force = falls[j]
                     moved = soft * force + softer[j, count]
-                    faster = (known[j] - moved) * give
+                    faster = (known[j] - moved) * inverse
                 elif start:
                     force, faster = direct[j, count], 0.0
                     moved = soft * force + softer[j, count]
                 else:
                     force = direct[j, count] + shifted * deflection[j]
-                    faster = (known[j] - soft * force - softer[j, count]) * give
+                    faster = (known[j] - soft * force - softer[j, count]) * inverse
                     force += steep * faster
                     moved = known[j] - h * faster
                 deflection[j] = moved
@@ -243,21 +243,21 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, first, sta
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _gap(force, w, target, h, element, bends):
+def _residual(force, w, target, h, element, curved):
     """D(max(F, floor)) + h w − target."""
     held = max(force, element[4])
-    return (_deflection(held, element)[0] if bends else element[0] * (held - element[5])) + h * w - target
+    return (_deflection(held, element)[0] if curved else element[0] * (held - element[5])) + h * w - target
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _bracket(cell, way, speeds, nodes, b, target, h, element, bends):
-    """Cell in which the gap passes zero, sought from one on upwards (way 1) or downwards (way -1)."""
+def _bracket(cell, way, speeds, nodes, b, target, h, element, curved):
+    """Cell in which the residual passes zero, sought from one on upwards (way 1) or downwards (way -1)."""
     last, width = speeds.size - 2, 1
     near, far = cell, cell
     while True:
         far = min(max(near + way * width, 0), last)
         node = far + 1 if way > 0 else far
-        passed = _gap(_node_force(node, nodes, b), speeds[node], target, h, element, bends) > 0.0
+        passed = _residual(_node_force(node, nodes, b), speeds[node], target, h, element, curved) > 0.0
         if passed == (way > 0) or far == 0 or far == last:
             break
         near, width = far, 2 * width
@@ -265,7 +265,7 @@ def _bracket(cell, way, speeds, nodes, b, target, h, element, bends):
     while low < high:
         middle = (low + high) // 2
         node = middle + 1
-        if _gap(_node_force(node, nodes, b), speeds[node], target, h, element, bends) > 0.0:
+        if _residual(_node_force(node, nodes, b), speeds[node], target, h, element, curved) > 0.0:
             high = middle
         else:
             low = middle + 1
@@ -273,14 +273,15 @@ def _bracket(cell, way, speeds, nodes, b, target, h, element, bends):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _within(start, rise, w, cell, target, h, element):
-    """Place in a cell at which the gap is zero, along the straight line of the law through it."""
+def _root_in_cell(start, rise, w, cell, target, h, element):
+    """Place in a cell at which the residual is zero, with the law linear in the cell."""
     if rise > 0.0:
         inverse = cell / rise
         right = target - h * (w + (element[5] - start) * inverse)
         ends = start - element[5], start + rise - element[5]
         least = min(abs(ends[0]), abs(ends[1])) if ends[0] * ends[1] > 0.0 else 0.0
-        force = element[5] + math.copysign(_carried(abs(right), element[0] + h * inverse, least, element), right)
+        size = _force_above_rest(abs(right), element[0] + h * inverse, least, element)
+        force = element[5] + math.copysign(size, right)
         if force >= element[4]:
             return (force - start) / rise
         start = element[4]
@@ -288,16 +289,16 @@ def _within(start, rise, w, cell, target, h, element):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _carried(right, stiff, least, element):
+def _force_above_rest(right, stiff, least, element):
     """Force F ≥ 0 beyond that at rest with stiff F + D(F) = right, D of play and air; it is `least` at least.
 
-    The left side rises and is concave, so that Newton's rule from below comes up to the root without passing it. Below
-    lie the tangent at no force and the line of an element that has yielded altogether.
+    The left side increases and is concave, so that Newton's method from below converges without passing the root. Two
+    lower bounds are the roots with the tangent of D at zero force and with the largest deflection of play and air.
     """
-    soft = _given(0.0, element)[1]
+    soft = _play_and_air(0.0, element)[1]
     force = max(right / (stiff + soft), (right - element[3] - element[1]) / stiff, least)
     for _ in range(100):
-        d, soft = _given(force, element)
+        d, soft = _play_and_air(force, element)
         move = (right - d - stiff * force) / (stiff + soft)
         force += move
         if abs(move) <= CLOSE * force:
@@ -307,7 +308,7 @@ def _carried(right, stiff, least, element):
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _speed_at(force, cell, speeds, nodes, b):
-    """Speed at which a rising law reaches a force, sought from a cell on; the outermost where it does not."""
+    """Speed at which an increasing law reaches a force, sought from a cell on; the outermost one if it does not."""
     low, high, last, width = cell, cell + 1, speeds.size - 1, 1
     force_low, force_high = _node_force(low, nodes, b), _node_force(high, nodes, b)
     while force_low >= force and low > 0:
@@ -343,18 +344,18 @@ def _node_force(node, nodes, b):
 def _deflection(force, element):
     """Deflection of spring, play and air, and its slope."""
     force -= element[5]
-    d, soft = _given(abs(force), element)
+    d, soft = _play_and_air(abs(force), element)
     return element[0] * force + math.copysign(d, force), element[0] + soft
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _given(size, element):
+def _play_and_air(size, element):
     """Deflection of play and air under a force of a size, and its slope."""
     d = slope = 0.0
     if element[3] > 0.0:
         place = size / TAKEN * (SIGN.size - 1)
         if place < SIGN.size - 1:
-            node = max(int(place), 0)  # Newton's rule may pass below no force where the law is steep
+            node = max(int(place), 0)  # Newton's method may reach a negative force where the law is steep
             rise = SIGN[node + 1] - SIGN[node]
             d += element[3] * (SIGN[node] + (place - node) * rise)
             slope += element[3] * rise * (SIGN.size - 1) / TAKEN
@@ -362,7 +363,7 @@ def _given(size, element):
             d += element[3]
     if element[1] > 0.0:
         whole = size + element[2]
-        # a march that leaves all bounds ends here with an infinite or undefined force: int(nan) is no place
+        # the force of a diverging march is infinite or undefined here: int(nan) is no index
         place = size / whole * (AIR.size - 1) if size < np.inf else AIR.size - 1.0
         node = max(min(int(place), AIR.size - 2), 0)
         rise = AIR[node + 1] - AIR[node]

@@ -1,4 +1,4 @@
-"""Between samples: a law without memory on a faster clock than that of the record, for what bends it there."""
+"""Between samples: a law without memory on a faster clock than that of the record."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from quartercar.effects.electrical import clocked
 from quartercar.effects.splines import spread
 
 FAST, FINEST, MOST = 2000.0, 8, 80_000
-"""rate of evaluation of a law without memory [1/s]: what it makes of a motion goes beyond half the sample rate, where
-a filter would have taken it away; the most samples that are put between two for that; and samples in all, beyond which
-a law is evaluated less often, down to the record's own: it would cost minutes and gigabytes"""
+"""rate of evaluation of a nonlinear law without memory [1/s], whose output has components above half the sample rate;
+the largest ratio of that rate to the record's; and the number of samples above which the ratio is less, down to one, to
+limit time and memory"""
 
 
 def times_as_fast(baseline: Baseline, s: Signals) -> int:
-    """How many times as fast as the record a law is evaluated; 1 for one with a memory, whose steps are its own.
+    """Ratio of the rate at which a law is evaluated to that of the record; 1 for a law with memory.
 
     Parameters
     ----------
@@ -27,14 +27,14 @@ def times_as_fast(baseline: Baseline, s: Signals) -> int:
     Returns
     -------
     int
-        At most `FINEST`, so that the samples in all are no more than `MOST`.
+        At most `FINEST`, and so that there are no more than `MOST` samples in all.
     """
     most = int(np.clip(MOST // s.n_samples, 1, FINEST))
     return int(np.clip(np.ceil(FAST * s.sample_time), 1, most)) if baseline.static else 1
 
 
 def between(s: Signals, finer: int) -> Signals:
-    """The same signals on a clock `finer` times as fast: cubic splines, and a current in straight lines or in steps.
+    """The same signals on a clock `finer` times as fast: cubic splines, and a current linear or in steps.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def between(s: Signals, finer: int) -> Signals:
     Returns
     -------
     Signals
-        Found once; `coarse` holds the given ones, the output is held between its samples.
+        Computed once; `coarse` holds the given ones, the output is held between its samples.
     """
-    def ask() -> Signals:
+    def make() -> Signals:
         channels = {c: spread(x, finer) for c, x in s.channels.items() if c != "current"}
         if s.has("current"):
             n, current = np.arange(s.n_samples), s["current"]
@@ -59,4 +59,4 @@ def between(s: Signals, finer: int) -> Signals:
                         at=at, finer=finer * s.finer, coarse=s)
         return weighed_alike(found, s)
 
-    return s if finer == 1 else s.cached(("between samples", finer), ask)
+    return s if finer == 1 else s.cached(("between samples", finer), make)

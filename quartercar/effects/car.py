@@ -10,11 +10,8 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.baselines.quarter_car import QuarterCarBaseline
+from quartercar.effects.sensors import SMALL
 from quartercar.vehicle.strut_friction import CarCore
-
-SMALL = (-1e-6, 1e-6)
-"""relative changes at which a parameter is looked at: so small that their effect is the derivative, which a free
-parameter of the car takes up whole"""
 
 
 class CarEffect(GridEffect):
@@ -43,7 +40,7 @@ class StrutFriction(CarEffect):
     name: ClassVar[str] = "strut-friction"
     title: ClassVar[str] = "dry friction in the strut"
     equation: ClassVar[str] = "F_strut += F_c sign(dz_s/dt - dz_us/dt)"
-    experiment: ClassVar[str] = "slow, small steps of the road: the body stays where friction leaves it"
+    experiment: ClassVar[str] = "slow, small steps of the road: the body stays within the band of the friction"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

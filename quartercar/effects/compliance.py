@@ -11,6 +11,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.series import in_series
 
 
@@ -36,7 +37,7 @@ class SeriesElement(GridEffect):
         """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return in_series(core, baseline, **self.elements(values)) if values[0] > 0 else core
@@ -89,7 +90,7 @@ class Backlash(SeriesElement):
 
 
 class EntrainedAir(SeriesElement):
-    """Air in the oil: soft until it is compressed, a polytropic spring in series (equation sheet 3.5)."""
+    """Air in the oil: a polytropic spring in series, soft until the air is compressed (equation sheet 3.5)."""
 
     name: ClassVar[str] = "entrained-air"
     form_of: ClassVar[str] = "series-compliance"

@@ -1,4 +1,4 @@
-"""Controlled force: a damper that follows a current which the law does not read."""
+"""Controlled force: a damping force that depends on a current which the law does not read."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import rests
+from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import REVERSAL, SLOW
 
 
 class CurrentDependence(Effect):
-    """The yield force and the viscous share of a damper follow a current, which the law leaves out.
+    """The yield force and the viscous share of a damper depend on a current that the law does not read.
 
     The controllable part of a Bingham damper, affine in the current (Stanway, Sproston, Stevens 1987; Spencer et al.
-    1997, c_0 and α affine in the voltage), beside a law that is the same at every current. It sits in the law's place,
-    so that what is in series carries it, and the electrical causes act on its current.
+    1997, c_0 and α affine in the voltage), in parallel to a law that is the same at every current. Elements in series
+    carry it together with the law, and the electrical causes act on its current.
     """
 
     name: ClassVar[str] = "current-dependence"
-    title: ClassVar[str] = "the damping follows the current, which the law does not read"
+    title: ClassVar[str] = "the damping depends on the current, which the law does not read"
     family: ClassVar[str] = "electrical"
     stage: ClassVar[str] = "core"
     layer: ClassVar[int] = 1
@@ -67,7 +68,7 @@ class CurrentDependence(Effect):
         ----------
         signals : tuple of Signals
         scale : callable
-            Natural size of a number of a unit.
+            Natural size of a quantity of a unit.
 
         Returns
         -------
@@ -92,8 +93,8 @@ class CurrentDependence(Effect):
         -------
         str or None
         """
-        if baseline.output != "force":
-            return f"{baseline.name} does not simulate a force"
+        if reason := no_force(baseline):
+            return reason
         if "current" in baseline.channels:
             return f"{baseline.name} reads the current"
         if at_rest(signals):

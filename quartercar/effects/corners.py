@@ -1,4 +1,4 @@
-"""Corners: where the velocity bends between two samples, found from it and from the displacement together."""
+"""Corners: changes of the acceleration between two samples, from velocity and displacement together."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from lpvid.diagnosis.signals import Signals
 EDGE = 0.02
 """least distance of a corner from the samples beside it, as a share of the time between them"""
 SHARP = 0.01
-"""share of the rms velocity by which the mean over an interval must differ for it to be marched in short steps"""
+"""share of the rms velocity by which the mean over an interval must differ for it to be integrated in short steps"""
 
 
 class Corners(NamedTuple):
-    """What the velocity does between samples beyond a straight line: a tent in each interval.
+    """The velocity between samples less its linear course: a triangle in each interval.
 
     Attributes
     ----------
     rise : (n,) array
-        Mean velocity from the sample before to each, beyond that of a straight line [m/s].
+        Mean velocity in the interval before each sample, less that of a linear course [m/s].
     place : (n,) array
-        Where the tent has its top, as a share of the interval.
+        Place of the triangle's vertex, as a share of the interval.
     sharp : (n,) bool array
-        Intervals in which that matters.
+        Intervals in which it exceeds `SHARP`.
     """
 
     rise: np.ndarray
@@ -35,21 +35,21 @@ class Corners(NamedTuple):
 def corners(s: Signals) -> Corners:
     """Corners of the motion of a record, none where no displacement was measured.
 
-    A drive that turns with limited acceleration bends its velocity at instants between two samples. A straight line
-    from one to the next then misses up to Δa h/8 of the mean velocity there, Δa the change of the acceleration over
-    the two neighbouring intervals, h the sampling period: way enough to compress air or take up play by a tenth too
-    little. The displacement shows by how much it misses, Δx/h − (v₀ + v₁)/2; that is used as far as the velocity
-    has room for it, so that neither the noise of the one sensor nor a lag or a gain between the two counts for more
-    than what the other one shows. The corner lies where the straight lines that come from both sides meet::
+    A drive of limited acceleration changes its acceleration at instants between two samples. Linear interpolation of
+    the velocity then has an error of up to Δa h/8 in its mean over the interval, Δa the change of the acceleration over
+    the two neighbouring intervals, h the sampling period; air is compressed, or play taken up, by up to a tenth too
+    little. The displacement gives that error, Δx/h − (v₀ + v₁)/2. It is limited to the largest one that the second
+    differences of the velocity allow, so that the noise of either sensor, and a lag or a gain between the two, have
+    little effect. The corner is at the intersection of the lines through the samples on both sides::
 
-        v ───┐·.  top at the share d₁/(d₀ + d₁) of the way, d₀ and d₁ the second differences
-               ·.\\   of the velocity at the sample before and behind
-                 ·└── straight line from sample to sample
+        v ───┐·.  vertex at the share d₁/(d₀ + d₁) of the interval, d₀ and d₁ the second
+               ·.\\   differences of the velocity at its first and last sample
+                 ·└── line from sample to sample
 
     Parameters
     ----------
     s : Signals
-        With velocity; found once for them.
+        With velocity; computed once for them.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def _corners(s: Signals) -> Corners:
     if s.has("displacement") and n > 2:
         v = s["velocity"]
         missed = np.diff(s["displacement"]) / s.sample_time - (v[1:] + v[:-1]) / 2
-        bend = np.pad(-np.diff(v, 2), 1)  # none is known at the ends
+        bend = np.pad(-np.diff(v, 2), 1)  # there is none at the ends
         room = (bend[1:] + bend[:-1]) / 8
         rise[1:] = np.where(missed * room > 0, np.sign(room) * np.minimum(np.abs(missed), np.abs(room)), 0.0)
         before, behind = np.abs(bend[:-1]), np.abs(bend[1:])

@@ -1,4 +1,4 @@
-"""Edges of a current that jumps, recorded behind a low-pass: where each began, and the current before the filter."""
+"""Edges of a current that jumps, recorded after a low-pass: the start of each, and the current before the filter."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 from lpvid.diagnosis.signals import Signals
 
 EDGE, NOISY = 0.1, 0.002
-"""share of a channel's range that a jump between two samples makes, and of its size that is taken for noise"""
+"""share of a channel's range that a jump between two samples exceeds, and share of its size that is noise"""
 STEP = 0.01
 """share of its range by which a current that jumps must move between two samples to count as a jump"""
 BUSY, SLOWEST = 0.012, 0.03
-"""time after the start of a jump during which a filter may still be busy with it, where that is not known, and for
-which the current is put at its level [s]"""
+"""time after the start of a jump during which the response of an unknown filter may last, and for which the current is
+set to its level [s]"""
 TURNS, EARLIER, ASTRAY = 3, 2, 1.6
-"""samples that one jump may rest at the turn of its overshoot; the most by which it may begin before it is seen; and
-the way that it may go, to and fro, in jumps"""
+"""samples without movement within one jump, at the peak of its overshoot; the most samples by which a jump begins
+before it exceeds `STEP`; and its largest total variation, in sizes of the jump"""
 LASTS, LEAST, RIPPLE = 6, 2, 0.1
-"""samples after a jump and before the next that measure a level, the least of them, and the share of the jump by
-which it may change meanwhile"""
+"""samples after a jump and before the next from which a level is determined, the least number of them, and the share of
+the jump by which they may differ"""
 MISSED, CERTAIN = 0.01, 3.0
-"""share of a jump by which the first sample after it misses the level where a filter has been at work, and standard
-errors by which that must be sure"""
+"""share of a jump by which the first sample after it deviates from the level after a filter, and standard errors by
+which that must be significant"""
 OUTLYING = 4.0
-"""standard deviations from which on a jump is set aside"""
+"""standard deviations from which on a jump is an outlier"""
 RESTLESS = 6.0
 """times the median step from sample to sample, the sensor's noise, below which nothing counts as a jump"""
 SEEN = 5
-"""samples after its start by which a jump is placed"""
+"""samples after its start from which a jump is located"""
 PLACES = np.linspace(-0.3, 1.05, 28)
-"""where a jump may begin, in samples after the last one that has not moved by `STEP`"""
+"""candidates for the start of a jump, in samples after the last one that has not moved by `STEP`"""
 
 
 def leaps(x: np.ndarray) -> bool:
@@ -58,10 +58,10 @@ class Edges:
     Attributes
     ----------
     first, until, next : (k,) int arrays
-        Last sample before each, the first sample on which a filter is no longer busy with it, and the first one beyond
-        those that it may rule.
+        Last sample before each, the first one after a filter's response to it, and the first one after those that are
+        set to its level.
     before, after : (k,) arrays
-        Levels [A]; NaN where one does not last.
+        Levels [A]; NaN where one is too short.
     size : int
         Samples of the current.
     """
@@ -75,11 +75,11 @@ class Edges:
 
     @property
     def known(self) -> np.ndarray:
-        """(k,) bool: those between levels that last."""
+        """(k,) bool: those between two known levels."""
         return np.isfinite(self.before) & np.isfinite(self.after)
 
     def near(self, some: np.ndarray) -> np.ndarray:
-        """(n,) bool: samples on which a filter may be busy with some of them, (k,) bool.
+        """(n,) bool: samples within a filter's response to some of them, (k,) bool.
 
         Parameters
         ----------
@@ -97,7 +97,7 @@ class Edges:
 
 
 def edges_of(s: Signals) -> Edges | None:
-    """Of the current, found once; None where there is none or it does not leap.
+    """Edges of the current, computed once; None where there is no current or it does not jump.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     first = moving[np.concatenate([[0], parted + 1])]
     last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
     seen = np.maximum(STEP * np.abs(current[last] - current[first]), noise)
-    for _ in range(EARLIER):  # a small one has begun before it is seen by the measure of the range
+    for _ in range(EARLIER):  # a small one begins before its steps exceed `STEP` of the range
         begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
         first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
     size = np.abs(current[last] - current[first])
@@ -159,7 +159,7 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
 
 
 def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(k,) medians of current[start:end], `LASTS` samples at most, beside jumps of a size; NaN where it is restless."""
+    """(k,) medians of current[start:end], `LASTS` samples at most; NaN where it moves by `RIPPLE` of a jump's size."""
     count, k = end - start, np.arange(start.size)
     at = start[:, None] + np.arange(LASTS)
     rest = np.sort(np.where(at < end[:, None], current[np.minimum(at, current.size - 1)], np.inf), axis=1)
@@ -170,7 +170,7 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
 
 
 def is_sharp(s: Signals) -> bool:
-    """Whether the current's jumps show no trace of a filter; judged once, over all records of a diagnosis.
+    """Whether the current's jumps are unfiltered; decided once, over all records of a diagnosis.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def is_sharp(s: Signals) -> bool:
     Returns
     -------
     bool
-        True also where no record has a current that leaps.
+        True also where no record has a current that jumps.
     """
     def find(_: np.ndarray) -> bool:
         found = [(p["current"], e) for p in s.as_recorded("current") if (e := edges_of(p)) is not None]
@@ -190,10 +190,10 @@ def is_sharp(s: Signals) -> bool:
 
 
 def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
-    """Whether jumps between levels show no trace of a filter, the noise of the sensor aside.
+    """Whether jumps between levels are unfiltered, within the noise of the sensor.
 
-    One that lags misses its level at the first sample, and one that overshoots misses it by as much throughout: by the
-    share s of the jump that fits all of them, r = s j + noise, those set aside that chance does not send astray so far.
+    After a filter, the first sample after a jump j deviates from the level by r = s j + noise, with one share s for all
+    jumps; s is estimated by least squares without outliers.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     Returns
     -------
     bool
-        True where no jump lies between levels that last.
+        True where no jump is between known levels.
 
     Examples
     --------
@@ -218,16 +218,16 @@ def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     missed, jump = (np.concatenate(part) for part in zip(*pairs, strict=True))
     if not jump.size:
         return True
-    astray = np.abs(missed - float(np.median(missed / jump)) * jump)
-    fair = astray <= OUTLYING * 1.48 * np.median(astray)  # of a normal distribution, by its median deviation
-    missed, jump = missed[fair], jump[fair]
+    deviation = np.abs(missed - float(np.median(missed / jump)) * jump)
+    kept = deviation <= OUTLYING * 1.48 * np.median(deviation)  # 1.48: standard over median deviation, if normal
+    missed, jump = missed[kept], jump[kept]
     share = float(missed @ jump) / float(jump @ jump)
     spread = float(np.sqrt(np.mean((missed - share * jump) ** 2) / (jump @ jump)))
     return abs(share) < max(MISSED, CERTAIN * spread)
 
 
 def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
-    """By how much a current misses its level at the first sample after each known jump, and the jumps, (k,) each."""
+    """Deviation of a current from its level at the first sample after each known jump, and the jumps, (k,) each."""
     known = edges.known
     seen = np.minimum(edges.first[known] + 1, current.size - 1)
     return current[seen] - edges.after[known], edges.after[known] - edges.before[known]
@@ -257,10 +257,10 @@ def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
 
 
 def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:
-    """(n finer,) a current before the low-pass, on a clock `finer` times as fast: its known edges jump at once.
+    """(n finer,) a current before the low-pass, on a clock `finer` times as fast, with sharp edges.
 
-    A jump between known levels that the filter has made round is placed by least squares over the samples that follow,
-    anywhere between two of them; elsewhere the current is as recorded.
+    The time of a jump between known levels is estimated by least squares of the filter's step response over the samples
+    that follow; elsewhere the current is as recorded.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) 
     size = edges.after[known] - before
     if not first.size:
         return fine
-    begun = finer * (first + _lowest(_misfit(current, edges, t / period, zeta)))
+    begun = finer * (first + _least_misfit(_misfit(current, edges, t / period, zeta)))
     cells = finer * first[:, None] + np.arange(finer * (1 + round(SLOWEST / period)))
     inside = cells < finer * edges.next[known][:, None]
     covered = np.clip(cells - begun[:, None] + 0.5, 0.0, 1.0)
@@ -304,7 +304,7 @@ def _misfit(current: np.ndarray, edges: Edges, t: float, zeta: float) -> np.ndar
     return np.sum(counts[:, None, :] * (part[:, None, :] - expected[None]) ** 2, axis=2)
 
 
-def _lowest(misfit: np.ndarray) -> np.ndarray:
+def _least_misfit(misfit: np.ndarray) -> np.ndarray:
     """(k,) places of least misfit, (k, places), by the parabola through the lowest and its neighbours."""
     at = np.clip(np.argmin(misfit, axis=1), 1, PLACES.size - 2)
     k = np.arange(at.size)

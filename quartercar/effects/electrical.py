@@ -1,4 +1,4 @@
-"""Electrical and magnetic causes: what lies between the commanded current and the field in the fluid."""
+"""Electrical and magnetic causes between the commanded current and the field in the fluid."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from quartercar.effects.current_edges import edges_of, is_sharp
 SEEN_AFTER = 0.05
 """part of a sample after a step of a held current at which the force is taken"""
 LEVELS_APART = 0.05
-"""share of the current's range by which two levels differ, and within which one level stays"""
-NO_BEND = "every law passes through both, bent or not"
+"""share of the current's range by which two levels differ, and within which the samples of one level lie"""
+NO_BEND = "a linear law passes through both, as every other does"
 REST = 0.05
-"""ripple, as a share of the largest current, below which a current without memory counts as resting"""
+"""ripple, as a share of the largest current, below which an uncorrelated current counts as constant"""
 PLACED = 0.05
-"""part of a sample to which the edges that a filter has made round show a jump"""
+"""standard error of the time of a jump that was recorded after a filter, in samples"""
 ALIKE = 0.15
-"""correlation of neighbouring increments from which on edges take more than one sample, as behind a filter"""
+"""correlation of neighbouring increments from which on edges take more than one sample, as after a filter"""
 LAG_SHARE = EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
                             (0.0, 0.5), (0.0,))
 """the second parameter of a `LateEffect`, after its delay T"""
 
 
 def is_held(current: np.ndarray) -> bool:
-    """Whether a current is constant between its samples, noise of the sensor aside, and jumps at them.
+    """Whether a current is constant between its samples, within the noise of its sensor, and jumps at them.
 
-    Most increments are far below their rms, and none is shared with its neighbour: an edge that was recorded behind a
-    filter takes two samples or more, and runs between them.
+    Most increments are far below their rms, and neighbouring ones are uncorrelated: an edge that was recorded after a
+    filter takes two samples or more.
 
     Parameters
     ----------
@@ -55,16 +55,14 @@ def is_held(current: np.ndarray) -> bool:
 
 
 def rests(current: np.ndarray, largest: float) -> bool:
-    """Whether a current is constant but for the noise of its sensor: small, and without memory from sample to sample.
-
-    `largest` is the largest modulus of the current in all records, against which a ripple is small.
+    """Whether a current is constant within the noise of its sensor: its ripple is small and uncorrelated.
 
     Parameters
     ----------
     current : (n,) array
         [A].
     largest : float
-        [A].
+        Largest modulus of the current in all records, to which the ripple is compared [A].
 
     Returns
     -------
@@ -85,7 +83,7 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 
 def held(s: Signals) -> bool:
-    """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once.
+    """Whether the current of these signals is held between samples and its jumps are unfiltered; computed once.
 
     Parameters
     ----------
@@ -100,14 +98,14 @@ def held(s: Signals) -> bool:
 
 
 def in_proportion(s: Signals, to: Signals) -> Signals:
-    """The same signals, whose current is in proportion to another one: what is known of its steps does not change.
+    """The same signals, whose current is in proportion to another one, so that it jumps at the same samples.
 
     Parameters
     ----------
     s : Signals
         Changed in place, where it has a current.
     to : Signals
-        Those with the current as recorded.
+        With the current as recorded.
 
     Returns
     -------
@@ -123,7 +121,7 @@ def in_proportion(s: Signals, to: Signals) -> Signals:
 def clocked(s: Signals) -> bool:
     """Whether a held current jumps at samples: all times between its jumps are multiples of some samples.
 
-    Judged over all records together, as `is_sharp`. One with a clock of its own jumps anywhere between two samples,
+    Decided over all records together, as `is_sharp`. A current with a clock of its own jumps between two samples,
     half-way on average.
 
     Parameters
@@ -153,7 +151,7 @@ def clocked(s: Signals) -> bool:
 
 
 def levels(signals: Sequence[Signals]) -> int:
-    """How many levels the currents of all records rest at; 0 where they do not keep to a few.
+    """Number of levels of the currents of all records; 0 where they do not consist of a few levels.
 
     Parameters
     ----------
@@ -183,8 +181,8 @@ def levels(signals: Sequence[Signals]) -> int:
 def later(s: Signals, delay: float) -> np.ndarray:
     """(n,) current that acts `delay` [s] later.
 
-    A held current that changes at a sample is seen one whole sample late for every delay within that sample, so that a
-    delay of d samples looks like d + ½ on average; below half a sample it runs to 0 with d.
+    With a held current that changes at a sample, every delay within one sample has the effect of a whole sample, so
+    that a delay of d samples acts as d + ½ on average; below half a sample that is reduced to 2 d.
 
     Parameters
     ----------
@@ -228,9 +226,7 @@ def read_earlier(s: Signals, delay: float) -> np.ndarray:
 
 
 def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.ndarray:
-    """(n,) current behind a first-order lag with unequal edges; the current itself where both are zero.
-
-    `between`: it runs in straight lines between the samples, even if it was held when it was recorded.
+    """(n,) current after a first-order lag with unequal edges; the current itself where both are zero.
 
     Parameters
     ----------
@@ -240,6 +236,7 @@ def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.nd
         Time constants while the magnitude of the lagged current grows and while it shrinks [s], so that a current and
         its negative are lagged alike.
     between : bool
+        Whether the current is taken as linear between samples, even if it was held when it was recorded.
 
     Returns
     -------
@@ -260,9 +257,9 @@ def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.nd
 
 
 def _jump_error(signals: Sequence[Signals]) -> float:
-    """Standard error of a lag because a current jumps somewhere between two samples [s].
+    """Standard error of a lag due to the unknown time of a jump between two samples [s].
 
-    Anywhere, if it is held; behind a filter its edges show where.
+    Uniform between the samples for a held current; after a filter, the edges determine the time.
     """
     if any(held(s) for s in signals):
         return signals[0].sample_time / np.sqrt(12)
@@ -278,10 +275,10 @@ class CurrentEffect(GridEffect):
     needs: ClassVar[tuple[str, ...]] = ("current",)
     turns: ClassVar[str] = "current"
     between_two: ClassVar[str] = ""
-    """why it cannot be determined where the current takes two levels only; empty where it can"""
+    """reason why it cannot be determined where the current takes two levels only; empty where it can"""
 
     of_changes: ClassVar[bool] = True
-    """whether it shows only where the current changes within a record"""
+    """whether it has an effect only where the current changes within a record"""
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if "current" not in baseline.channels:
@@ -289,7 +286,7 @@ class CurrentEffect(GridEffect):
         return self.determined(signals)
 
     def determined(self, signals: tuple[Signals, ...]) -> str | None:
-        """Why these currents could not show it: at rest in every record, or of two levels.
+        """Why these currents cannot reveal it: constant in every record, or of two levels.
 
         Parameters
         ----------
@@ -301,7 +298,7 @@ class CurrentEffect(GridEffect):
         """
         largest = max(float(np.abs(s["current"]).max()) for s in signals)
         if self.of_changes and all(rests(s["current"], largest) for s in signals):
-            return "the current rests within every record, but for the noise of its sensor"
+            return "the current is constant within every record, except for the noise of its sensor"
         if self.between_two and levels(signals) == 2:
             return f"the current takes two levels only: {self.between_two}"
         return None
@@ -334,16 +331,17 @@ class CoilLag(CurrentEffect):
 
 
 class RiseFallLag(CurrentEffect):
-    """Unequal edges: the field builds up and breaks down with time constants of its own (equation sheet 3.14)."""
+    """Unequal edges: the field builds up and decays with different time constants (equation sheet 3.14)."""
 
     name: ClassVar[str] = "rise-fall-lag"
     form_of: ClassVar[str] = "coil-lag"
+    differs_by: ClassVar[str] = "ratio"
     path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field rises and falls with different time constants"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i_e| rises, T/r where it falls"
     reference: ClassVar[str] = "equation sheet 3.14; source 002, block firstOrder_varT"
     experiment: ClassVar[str] = "current steps up and down of several heights at constant piston speed"
-    between_two: ClassVar[str] = "edges that differ look like one lag behind which the law bends with the current"
+    between_two: ClassVar[str] = "unequal edges have the effect of one lag before a law nonlinear in the current"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -370,7 +368,7 @@ class LateEffect(GridEffect):
     added_later: ClassVar[tuple[str, ...]] = ("lag_share",)
 
     def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
-        """What the delay may be off, the lag may be off."""
+        """Standard errors of the delay and, as large in time, of the lag's share of it."""
         error = self.clock_error(signals)
         return np.array([error, error / max(float(values[0]), error)])
 
@@ -378,7 +376,7 @@ class LateEffect(GridEffect):
 class CommandDelay(CurrentEffect, LateEffect):
     """Driver and bus: the current acts T later than it is recorded, part of it by the driver's own lag (sheet 3.13).
 
-    I_e = exp(-(1 - lambda) T s) / (1 + lambda T s) I. What lags more than it waits is a coil.
+    I_e = exp(-(1 - lambda) T s) / (1 + lambda T s) I. A larger lag than delay is that of a coil (`CoilLag`).
     """
 
     name: ClassVar[str] = "command-delay"
@@ -409,7 +407,7 @@ class CommandDelay(CurrentEffect, LateEffect):
 
 
 class CurrentSaturation(CurrentEffect):
-    """Magnetic saturation: the field grows less and less with the current (equation sheet 3.15).
+    """Magnetic saturation: the slope of the field over the current decreases (equation sheet 3.15).
 
     Between a sharp bend, tanh(q i)/q, and a soft one, Froehlich's i/(1 + q|i|): both start with slope 1.
     """
@@ -450,8 +448,8 @@ class Remanence(CurrentEffect):
     """Magnetic hysteresis as play between current and field (equation sheet 3.15)."""
 
     name: ClassVar[str] = "remanence"
-    title: ClassVar[str] = "the field keeps a memory of the current: play between the two"
-    equation: ClassVar[str] = "i_e = play(i, w): moves only when i pushes at either end of a gap of 2w"
+    title: ClassVar[str] = "the field has hysteresis over the current: play between the two"
+    equation: ClassVar[str] = "i_e = play(i, w): moves only with i at either end of a gap of 2w"
     reference: ClassVar[str] = "equation sheet 3.15; Visintin 1994, play operator"
     experiment: ClassVar[str] = "a slow triangle of the current at constant piston speed, up and down"
     smooth: ClassVar[bool] = False

@@ -1,4 +1,4 @@
-"""Friction and gas: forces in parallel with the law, of the direction of motion or of position alone."""
+"""Friction and gas: forces in parallel with the law that depend on the direction of motion or on the position."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 
 REVERSAL = 2e-3
 """speed over which the sign of the velocity is smoothed [m/s]"""
 SLOW = 0.01
-"""share of the root mean square speed at which the reversal of friction is looked at, where that is less"""
+"""share of the root mean square speed at which friction is screened as its reversal speed, where that is less"""
 TURNING = 0.1
-"""share of the way travelled within which dry friction has turned round: .07 at most by the fits to measured dampers"""
+"""share of the displacement travelled within which dry friction reverses: .07 at most in fits to measured dampers"""
 POLYTROPIC = 1.3
 """exponent of gas between slow and quick strokes, as of air in the oil (equation sheet 3.5)"""
 SHORTEST = 0.05
-"""share of its length to which a column of gas is compressed at most: beyond it a fit ends in a pole"""
+"""share of its length to which a column of gas is compressed at most: a refit must not reach the pole at zero length"""
 NIL = 1e-7
-"""deflection below which there is none [m]: few samples lie within it, which a fit would follow"""
+"""deflection below which it counts as zero [m]: the few samples within it would not determine it"""
 
 
 class ParallelForce(GridEffect):
@@ -33,16 +34,16 @@ class ParallelForce(GridEffect):
     stage: ClassVar[str] = "force"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
 
 class CoulombFriction(ParallelForce):
     """Seal and guide friction F_c sign v, smoothed, or built up over a presliding deflection (equation sheet 3.1).
 
-    With a deflection d, F = F_c z and d dz/d|x| = tanh(v/ε) − z: Dahl's bristles (1968), to which those of LuGre come
-    down away from breakaway. As d → 0 the force is F_c tanh(v/ε). The speed ε of the reversal, over which a film of
-    lubricant builds up, is part of the fit: too wide a one leaves an error about every reversal, which a valve or a
-    backlash then takes up (EMPS: three fifths of what friction and damping left lay below 20 mm/s).
+    With a deflection d, F = F_c z and d dz/d|x| = tanh(v/ε) − z: Dahl's model (1968), to which LuGre's reduces without
+    breakaway. As d → 0 the force is F_c tanh(v/ε). The speed ε of the reversal, over which a film of lubricant builds
+    up, is fitted: one that is too high leaves an error about every reversal, which a valve or a backlash would then
+    explain (EMPS: three fifths of the error left by friction and damping were below 20 mm/s).
     """
 
     name: ClassVar[str] = "coulomb-friction"
@@ -59,7 +60,7 @@ class CoulombFriction(ParallelForce):
         return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
                 EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
                                 (0.0, 0.5), (0.0, 2e-5, 1e-4)),
-                EffectParameter("turning_speed", "m/s", "eps, over which the sign of the velocity turns", REVERSAL,
+                EffectParameter("turning_speed", "m/s", "eps, over which the friction reverses", REVERSAL,
                                 (1e-5, 0.01), (1e-6, 2.0), (REVERSAL,)))
 
     def is_static(self, values: np.ndarray) -> bool:
@@ -70,7 +71,7 @@ class CoulombFriction(ParallelForce):
         return [np.append(p[:2], turn) for p in super().spread_points(signals, scale)]
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Valves, where it still turns round over much of the way: from their pressure on the force stays too."""
+        """Valves, where it reverses over much of the displacement: beyond their pressure, the force is constant too."""
         turning = travelled = 0.0
         for s in signals:
             way = np.abs(s["velocity"]) * s.sample_time
@@ -89,18 +90,18 @@ class CoulombFriction(ParallelForce):
 
 
 def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarray:
-    """(n,) direction of motion in [−1, 1], which turns over a speed [m/s] and a deflection [m] after a reversal.
+    """(n,) direction of motion in [−1, 1], which reverses over a speed [m/s] and a deflection [m].
 
-    What went before a record is not known, so that it begins as it is on average where this record moves that way:
-    σ Σzσ/Σσ², σ = tanh(v/ε), z from rest; between none of σ and all of it. That is sliding where strokes are long, and
-    at rest where they are shorter than d, in which a start that slides would be forgotten only after many strokes.
+    The motion before a record is unknown. The initial value is the mean of the record for that direction:
+    σ Σzσ/Σσ², σ = tanh(v/ε), z from rest, limited to [0, σ]. That is near σ (sliding) where strokes are long, and near
+    zero where they are shorter than d, for which an initial value of σ would decay over many strokes only.
 
     Parameters
     ----------
     s : Signals
         With velocity.
     deflection : float
-        d [m]; less than `NIL` is none, so that only the speed counts.
+        d [m]; below `NIL` it counts as zero.
     turn : float
         ε [m/s].
 
@@ -111,7 +112,7 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
     if deflection < NIL:
         return s.remembered("direction", turn, lambda: np.tanh(s["velocity"] / turn))
 
-    def follow() -> np.ndarray:
+    def simulate() -> np.ndarray:
         from quartercar.effects._friction_kernels import NODES, bristles
 
         velocity, out = np.ascontiguousarray(s["velocity"]), np.empty(s.n_samples)
@@ -121,16 +122,16 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
         bristles(velocity, s.sample_time, deflection, turn, NODES, start, out)
         return out
 
-    return s.remembered("bristles", (deflection, turn), follow)
+    return s.remembered("bristles", (deflection, turn), simulate)
 
 
 class InnerFriction(ParallelForce):
-    """Dry friction that a series element carries too: it sits behind the spring, and the spring yields to it.
+    """Dry friction in parallel to the law and, with it, in series with a spring.
 
-    Of a load path ``motion → spring → (law ∥ friction)`` the element's own speed w = v − (1/k) dF/dt turns the
-    friction, not the measured one: after a reversal the force crosses from one side to the other along the spring.
-    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not tried. How fast it
-    turns round with the speed is its own number: lip seals and guides slide on oil, over a tenth of the speeds.
+    In the load path ``motion → spring → (law ∥ friction)`` the friction depends on the speed w = v − (1/k) dF/dt behind
+    the spring, not on the measured one: after a reversal the force changes along the spring. Without an element in
+    series it equals `CoulombFriction` without a deflection and is no candidate. The speed of its reversal is a
+    parameter: lip seals and guides slide on oil, over a tenth of the speeds.
     """
 
     name: ClassVar[str] = "inner-friction"
@@ -141,7 +142,7 @@ class InnerFriction(ParallelForce):
     layer: ClassVar[int] = 2
     equation: ClassVar[str] = "F = law(w) + F_c tanh(w/eps), v = w + (1/k) dF/dt"
     reference: ClassVar[str] = "equation sheet 3.1, 3.5; Iwan 1966, a spring and a slider in series"
-    experiment: ClassVar[str] = "small strokes about a reversal, slowly: the slope of force over way is the spring's"
+    experiment: ClassVar[str] = "small, slow strokes about a reversal: the slope of force over position is the spring's"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     partners: ClassVar[tuple[str, ...]] = ("series-compliance", "backlash")
     added_later: ClassVar[tuple[str, ...]] = ("turning_speed",)
@@ -149,7 +150,7 @@ class InnerFriction(ParallelForce):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
-                EffectParameter("turning_speed", "m/s", "eps, at which it has turned round", REVERSAL, (1e-4, 0.05),
+                EffectParameter("turning_speed", "m/s", "eps, over which the friction reverses", REVERSAL, (1e-4, 0.05),
                                 (1e-6, 1.0), (REVERSAL,)))
 
     def is_static(self, values: np.ndarray) -> bool:
@@ -167,11 +168,11 @@ class InnerFriction(ParallelForce):
 
 
 class StribeckFriction(ParallelForce):
-    """Breakaway force that falls off with speed (equation sheet 3.2)."""
+    """Breakaway friction that decreases with speed (equation sheet 3.2)."""
 
     name: ClassVar[str] = "stribeck-friction"
     form_of: ClassVar[str] = "coulomb-friction"
-    title: ClassVar[str] = "breakaway friction that falls off with speed"
+    title: ClassVar[str] = "breakaway friction that decreases with speed"
     equation: ClassVar[str] = "F += F_s exp(-(v/v_S)^2) tanh(v/eps)"
     reference: ClassVar[str] = "equation sheet 3.2"
     experiment: ClassVar[str] = "a staircase of speeds from 0.1 to 50 mm/s in both directions, and dwells"
@@ -199,7 +200,7 @@ class GasPreload(ParallelForce):
     title: ClassVar[str] = "gas force at mid stroke"
     equation: ClassVar[str] = "F -= P"
     reference: ClassVar[str] = "equation sheet 3.3"
-    experiment: ClassVar[str] = "creep at several positions and temperatures: gas follows both, an offset neither"
+    experiment: ClassVar[str] = "creep at several positions and temperatures: gas depends on both, an offset on neither"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -214,7 +215,7 @@ class GasPreload(ParallelForce):
 
 
 class GasStiffness(ParallelForce):
-    """Gas spring (equation sheet 3.4), which hardens where the rod drives into a short column of gas.
+    """Gas spring (equation sheet 3.4), which hardens where the rod compresses a short column of gas.
 
     F = (K/(n c)) ((1 − c x)^(−n) − 1), n = `POLYTROPIC`: K at mid stroke, 1/c the length of the column there along the
     displacement, negative where the gas is compressed at negative displacement. As c → 0 it is K x. The ideal gas law
@@ -233,7 +234,7 @@ class GasStiffness(ParallelForce):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e8), (500.0,)),
                 EffectParameter("closing", "1/m", "c, one over the length of the gas column", 0.0,
-                                (-1.0, 1.0), (-1e4, 1e4), (-3.0, 0.0, 3.0)))  # its prior is of the data's scale
+                                (-1.0, 1.0), (-1e4, 1e4), (-3.0, 0.0, 3.0)))  # its prior is scaled to the data
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         stiffness, closing = float(values[0]), float(values[1])

@@ -12,17 +12,18 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.series import in_series
 from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
 
 UNIT_SPEED = 0.1
-"""speed at which the exponent of the viscous share leaves the force as it is [m/s]"""
+"""speed at which the exponent of the viscous share does not change the force [m/s]"""
 DRY = 0.02
 """share of the top speed up to which the force of a law counts as dry friction"""
 ALL_OF_IT = 0.05
-"""by how much the share that passes a valve may differ from 1 and be all of it"""
+"""difference from 1 below which the share of the force that passes a valve counts as 1"""
 ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
-"""quantiles of the speed at which the onset of an orifice is looked at"""
+"""quantiles of the speed at which the onset of an orifice is screened"""
 
 
 class HydraulicEffect(Effect):
@@ -54,7 +55,7 @@ class HydraulicEffect(Effect):
         """
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         if values[0] == self.parameters[0].neutral:
@@ -80,9 +81,9 @@ class QuadraticLoss(HydraulicEffect):
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if baseline.name.startswith("network-"):
-            return "a network has turbulent losses of its own; 'network-topology' puts them elsewhere"
+            return "a network has turbulent losses of its own; 'network-topology' connects them otherwise"
         if baseline.name.startswith("relief-valve"):
-            return ("its main orifice is turbulent, so that a further one shows beyond the opening of the valve only: "
+            return ("its main orifice is turbulent, so that a further one acts above the opening of the valve only: "
                     "'series-orifice'")
         return super().applies(baseline, signals)
 
@@ -94,11 +95,11 @@ class QuadraticLoss(HydraulicEffect):
 
 
 class Asymmetry(HydraulicEffect):
-    """Rebound and compression differ: valves of their own for either direction (equation sheet 3.11)."""
+    """Rebound and compression differ: separate valves for the two directions (equation sheet 3.11)."""
 
     name: ClassVar[str] = "asymmetry"
     title: ClassVar[str] = "rebound and compression differ by a factor"
-    equation: ClassVar[str] = "F *= 1 + g where v > 0, less what the law gives at rest"
+    equation: ClassVar[str] = "F -> F + g (F - F(v = 0)) where v > 0"
     reference: ClassVar[str] = "equation sheet 3.11"
     experiment: ClassVar[str] = "both directions at several speeds and currents: the even part grows with the speed"
 
@@ -112,7 +113,7 @@ class Asymmetry(HydraulicEffect):
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         gain, force = float(values[0]), core(s)
-        if not baseline.static:  # the force of a core with memory lags; its own sign shows which way the oil flows
+        if not baseline.static:  # the force of a core with memory lags; its sign is the direction of the flow
             return gain * np.maximum(force, 0.0)
         resting = s.cached("signals at rest", lambda: s.evaluated(velocity=np.zeros(s.n_samples)))
         return gain * np.where(s["velocity"] > 0, force - core(resting), 0.0)
@@ -155,13 +156,13 @@ class ReliefValve(HydraulicEffect):
 
 
 class SeriesOrifice(HydraulicEffect):
-    """Holes behind a valve throttle what it lets through (equation sheet 3.9; source 001, extended model)."""
+    """An orifice in series with a valve (equation sheet 3.9; source 001, extended model)."""
 
     name: ClassVar[str] = "series-orifice"
-    title: ClassVar[str] = "an orifice behind the valve throttles from some speed on"
+    title: ClassVar[str] = "an orifice behind the valve, with a loss from some speed on"
     equation: ClassVar[str] = "F += c_o (|v| - v_o)+^2 sign v"
     reference: ClassVar[str] = "equation sheet 3.9; source 001, extended model"
-    experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
+    experiment: ClassVar[str] = "triangles up to well beyond the knee: the force changes from concave to convex"
     smooth: ClassVar[bool] = False
     rugged: ClassVar[str] = "onset"
 
@@ -172,7 +173,7 @@ class SeriesOrifice(HydraulicEffect):
                                 (0.02, 0.05, 0.1)))
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """From the slowest speeds on it is a turbulent loss, less what the law's viscous share and friction take up."""
+        """A turbulent loss where it begins at the slowest speeds: viscous share and friction explain the difference."""
         return ("quadratic-loss",) if float(values[1]) < speed_quantiles(signals, (ONSETS[0],))[0] else ()
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
@@ -198,11 +199,11 @@ class SeriesOrifice(HydraulicEffect):
 
 
 class InputNonlinearity(HydraulicEffect):
-    """The viscous share grows with another power of the speed (equation sheet 9.1)."""
+    """The viscous share is another power of the speed (equation sheet 9.1)."""
 
     name: ClassVar[str] = "input-nonlinearity"
     flexible: ClassVar[bool] = True
-    title: ClassVar[str] = "the viscous share follows another power of the speed"
+    title: ClassVar[str] = "the viscous share is another power of the speed"
     equation: ClassVar[str] = "c(i) v becomes c(i) v (|v|/0.1 m/s)^(n - 1)"
     reference: ClassVar[str] = "equation sheet 9.1; source 000, (1)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades, log-log slope of the force"
@@ -242,14 +243,14 @@ class InputNonlinearity(HydraulicEffect):
 
 
 class NetworkTopology(HydraulicEffect):
-    """Laminar and turbulent losses lie otherwise: side by side instead of one after the other (source 003).
+    """Laminar and turbulent losses are connected otherwise: in parallel instead of in series (source 003).
 
     Of a parallel network, laminar leak c beside an orifice c_Q, ::
 
         |v| = F/c + √(F/c_Q)        F = c|v| q,  (1 − q)² = q v_t/(2|v|),  v_t = 2c/c_Q
 
-    takes the place of the viscous share c(i)v. Where the baseline is itself a parallel network, the series network
-    c|v|(1 + |v|/v_t) takes the place of all its hydraulic force.
+    replaces the viscous share c(i)v. Where the baseline is itself a parallel network, the series network
+    c|v|(1 + |v|/v_t) replaces all of its hydraulic force.
     """
 
     name: ClassVar[str] = "network-topology"
@@ -275,7 +276,7 @@ class NetworkTopology(HydraulicEffect):
         v = s["velocity"]
         viscous = viscous_slope(s, core, baseline) * v
         if baseline.name == "network-parallel":
-            return share * (viscous * (1 + np.abs(v) / transition) - _wet(s, core))
+            return share * (viscous * (1 + np.abs(v) / transition) - _hydraulic_force(s, core))
         half = 0.25 * transition / np.maximum(np.abs(v), 1e-12)
         q = 1.0 / (1.0 + half + np.sqrt(half * (half + 2.0)))
         return share * viscous * (q - 1.0)
@@ -284,8 +285,8 @@ class NetworkTopology(HydraulicEffect):
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
 
 
-def _wet(s: Signals, core: Core) -> np.ndarray:
-    """(n,) what an odd law gains beyond the speeds at which it is dry friction."""
+def _hydraulic_force(s: Signals, core: Core) -> np.ndarray:
+    """(n,) force of an odd law less its dry friction, the force at the lowest speeds."""
     v = s["velocity"]
     slow = np.clip(v, *(DRY * float(np.abs(v).max()) * np.array([-1.0, 1.0])))
     parts = [core(s.replace(velocity=sign * x)) * sign * share for x, share in ((v, 0.5), (slow, -0.5))
@@ -294,12 +295,12 @@ def _wet(s: Signals, core: Core) -> np.ndarray:
 
 
 class ValveDynamics(HydraulicEffect):
-    """The valve has a mass: its share of the force follows as a second-order element (equation sheet 3.10)."""
+    """The valve has a mass: its share of the force has second-order dynamics (equation sheet 3.10)."""
 
     name: ClassVar[str] = "valve-dynamics"
     path: ClassVar[str] = "force"
     memoryless: ClassVar[bool] = False
-    title: ClassVar[str] = "the valve follows with a mass and a spring of its own"
+    title: ClassVar[str] = "the valve has a mass and a spring of its own"
     stage: ClassVar[str] = "force"
     equation: ClassVar[str] = "F += s (q - f), f = c(i) v, q'' + 2 zeta w q' + w^2 q = w^2 f"
     reference: ClassVar[str] = "equation sheet 3.10"
@@ -334,7 +335,7 @@ class ValveDynamics(HydraulicEffect):
         return float(values[0]) * (out - viscous)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A valve that passes all of the force is a fixture that swings, but for what the law holds besides."""
+        """A resonance of the fixture, where all of the viscous force passes the valve."""
         return ("fixture-resonance",) if abs(float(values[0]) - 1.0) < ALL_OF_IT else ()
 
     def lpv_change(self) -> LpvChange | None:
@@ -342,10 +343,10 @@ class ValveDynamics(HydraulicEffect):
 
 
 class Cavitation(Effect):
-    """The oil tears where compression would empty a chamber; the void must refill before force returns (sheet 3.17)."""
+    """The oil cavitates where compression would empty a chamber; the void refills before force returns (sheet 3.17)."""
 
     name: ClassVar[str] = "cavitation"
-    title: ClassVar[str] = "the oil tears in compression"
+    title: ClassVar[str] = "the oil cavitates in compression"
     family: ClassVar[str] = "hydraulics"
     stage: ClassVar[str] = "series"
     equation: ClassVar[str] = "F >= -F_cav = -1/r; void u' = g(-F_cav) - v >= 0, F = -F_cav while u > 0, g = law^-1"
@@ -365,7 +366,7 @@ class Cavitation(Effect):
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if all(float(s.output.min()) >= 0 for s in signals):
             return "the force is never one of compression"
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return in_series(core, baseline, limit=1 / float(values[0])) if values[0] > 0 else core

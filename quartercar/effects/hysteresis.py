@@ -1,4 +1,4 @@
-"""Hysteresis: a force that follows the way, not the speed, with a memory of where the motion turned."""
+"""Hysteresis: a force that depends on the displacement since the last reversals, not on the speed."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ class BoucWenHysteresis(ParallelForce):
 
         F += F_z z,    d ż = v − (1 − s)|v| z − s v |z|
 
-    s = 0 is Dahl's friction; the larger s, the straighter and stiffer the way back. Its slope at z = 0 is F_z/d.
+    s = 0 is Dahl's friction; the larger s, the straighter and stiffer the force after a reversal. Its slope at z = 0
+    is F_z/d.
     """
 
     name: ClassVar[str] = "hysteresis"
     placement_of: ClassVar[str] = "coulomb-friction"
-    contains: ClassVar[tuple[str, ...]] = ("series-compliance",)  # yields by d before it slides
-    title: ClassVar[str] = "hysteresis over the way beside the law"
+    contains: ClassVar[tuple[str, ...]] = ("series-compliance",)  # it is deflected by d before it slides
+    title: ClassVar[str] = "hysteresis over the displacement in parallel to the law"
     equation: ClassVar[str] = "F += F_z z, d z' = v - (1 - s)|v| z - s v |z|"
     reference: ClassVar[str] = "equation sheet 1.1; Wen 1976, order one"
     experiment: ClassVar[str] = "slow triangles of several amplitudes at constant current: closed loops"
@@ -36,7 +37,7 @@ class BoucWenHysteresis(ParallelForce):
         return (EffectParameter("force", "N", "F_z, at which it yields", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
                 EffectParameter("deflection", "m", "d, over which it builds up", 1e-4, (1e-6, 3e-3), (NIL, 0.5),
                                 (1e-5, 1e-4, 1e-3)),
-                EffectParameter("straightness", "", "s, 0 for Dahl's loop, 1 for a stiff way back", 0.3, (0.0, 0.99),
+                EffectParameter("straightness", "", "s, 0 for Dahl's loop, 1 for straight flanks", 0.3, (0.0, 0.99),
                                 (0.0, 0.99), (0.0, 0.6)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -65,11 +66,11 @@ def loop(s: Signals, deflection: float, share: float) -> np.ndarray:
     (n,) array
         In [−1, 1].
     """
-    def follow() -> np.ndarray:
+    def simulate() -> np.ndarray:
         from quartercar.effects._friction_kernels import hysteresis
 
         out = np.empty(s.n_samples)
         hysteresis(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, share, out)
         return out
 
-    return s.remembered("hysteresis", (deflection, share), follow)
+    return s.remembered("hysteresis", (deflection, share), simulate)

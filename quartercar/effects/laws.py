@@ -1,4 +1,4 @@
-"""Laws that a crude baseline lacks: a spring that hardens, damping that saturates, a force that has a dead zone."""
+"""Laws that a simple baseline lacks: a hardening spring, saturating damping, a dead zone of the force."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
 from quartercar.effects.viscous import viscous_slope
 
 TURNED = 0.01
-"""widest plausible speed over which dry friction turns round [m/s], as in `CoulombFriction`"""
+"""highest plausible speed over which dry friction reverses [m/s], as in `CoulombFriction`"""
 
 
 class CubicSpring(ParallelForce):
     """A spring that hardens or softens with the displacement: the next terms of its characteristic (Duffing 1918)."""
 
     name: ClassVar[str] = "cubic-spring"
-    title: ClassVar[str] = "a spring that hardens or softens with the way"
+    title: ClassVar[str] = "a spring that hardens or softens with the displacement"
     family: ClassVar[str] = "structure"
     equation: ClassVar[str] = "F += k_3 x^3 + k_2 x^2"
     reference: ClassVar[str] = "Duffing 1918; Wigren, Schoukens 2013, the silverbox"
-    experiment: ClassVar[str] = "slow strokes of several amplitudes: force over position, speed apart"
+    experiment: ClassVar[str] = "slow strokes of several amplitudes: the mean of both directions over position"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
     strengths: ClassVar[int] = 2
 
@@ -52,15 +53,15 @@ class CubicSpring(ParallelForce):
 
 
 def _each_alone(grids: Sequence[Sequence[float]]) -> list[np.ndarray]:
-    """Points at which one strength is away from zero, the others at it: what acts in proportion adds up."""
+    """Points at which one strength is not zero: the effects of the strengths are linear and add up."""
     return [np.array([v if j == k else 0.0 for j in range(len(grids))]) for k, grid in enumerate(grids) for v in grid]
 
 
 class SaturatingDamping(HydraulicEffect):
-    """The viscous share grows less and less with the speed, towards a constant force (equation sheet 9.1).
+    """The viscous share saturates with the speed, towards a constant force (equation sheet 9.1).
 
-    c(i) v becomes c(i) tanh(q v)/q: the smooth yield of a damper whose valve opens ever further. As q grows it turns
-    into dry friction. It is a shape, and what makes it may be a valve that opens at one pressure.
+    c(i) v becomes c(i) tanh(q v)/q: the smooth yield of a damper whose valve opens progressively. For large q it is dry
+    friction. It is a form, whose cause may be a valve that opens at one pressure.
     """
 
     name: ClassVar[str] = "saturating-damping"
@@ -86,11 +87,11 @@ class SaturatingDamping(HydraulicEffect):
         return viscous_slope(s, core, baseline) * (np.tanh(q * v) / q - v)
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A valve beside the main path, whose knee the flow and the law's own error make round."""
+        """A valve in parallel to the main path, whose knee is smoothed by the flow and the law's own error."""
         return ("relief-valve",)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A bend within the speeds over which dry friction turns round is dry friction."""
+        """Dry friction, where it saturates within the speeds over which friction reverses."""
         return ("coulomb-friction",) if float(values[0]) * TURNED >= 1 else ()
 
     def lpv_change(self) -> LpvChange | None:
@@ -98,7 +99,7 @@ class SaturatingDamping(HydraulicEffect):
 
 
 class ForceDeadZone(GridEffect):
-    """Nothing reaches the load cell until the force passes a threshold: a preload that has been lost, a loose joint."""
+    """The load cell measures no force below a threshold, and less above it: a lost preload, a loose joint."""
 
     name: ClassVar[str] = "force-dead-zone"
     title: ClassVar[str] = "a dead zone of the force about zero"
@@ -115,7 +116,7 @@ class ForceDeadZone(GridEffect):
         return (EffectParameter("threshold", "N", "F_d", 0.0, (0.0, 100.0), (0.0, 1e6), (5.0, 20.0)),)
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         threshold = float(values[0])
@@ -129,7 +130,7 @@ class ForceDeadZone(GridEffect):
         return run
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A loose joint either way: play, too, holds the force near zero until the motion has passed it."""
+        """Play, which is a loose joint too and keeps the force near zero until the motion has passed it."""
         return ("backlash",)
 
     def lpv_change(self) -> LpvChange | None:

@@ -1,4 +1,4 @@
-"""Measurement chain: what happens to the signals between the damper and the file."""
+"""Measurement chain: changes of the signals between the damper and the file."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChang
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
+from quartercar.effects.force_output import no_force
 from quartercar.effects.splines import glided
 
 MOTION = ("displacement", "velocity", "acceleration")
@@ -48,14 +49,14 @@ class ChainEffect(GridEffect):
     family: ClassVar[str] = "measurement"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
 
 class DisplacementDelay(ChainEffect, LateEffect):
-    """The motion is recorded late against the force, part of it by the sensor's own lag (equation sheet 3.20).
+    """The motion is recorded later than the force, in part by the sensor's own lag (equation sheet 3.20).
 
-    A chain that is late by T is late by a pure delay, of buses and buffers, and by the first-order lag of the sensor's
-    electronics: X_recorded = exp(-(1 - lambda) T s) / (1 + lambda T s) X. Both make a slow motion late by T alike.
+    T is the sum of a pure delay, of buses and buffers, and of the first-order lag of the sensor's electronics:
+    X_recorded = exp(-(1 - lambda) T s) / (1 + lambda T s) X. At low frequencies only the sum has an effect.
     """
 
     name: ClassVar[str] = "displacement-delay"
@@ -77,20 +78,20 @@ class DisplacementDelay(ChainEffect, LateEffect):
         if delay <= 0:
             return core
 
-        def prompt(s: Signals) -> Signals:
+        def corrected(s: Signals) -> Signals:
             lag = share * delay if s.n_samples >= SHORT else 0.0
             sharp = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
             late = {m: glided(c, (delay - lag) / s.sample_time) for m, c in sharp.items()}
             return weighed_alike(s.replace(**late), s)
 
-        return lambda s: core(s.remembered("prompt", (delay, share), lambda: prompt(s)))
+        return lambda s: core(s.remembered("prompt", (delay, share), lambda: corrected(s)))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the input's delay chosen anew", delay=True)
 
 
 class ForceDelay(ChainEffect):
-    """The force is recorded late against all that drives it: every input is read T earlier (equation sheet 3.20)."""
+    """The force is recorded later than all inputs: every input is read T earlier (equation sheet 3.20)."""
 
     name: ClassVar[str] = "force-delay"
     path: ClassVar[str] = "force"
@@ -122,7 +123,7 @@ class ForceDelay(ChainEffect):
 
 
 class OneSidedFilter(ChainEffect):
-    """The motion alone has passed a low-pass of order two or three, undone before the law reads it (sheet 1.4.10)."""
+    """The motion alone has passed a low-pass of order two or three, which is inverted here (sheet 1.4.10)."""
 
     name: ClassVar[str] = "one-sided-filter"
     added_later: ClassVar[tuple[str, ...]] = ("further_lag",)
@@ -143,9 +144,9 @@ class OneSidedFilter(ChainEffect):
                 EffectParameter("further_lag", "s", "T_3, of a third pole", 0.0, (0.0, 0.04), (0.0, 0.2), (0.0,)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        """The grid, and filters of order three that are late alike at all frequencies (Bessel's).
+        """The grid, and filters of order three with the same delay at all frequencies (Bessel's).
 
-        From a filter of order two to these a narrow valley leads, which a fit descends slowly.
+        From a filter of order two, the refit converges to these slowly, along a narrow valley of the cost.
         """
         return [*super().points(signals), *map(_order_three, self.parameters[0].grid[::2])]
 
@@ -156,7 +157,7 @@ class OneSidedFilter(ChainEffect):
         ----------
         signals : tuple of Signals
         scale : callable
-            Natural size of a number of a unit.
+            Natural size of a quantity of a unit.
 
         Returns
         -------
@@ -174,17 +175,17 @@ class OneSidedFilter(ChainEffect):
 
         factors = (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third)
 
-        def sharp(s: Signals) -> Signals:
+        def unfiltered(s: Signals) -> Signals:
             return weighed_alike(s.replace(**{m: before_filter(s, m, factors) for m in MOTION if s.has(m)}), s)
 
-        return lambda s: core(s.remembered("sharp", factors, lambda: sharp(s)))
+        return lambda s: core(s.remembered("sharp", factors, lambda: unfiltered(s)))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two more samples of the input", order=2)
 
 
 def _order_three(t: float) -> np.ndarray:
-    """Parameters of Bessel's filter of order three whose pair of poles has that time constant."""
+    """Parameters of Bessel's filter of order three whose pair of poles has this time constant."""
     return np.array([t, BESSEL[0], BESSEL[1] * t])
 
 
@@ -212,11 +213,11 @@ class ForceOffset(ChainEffect):
 
 
 def piled_up(force: np.ndarray) -> bool:
-    """Whether the samples of a force pile up within a hair of its largest modulus: a fact of the record.
+    """Whether the samples of a force pile up at its largest modulus.
 
-    Within a width h below the peak of a smooth force, F_max − a t², lie half as many samples as within 4h, whatever a
-    and h; below a level at which it is clipped, nearly all of them. Several widths are tried, since the noise that an
-    amplifier adds behind its limit is not known.
+    Within a width h below the peak of a smooth force, F_max − a t², there are half as many samples as within 4h,
+    whatever a and h; below a level at which it is clipped, nearly as many. Several widths are tried, since the noise
+    that an amplifier adds after its limit is unknown.
 
     Parameters
     ----------
@@ -254,6 +255,7 @@ class ForceClipping(Effect):
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a larger force range of the amplifier, or a smaller motion"
     smooth: ClassVar[bool] = False
+    visible: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -264,8 +266,8 @@ class ForceClipping(Effect):
         return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        if baseline.output != "force":
-            return f"{baseline.name} does not simulate a force"
+        if reason := no_force(baseline):
+            return reason
         if piled_up(np.concatenate([s.output for s in signals])):
             return None
         return "the samples do not pile up at the largest force, as those of a clipped one do"

@@ -1,4 +1,4 @@
-"""Model structure: what the simulation leaves out in form, rather than a component of the damper."""
+"""Model structure: forms that the simulation lacks, other than components of the damper."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import NO_BEND, CurrentEffect
+from quartercar.effects.force_output import no_force
 from quartercar.effects.structure import swung
 
 MODES, SCANNED = 10, 7
-"""slow cosines of which an unlogged modulation is built, and the slowest of them, by which it is looked for"""
+"""number of slow cosines in an unlogged modulation, and of the slowest of them, with which it is screened"""
 
 
 class SchedulingDegree(CurrentEffect):
-    """The law bends with the current in a way that its degree does not show (equation sheet 1.4.5).
+    """The law depends on the current to a higher degree than the model (equation sheet 1.4.5).
 
-    i_e = i + q (i² − i) + r (i³ − i), i in A: 0 and 1 A stay where they are, whatever the record.
+    i_e = i + q (i² − i) + r (i³ − i), i in A: 0 and 1 A are unchanged, whatever the record.
     """
 
     name: ClassVar[str] = "scheduling-degree"
@@ -58,18 +59,18 @@ class SchedulingDegree(CurrentEffect):
 
 
 class MissingScheduling(Effect):
-    """The force is modulated slowly by something that was not logged, or not used (equation sheet 1.4.5).
+    """The force is modulated slowly by a quantity that was not logged, or not used (equation sheet 1.4.5).
 
-    Cosines have no slope at the ends, which the straight line and the parabola give back: a sine of four periods is met
-    to 5 % instead of 23 %.
+    Cosines have no slope at the ends, which the linear and the quadratic term add: a sine of four periods is
+    approximated to 5 % instead of 23 %.
 
-    t runs through all records of a diagnosis, one after the other, and T is their length together. On a record of
-    which that place is not known, a further one, nothing is known of the modulation either, and it is left out.
+    t runs through all records of a diagnosis, one after the other, and T is their total length. On other records, whose
+    place in that time is unknown, the modulation is unknown too and is left out.
     """
 
     name: ClassVar[str] = "missing-scheduling"
     flexible: ClassVar[bool] = True
-    title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
+    title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not read"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "core"
     equation: ClassVar[str] = "F -> F (1 + sum_k m_k cos(pi k t/T) + a u + b (u^2 - 1/3)), k = 1..10, u = 2 t/T - 1"
@@ -88,7 +89,7 @@ class MissingScheduling(Effect):
         return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         if not np.any(values):
@@ -115,7 +116,7 @@ class MissingScheduling(Effect):
 
 
 def slow_modes(place: np.ndarray) -> np.ndarray:
-    """(n, MODES + 2) what may modulate a force slowly, at places from 0 to 1.
+    """(n, MODES + 2) basis functions of a slow modulation, at places from 0 to 1.
 
     Parameters
     ----------
@@ -146,14 +147,14 @@ class ModelOrder(GridEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("share", "", "g; all of it is a fixture that swings", 0.0, (0.0, 0.8), (-2.0, 0.9),
+        return (EffectParameter("share", "", "g; 1 is a resonance of the fixture", 0.0, (0.0, 0.8), (-2.0, 0.9),
                                 (0.1,)),
                 EffectParameter("time_constant", "s", "T = 1/omega = 1/(2 pi f)", 0.006, (0.001, 0.08), (0.0004, 0.3),
                                 (0.0025, 0.006, 0.015, 0.04), former=("period",)),
                 EffectParameter("damping", "", "zeta", 0.3, (0.01, 1.5), (0.005, 3.0), (0.1, 0.3, 0.8)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         share, period, damping = (float(v) for v in values)
@@ -174,10 +175,10 @@ class ModelOrder(GridEffect):
 
 
 class ColouredNoise(Effect):
-    """Noise with memory: a verdict on what is left, from the whitening filter, never composed."""
+    """Coloured noise: found in the error left, by its whitening filter, and never composed."""
 
     name: ClassVar[str] = "coloured-noise"
-    title: ClassVar[str] = "noise with memory on the force"
+    title: ClassVar[str] = "coloured noise on the force"
     family: ClassVar[str] = "noise"
     stage: ClassVar[str] = "measurement"
     equation: ClassVar[str] = "F_recorded = F + v, A(q) v = e"
@@ -192,7 +193,7 @@ class ColouredNoise(Effect):
         return []
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return "noise is estimated from the colour of what is left"
+        return "noise is estimated from the colour of the error left"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core

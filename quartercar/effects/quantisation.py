@@ -1,4 +1,4 @@
-"""Quantisation: channels stored in coarse steps, and what can still be had of the signal between two steps."""
+"""Quantisation: channels stored in coarse steps, and the estimate of the signal between two steps."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
+from quartercar.effects.measurement import MOTION
 
-MOTION = ("displacement", "velocity", "acceleration")
 COARSE = 2e-3
 """share of its range from which a channel's step counts as coarse"""
 DITHER = 0.15
-"""noise ahead of the rounding, in steps, by which the mean rounded force is smoothed"""
+"""standard deviation of the noise before the rounding, in steps, which smooths the mean rounded force"""
 ROOM = 1.1
-"""times the power of a rounding error that is taken out of a channel"""
+"""power that may be removed from a channel, in powers of a rounding error"""
 
 
 class Quantisation(Effect):
-    """Channels rounded to coarse steps, seen in their distinct values (equation sheet 3.20).
+    """Channels rounded to coarse steps, recognised by their distinct values (equation sheet 3.20).
 
-    What rounding took from the motion is had again as far as it is smooth: the part beyond the band in which the
-    channel is louder than a rounding error is taken out, and what is left stays within half a step of what was stored.
-    The simulated force is replaced by the mean of what rounding makes of it.
+    A smooth motion is recovered: the part beyond the band in which the power of the channel exceeds that of a rounding
+    error is removed, and the rest is limited to half a step from the stored values. The simulated force is replaced by
+    the mean of the rounded force.
     """
 
     name: ClassVar[str] = "quantisation"
@@ -39,7 +40,7 @@ class Quantisation(Effect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("share", "", "share of the rounding that is reckoned with", 0.0, (0.0, 1.2), (0.0, 1.5),
+        return (EffectParameter("share", "", "share of the rounding that is modelled", 0.0, (0.0, 1.2), (0.0, 1.5),
                                 (1.0,)),
                 EffectParameter("force_step", "N", "q of the force, 0 where it is fine", 0.0, (0.0, 500.0), (0.0, 1e4),
                                 (10.0,)))
@@ -48,8 +49,8 @@ class Quantisation(Effect):
         return [np.array([1.0, grid_step(np.concatenate([s.output for s in signals])) or 0.0])]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        if baseline.output != "force":
-            return f"{baseline.name} does not simulate a force"
+        if reason := no_force(baseline):
+            return reason
         coarse = grid_step(np.concatenate([s.output for s in signals])) or any(_coarse(s) for s in signals)
         return None if coarse else "the values of no channel lie on a coarse grid"
 
@@ -69,7 +70,7 @@ class Quantisation(Effect):
 
 
 def grid_step(values: np.ndarray) -> float | None:
-    """The step of a channel whose values repeat on a grid that its range makes coarse; None where there is none.
+    """The step of a channel whose values are on a grid that is coarse for its range; None where there is none.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ def mean_rounding(values: np.ndarray, step: float) -> np.ndarray:
 
 
 def _between_steps(s: Signals, channel: str) -> np.ndarray:
-    """(n,) a coarse channel, smoothed within half a step of what was stored; as it is where it is fine."""
+    """(n,) a coarse channel, smoothed within half a step of the stored values; a fine one unchanged."""
     def make() -> np.ndarray:
         step = grid_step(s[channel])
         return s[channel] if step is None else smoothed_within(s[channel], step)
@@ -126,10 +127,10 @@ def _between_steps(s: Signals, channel: str) -> np.ndarray:
 
 
 def smoothed_within(values: np.ndarray, step: float) -> np.ndarray:
-    """(n,) values low-passed without phase and then kept within half a step of where they were.
+    """(n,) values after a low-pass without phase, limited to half a step from their original values.
 
-    The corner is the lowest beyond which the channel holds no more power than a rounding error of q²/12 spread evenly
-    over all frequencies; a channel that is louder than that up to the last frequency, one that jumps, stays as it is.
+    The corner is the lowest beyond which the channel has no more power than a rounding error of q²/12, spread evenly
+    over all frequencies; a channel that has more up to the last frequency, as one that jumps, is unchanged.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Sensors: an input channel whose scale or whose sign is wrong; which one is a choice that the effect makes."""
+"""Sensors: an input channel whose scale or sign is wrong; the channel is a parameter of the effect."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import in_proportion
+from quartercar.effects.measurement import MOTION
 
 SENSORS: Mapping[str, tuple[str, ...]] = {
-    "road": ("road",), "actuator": ("actuator",), "motion": ("displacement", "velocity", "acceleration"),
+    "road": ("road",), "actuator": ("actuator",), "motion": MOTION,
     "current": ("current",)}
 """Sensors of inputs, and the channels that each of them feeds."""
 SMALL = (-1e-6, 1e-6)
-"""gains at which it is looked at: so small that their effect is the derivative"""
+"""relative changes at which a gain or a parameter of a car is screened: so small that their effect is the derivative"""
 LAST = len(SENSORS) - 1.0
 CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, LAST), (0.0, LAST), (0.0,), tuple(SENSORS))
 
@@ -39,20 +40,20 @@ class SensorEffect(Effect):
 
 
 def _present(signals: tuple[Signals, ...]) -> list[float]:
-    """Numbers of the sensors that every record has."""
+    """Indices of the sensors that every record has."""
     return [float(k) for k, c in enumerate(SENSORS.values()) if all(any(s.has(n) for n in c) for s in signals)]
 
 
 def scaled(core: Core, sensor: float, factor: float) -> Core:
-    """The simulation with all that one sensor feeds multiplied.
+    """The simulation with all channels of one sensor multiplied.
 
     Parameters
     ----------
     core : Core
     sensor : float
-        Place in `SENSORS`, rounded to a whole one.
+        Index in `SENSORS`, rounded.
     factor : float
-        By which its channels are multiplied; −1 turns their sign.
+        By which its channels are multiplied; −1 reverses their sign.
 
     Returns
     -------
@@ -65,9 +66,9 @@ def scaled(core: Core, sensor: float, factor: float) -> Core:
 class SensorScale(SensorEffect):
     """The gain of an input channel is off (equation sheet 3.20).
 
-    A damper's law takes up the gain of its motion or its current by numbers of its own, which are fitted: of
-    F = c v a gain g makes c (1 + g) v. What is left of it beside them is a number of the law beyond its bound. A
-    car reads a road and an actuator's force besides, of which nothing in it sets the size.
+    The gain of a damper's motion or current is not identifiable beside the fitted parameters of its law: F = c v with a
+    gain g is c (1 + g) v. A gain would only be found where such a parameter is at its bound. The gains of the road and
+    of the actuator's force of a car are identifiable.
     """
 
     name: ClassVar[str] = "sensor-scale"
@@ -81,7 +82,7 @@ class SensorScale(SensorEffect):
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if {"road", "actuator"}.isdisjoint(baseline.channels):
-            return f"the numbers of {baseline.name} take up the gain of what it reads"
+            return f"the parameters of {baseline.name} compensate the gain of its inputs"
         return super().applies(baseline, signals)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:

@@ -21,19 +21,20 @@ class InSeries(SeriesMarch, Linearised):
 
         v ──►[ D ]── w ──►[ core ]── F
 
-    F_0 is the force of the core at rest in the middle of the stroke: a gas preload acts beside the elements, as those
-    of the catalogue do, and takes up no play.
+    F_0 is the force of the core at rest in the middle of the stroke: a gas preload acts in parallel to the elements, as
+    those of the catalogue do, and takes up no play.
 
-    Exact (to a second-order rule at the record's clock, current held or straight as the data show) for a core without
-    memory; one with memory takes the form F + (c'/k) dF/dt = core (equation sheet 9.3), c' its local slope. As the
-    elements vanish the result is the core's own to the last digit: what the table misses is taken off.
+    For a core without memory, integrated with a rule of order two at the record's rate, with a current that is held or
+    linear between samples as the data are; a core with memory takes the form F + (c'/k) dF/dt = core (equation sheet
+    9.3), c' its local slope. As the elements vanish the result equals the core to the last digit: the interpolation
+    error of the table is subtracted.
 
     Attributes
     ----------
     core : Core
     elements : Elements
     static : bool
-        Whether the core may be without memory, which is then tested at some of its samples.
+        Whether the core may be without memory, which is then tested at some samples.
     """
 
     def with_elements(self, **more: float) -> InSeries:
@@ -42,7 +43,7 @@ class InSeries(SeriesMarch, Linearised):
         Parameters
         ----------
         **more : float
-            Fields of `Elements`; one that is there already is replaced.
+            Fields of `Elements`; they replace those of the same name.
 
         Returns
         -------
@@ -54,7 +55,7 @@ class InSeries(SeriesMarch, Linearised):
         rigid = self.core(s)
         if not np.isfinite(rigid).all():
             return rigid
-        if s.coarse is not None:  # a march on the faster clock would cost as many times more, and show little
+        if s.coarse is not None:  # at the record's rate: a march on the faster clock costs more and changes little
             return rigid + s.refined(self(s.coarse) - self.core(s.coarse))
         return self.march(s, rigid, self.law(s, rigid), NO_TRACE)
 
@@ -63,7 +64,7 @@ class InSeries(SeriesMarch, Linearised):
 
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
-    """The core with elements in series, those that it already has included.
+    """The core with elements in series, in addition to those that it has.
 
     Parameters
     ----------

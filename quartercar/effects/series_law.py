@@ -1,4 +1,4 @@
-"""The law of a core, read off it as a function of the speed, for the elements that lie in series with it."""
+"""The law of a core, tabulated as a function of the speed, for elements in series with it."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import held
 
 NODES = 257
-"""speeds at which a law is read"""
+"""number of speeds at which a law is tabulated"""
 REACH = 6.0
 """largest of them, in largest speeds of the record"""
 FINE = 0.01
-"""speed below which they lie evenly, in the same"""
+"""speed below which they are evenly spaced, in the same unit"""
 SEEN = 48
-"""samples at which a law is read at every speed"""
+"""number of samples at which a law is tabulated, evenly in time"""
 JUMP, RAMP = 0.02, 0.1
-"""shares of the current's range that count as a jump of a held current and as a steep change of another; what is
-smaller is noise, or as good as straight"""
+"""shares of the current's range that are a jump of a held current, and a steep change of another one; smaller changes
+are noise, or nearly linear"""
 RANK = 1e-5
-"""share of a law's size, growing with the speed, that its combination of few speeds may miss"""
+"""largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
 NONE, HUGE = 1e-200, 1e100
-"""squared size of a law below which it is zero at every point; size from which on it is no law"""
+"""squared size of a law below which it is zero; size above which it diverges"""
 SAME = 1e-9
-"""agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
+"""relative difference below which the output of a core does not depend on the other samples: it has no memory"""
 PROBE = 0.02
-"""change of speed that finds the local slope of a core with memory, in root mean squares of the speed"""
+"""speed difference for the local slope of a core with memory, in root mean squares of the speed"""
 SOFTEST = 0.05
-"""least such slope, in that of a straight line through the data"""
+"""least such slope, in slopes of the regression of the force on the speed"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,11 @@ class Law:
     rows, before, tilt : (n, r) arrays
         b at the samples, just before them where the current is held, and −∂b/∂x.
     jumps, steep : (n,) bool arrays
-        Samples at which the current jumps; those up to which the force changes fast from the sample before.
+        Samples at which the current jumps; those before which the force changes fast.
     memory : bool
-        Whether it stands for a core with memory: one line in the speed at every sample.
+        Whether the core has memory: the law is then linear in the speed at every sample.
     rest : float
-        Force at rest, which acts beside the elements [N].
+        Force at rest, which acts in parallel to the elements [N].
     """
 
     speeds: np.ndarray
@@ -73,28 +73,28 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
     rigid : (n,) array
         The core along them.
     deflection : (n,) array
-        By which the position that the law reads lags behind the displacement, roughly [m].
+        Approximate difference of the displacement and the position that the law reads [m].
     static : bool
         Whether the core may be without memory.
 
     Returns
     -------
     Law
-        One with memory where the core is not known to have none, or its force falls with the speed.
+        One with memory where the core may have memory, or its force decreases with the speed.
     """
     speeds = _nodes_of(s)
-    seen = _seen(s)
-    few_samples = s.cached("a law's samples", lambda: _taken(s, seen))
+    seen = _table_samples(s)
+    few_samples = s.cached("a law's samples", lambda: _at_samples(s, seen))
     here = core(few_samples)
     if not static or not np.allclose(here, rigid[seen], rtol=SAME, atol=SAME * np.ptp(rigid)):
         return with_memory(core, s, rigid)
-    table = core(s.cached("a law's samples at every speed", lambda: _spread(few_samples, speeds)))
+    table = core(s.cached("a law's samples at every speed", lambda: _at_speeds(few_samples, speeds)))
     table = table.reshape(speeds.size, seen.size)
     turned = None
     if s.has("displacement"):
         moved = few_samples.evaluated(displacement=(s["displacement"] - deflection)[seen])
         if not np.array_equal(core(moved), here):  # the law depends on the position
-            turned = core(_spread(moved, speeds)).reshape(table.shape)
+            turned = core(_at_speeds(moved, speeds)).reshape(table.shape)
     size = float(np.abs(table).max())
     if not size < HUGE or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
         return with_memory(core, s, rigid)
@@ -102,7 +102,7 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
 
 
 def force_at_rest(core: Core, s: Signals) -> float:
-    """Mean force of a core without memory at rest in the middle of the stroke [N]: of its gas, if it has any.
+    """Mean force of a core without memory at rest in the middle of the stroke [N], as of a gas.
 
     Parameters
     ----------
@@ -113,16 +113,16 @@ def force_at_rest(core: Core, s: Signals) -> float:
     -------
     float
     """
-    few_samples = s.cached("a law's samples", lambda: _taken(s, _seen(s)))
+    few_samples = s.cached("a law's samples", lambda: _at_samples(s, _table_samples(s)))
     still = {role: np.zeros(few_samples.n_samples) for role in ("velocity", "displacement") if s.has(role)}
     return float(np.mean(core(few_samples.evaluated(**still))))
 
 
 def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, turned: np.ndarray | None,
               deflection: np.ndarray) -> Law:
-    """The law at every speed as a combination of itself at few."""
+    """The law at every speed as a linear combination of its values at few speeds."""
     scale = 1 + REACH * np.abs(speeds) / speeds[-1]
-    picks, shapes = _few((table if turned is None else np.hstack([table, turned])) / scale[:, None])
+    picks, shapes = _spanning((table if turned is None else np.hstack([table, turned])) / scale[:, None])
     shapes *= scale[:, None] / scale[picks]
     chosen = speeds[picks]
 
@@ -138,7 +138,7 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
         reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
         there = along(s.evaluated(displacement=s["displacement"] - reach))
         tilt = (there - rows) / reach[:, None]
-    jumps, steep = _changes(s)
+    jumps, steep = _current_changes(s)
     if jumps.any():
         earlier = np.concatenate([rows[:1], rows[:-1]])
         if turned is not None:
@@ -148,7 +148,7 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
 
 
 def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
-    """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds.
+    """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3, for cores with memory or falling force.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     Returns
     -------
     Law
-        Of the shapes 1 and w, its slope never below `SOFTEST` of that of a straight line through the data.
+        Of the shapes 1 and w, its slope at least `SOFTEST` of that of the regression of the force on the speed.
     """
     v, speeds = s["velocity"], _nodes_of(s)
     change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
@@ -173,10 +173,10 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool), memory=True)
 
 
-def _few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows of a table of which all others are combinations, and the combinations: rows ≈ shapes @ rows[picks].
 
-    Orthogonalisation in the order of what is left of the rows (pivoted Gram-Schmidt), up to `RANK` of the largest.
+    Orthogonalisation with pivoting by the norms of the residual rows (Gram-Schmidt), down to `RANK` of the largest.
 
     Returns
     -------
@@ -186,7 +186,7 @@ def _few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Examples
     --------
-    >>> picks, shapes = _few(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
+    >>> picks, shapes = _spanning(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
     >>> picks, shapes.ravel()
     (array([2]), array([0.25, 0.5 , 1.  ]))
     """
@@ -205,22 +205,22 @@ def _few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest[k] = 0.0
         parts.append(along)
     weights = np.column_stack(parts)
-    if not largest > NONE:  # a law that is zero at every point is one, too
+    if not largest > NONE:  # a law that is zero everywhere
         return np.array(picks), np.zeros_like(weights)
     lower, shapes = weights[picks], weights
-    for k in range(len(picks) - 1, -1, -1):  # shapes @ lower = weights; few columns, for which BLAS starts threads
+    for k in range(len(picks) - 1, -1, -1):  # shapes @ lower = weights, without BLAS, which starts threads
         shapes[:, k] = (weights[:, k] - shapes[:, k + 1:] @ lower[k + 1:, k]) / lower[k, k]
     shapes[picks] = np.eye(len(picks))
     return np.array(picks), shapes
 
 
 def _nodes_of(s: Signals) -> np.ndarray:
-    """(G,) speeds at which a law is read, evenly in asinh(w/w_0), for the speeds of these signals."""
+    """(G,) speeds at which a law is tabulated along these signals, evenly in asinh(w/w_0)."""
     top = s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
     return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
 
 
-def _seen(s: Signals) -> np.ndarray:
+def _table_samples(s: Signals) -> np.ndarray:
     """Samples evenly in time, and those where a channel is largest or smallest."""
     def make() -> np.ndarray:
         ends = [k for c in s.channels.values() for k in (int(np.argmax(c)), int(np.argmin(c)))]
@@ -230,8 +230,8 @@ def _seen(s: Signals) -> np.ndarray:
     return s.cached("samples at which a law is read", make)
 
 
-def _spread(few_samples: Signals, speeds: np.ndarray) -> Signals:
-    """Signals that hold samples at every speed."""
+def _at_speeds(few_samples: Signals, speeds: np.ndarray) -> Signals:
+    """Signals with these samples at every speed."""
     count = speeds.size
     channels = {role: np.tile(c, count) for role, c in few_samples.channels.items()}
     channels["velocity"] = np.repeat(speeds, few_samples.n_samples)
@@ -240,7 +240,7 @@ def _spread(few_samples: Signals, speeds: np.ndarray) -> Signals:
                    repeats=(few_samples, count))
 
 
-def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
+def _current_changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
     """(n,) bool each: samples at which a held current jumps, and those whose interval needs short steps."""
     jumps, steep = np.zeros((2, s.n_samples), dtype=bool)
     if s.has("current"):
@@ -253,6 +253,6 @@ def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
     return jumps, steep
 
 
-def _taken(s: Signals, seen: np.ndarray) -> Signals:
+def _at_samples(s: Signals, seen: np.ndarray) -> Signals:
     channels = {role: c[seen] for role, c in s.channels.items()}
     return Signals(s.sample_time, channels, s.output[seen], s.name, s.span, record=s.record or s, at=s.places[seen])

@@ -1,30 +1,28 @@
-"""Elements in series with a simulation: the march along the law of the core."""
+"""Elements in series with a simulation: the integration (march) along the law of the core."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Core, Remembered, Signals, most_kept
+from lpvid.diagnosis.signals import Core, Remembered, Signals
 from lpvid.toolkit import checks
 from quartercar.effects.corners import corners
 from quartercar.effects.series_law import Law, read_law
 
 STEEP = 3
-"""steps of the march from one sample to the next with air, play or a fluid that may tear, after a jump of the current
-and along a steep change of it; elsewhere 1"""
+"""steps of the march per sampling interval with air, play or cavitation, after a jump of the current and along a steep
+change of it; elsewhere 1"""
 CORNER = 6
-"""steps over an interval in which the velocity bends: the rule is of order two where it does not"""
+"""steps over an interval with a corner of the velocity, where the rule is not of order two"""
 LAWS = 4
-"""laws that signals keep, so that the derivative after a run need not read its law again"""
+"""laws kept along signals, for the derivative after a run"""
 
 
 @dataclass(frozen=True)
 class Elements:
-    """What lies in series with the law.
+    """Elements in series with the law.
 
     Attributes
     ----------
@@ -35,7 +33,7 @@ class Elements:
     play : float
         Total lost motion [m].
     limit : float
-        Force of compression at which the fluid tears [N].
+        Force of compression at which the fluid cavitates [N].
     """
 
     compliance: float = 0.0
@@ -45,7 +43,7 @@ class Elements:
     limit: float = np.inf
 
     def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float]:
-        """For the kernels; `rest` is the force at rest, which acts beside the elements.
+        """For the kernels; `rest` is the force at rest, which acts in parallel to the elements.
 
         Parameters
         ----------
@@ -67,7 +65,7 @@ class Elements:
         Parameters
         ----------
         force : (n,) array
-            Less that at rest [N].
+            Without that at rest [N].
 
         Returns
         -------
@@ -87,7 +85,7 @@ class SeriesMarch:
     core : Core
     elements : Elements
     static : bool
-        Whether the core may be without memory, which is then tested at some of its samples.
+        Whether the core may be without memory, which is then tested at some samples.
     """
 
     core: Core
@@ -95,7 +93,7 @@ class SeriesMarch:
     static: bool = field(default=True)
 
     def law(self, s: Signals, rigid: np.ndarray) -> Law:
-        """The law of the core, whose simulation along the signals is given; the last `LAWS` are kept.
+        """The law of the core, given its simulation along the signals; the last `LAWS` are kept.
 
         Parameters
         ----------
@@ -112,14 +110,7 @@ class SeriesMarch:
 
         if not isinstance(self.core, Remembered):
             return read()
-        kept: OrderedDict = s.cached("laws", OrderedDict)
-        key = (self.core.key, self.elements, self.static)
-        law = kept.pop(key, None) or read()
-        kept[key] = law
-        with suppress(KeyError):  # several threads may share the signals
-            if len(kept) > most_kept(LAWS, s.n_samples):
-                kept.popitem(last=False)
-        return law
+        return s.remembered("laws", (self.core.key, self.elements, self.static), read, LAWS)
 
     def steps(self, s: Signals, law: Law) -> tuple[np.ndarray, np.ndarray]:
         """(n,) steps up to each sample, and whether a short one precedes it.
@@ -140,7 +131,7 @@ class SeriesMarch:
         return np.where(corners(s).sharp, CORNER, parts), law.jumps | sudden
 
     def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
-        """(n,) force; `trace`, as long as the march has stages or empty, is filled by the kernel.
+        """(n,) force; `trace`, of one row per stage of the march, is filled by the kernel unless it is empty.
 
         Parameters
         ----------

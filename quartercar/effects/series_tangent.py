@@ -14,18 +14,17 @@ from quartercar.effects.series_law import SAME, Law, force_at_rest, with_memory
 from quartercar.effects.series_march import SeriesMarch
 
 RUNS = 4
-"""signals of which the changes are kept: an effect around the series may read it along several"""
+"""signals along which changes are kept: an effect around the series may run it along several"""
 PROBED, FASTER = 32, 3.0
-"""stages at which a core's dependence on other stages is tested, and how much faster those others are"""
+"""stages at which the dependence of a core on other stages is tested, and the ratio of the speeds of those others"""
 AT_ONCE = 16384
-"""stages that a core is evaluated at together, so that its intermediate results stay in the processor's cache, and
-those of all cores in little memory"""
+"""stages at which a core is evaluated together: its intermediate results fit the processor's cache"""
 
 
 def near(own: SeriesMarch, others: Sequence[Core]) -> list[Core]:
-    """Each of the others as the own simulation and its first-order change.
+    """Each of the others as the own simulation plus its first-order change.
 
-    One that is not in series, or whose core along a stage of the march depends on other stages, stays as it is.
+    One that is not in series, or whose core at a stage of the march depends on other stages, is returned unchanged.
 
     Parameters
     ----------
@@ -63,7 +62,7 @@ class _SeriesRuns:
         return run
 
     def along(self, s: Signals) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """(n,) the own simulation, and the changes that are known, by number."""
+        """(n,) the own simulation, and the changes of those that have one, by index."""
         for signals, out, changes in self.kept:
             if _alike(signals, s):
                 return out, changes
@@ -72,9 +71,8 @@ class _SeriesRuns:
         del self.kept[:-RUNS]
         return out, changes
 
-
     def _refined(self, s: Signals, coarse: Signals) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """The same between the samples: the cores there, and what the elements change along the samples."""
+        """The same between the samples: the cores there, plus the change by the elements, interpolated."""
         rigid = self.own.core(s)
         if not np.isfinite(rigid).all():
             return rigid, {}
@@ -88,10 +86,10 @@ class _SeriesRuns:
 
 
 def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """(n,) a simulation in series, and the first-order changes that lead to others, where they are known.
+    """(n,) a simulation in series, and the first-order changes from it to the others.
 
-    The stages, several a sample, are gone through in parts, so that what the cores give along them is held for a part
-    alone: along ten minutes it would take half a gigabyte.
+    The stages, several per sample, are processed in parts to limit memory: the outputs of the cores along all stages of
+    ten minutes are half a gigabyte.
 
     Parameters
     ----------
@@ -104,7 +102,7 @@ def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.nd
     out : (n,) array
         [N].
     changes : dict of int to (n,) array
-        [N], by place among the others; empty where the core is not finite.
+        [N], by index of the others; without those that have none, and empty where the core is not finite.
     """
     from quartercar.effects import _series_kernels as kernels
 
@@ -151,12 +149,12 @@ def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.nd
 
 
 Moved = Callable[[slice, Callable[[], Signals]], np.ndarray | float]
-"""Change of a law along some of the stages, whose signals are made when they are asked for."""
+"""Change of a law along some of the stages, whose signals are computed at first use."""
 
 
 @dataclass(frozen=True, eq=False)
 class MarchStages:
-    """The stages of a march: what the law saw there.
+    """The stages of a march, with the inputs of the law.
 
     Attributes
     ----------
@@ -166,9 +164,9 @@ class MarchStages:
     trace : (stages, 5) array
         Of the march.
     last : (stages,) array of int
-        The sample up to which the step goes.
+        Last sample of the interval.
     place : (stages,) array
-        Share of the way to it; beyond 1 at the step into the sample.
+        Place in the interval; above 1 at the step into the sample.
     """
 
     core: Core
@@ -188,8 +186,8 @@ class MarchStages:
         Returns
         -------
         callable or None
-            Of some of the stages and what makes their signals: (stages,) change [N]. None where it depends on other
-            stages.
+            Of some of the stages and a function for their signals: (stages,) change [N]. None where the core depends on
+            other stages.
         """
         if core is self.core or (isinstance(core, Remembered) and isinstance(self.core, Remembered)
                                  and core.key == self.core.key):
@@ -204,7 +202,7 @@ class MarchStages:
         return lambda which, part: core(part()) - part().cached("the march's own law", lambda: self.core(part()))
 
     def part(self, which: slice) -> Signals:
-        """A sample for each of some stages: the core's side's speed and position, other channels straight in between.
+        """A sample for each of some stages: speed and position behind the elements, other channels interpolated.
 
         Parameters
         ----------
@@ -226,13 +224,13 @@ class MarchStages:
         return self._signals(channels, self._between(s.places, s.places, which))
 
     def _along(self, rows: np.ndarray, which: slice) -> np.ndarray:
-        """A straight law of which the rows, (n, 2), are known at the samples."""
+        """A law linear in the speed at some stages, from its rows, (n, 2), at the samples."""
         at = self._between(rows, rows, which)
         return at[:, 0] + at[:, 1] * self.trace[which, 0]
 
     @found_once
     def _probes(self) -> tuple[Signals, Signals]:
-        """Some of the first stages alone, and before the same ones at other speeds."""
+        """Some of the first stages alone, and the same followed by those with other speeds."""
         first = self.part(slice(0, min(AT_ONCE, self.last.size)))
         probed = np.linspace(0, first.n_samples - 1, min(PROBED, first.n_samples)).astype(int)
         few = self._signals({role: c[probed] for role, c in first.channels.items()}, first.places[probed])
@@ -245,7 +243,7 @@ class MarchStages:
         return Signals(s.sample_time, channels, np.zeros(at.size), s.name, s.span, record=s.record or s, at=at)
 
     def _between(self, values: np.ndarray, before: np.ndarray, which: slice) -> np.ndarray:
-        """Values at samples, straight from each to `before` the next, at some of the stages."""
+        """Values at some of the stages, linear from each sample to the value `before` the next one."""
         last, share = self.last[which], self.place[which]
         start, into = values[np.maximum(last - 1, 0)], share > 1
         if values.ndim == 2:

@@ -1,4 +1,4 @@
-"""Shared filter: every channel has passed the same low-pass, with which a law that bends does not commute."""
+"""Shared filter: every channel has passed the same low-pass, with which a nonlinear law does not commute."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from quartercar.effects.measurement import ChainEffect
 
 
 class SharedFilter(ChainEffect):
-    """All channels have passed the same low-pass, which does not commute with a law that bends (sheet 1.4.10).
+    """All channels have passed the same low-pass, which does not commute with a nonlinear law (sheet 1.4.10).
 
-    The edges of a current that jumps between levels are put where the filter's own step response shows them
-    (`current_edges`); around those between levels that do not last the simulation stays as it is. Where no edge shows
-    the trace of a filter the cause is refused.
+    The times of a current's jumps between levels are estimated with the filter's step response (`current_edges`);
+    around jumps to levels that are too short the simulation is unchanged. Where the edges are unfiltered it is no
+    candidate.
     """
 
     name: ClassVar[str] = "shared-filter"
     flexible: ClassVar[bool] = True
-    title: ClassVar[str] = "all channels were low-passed alike, which a bent law does not commute with"
+    title: ClassVar[str] = "all channels have passed the same low-pass, with which a nonlinear law does not commute"
     stage: ClassVar[str] = "measurement"
     equation: ClassVar[str] = "F_recorded = F(X)/H, X = H X_recorded, H = 1 + 2 zeta T s + T^2 s^2"
     reference: ClassVar[str] = "equation sheet 1.4.10, E4.10"
@@ -42,7 +42,7 @@ class SharedFilter(ChainEffect):
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         for s in signals if "current" in baseline.channels else ():
             if edges_of(s) is not None and is_sharp(s):
-                return "the current jumps, and its edges show no trace of a filter"
+                return "the current jumps, and its edges are unfiltered"
         return super().applies(baseline, signals)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -72,7 +72,7 @@ class SharedFilter(ChainEffect):
 def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, sharp: bool) -> Signals:
     """Signals before a filter that all channels have passed, `finer` times as fast.
 
-    The current's edges are made sharp only for a law that can be evaluated between the samples.
+    The edges of the current are sharp only for a law that can be evaluated between the samples.
     """
     factors = (2 * zeta * t, t**2)
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}

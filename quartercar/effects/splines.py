@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 END = 12
-"""samples put before and behind a channel, over which the effect of its end on the spline decays (0.27 a sample)"""
+"""samples added to both ends of a channel, over which the effect of an end on the spline decays (0.27 per sample)"""
 
 
 def glided(values: np.ndarray, samples: float) -> np.ndarray:
-    """Values, (n,), of a smooth signal read `samples` later, by cubic splines in between, the ends held.
+    """Values, (n,), of a smooth signal read `samples` later, interpolated by cubic splines, the ends held.
 
-    A straight line between samples would take away cos(π f T) of what moves with f, half-way between them.
+    Linear interpolation would reduce the amplitude at a frequency f by cos(π f T) half-way between samples.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def spread(values: np.ndarray, finer: int) -> np.ndarray:
     Returns
     -------
     (n finer,) array
-        In the unit of the values, which stand at every one of `finer` samples.
+        In the unit of the values; every `finer`-th one is a given value.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def spread(values: np.ndarray, finer: int) -> np.ndarray:
 
 
 def _weights(values: np.ndarray) -> np.ndarray:
-    """Weights of the cubic B-splines whose sum goes through values."""
+    """Weights of the cubic B-splines whose sum interpolates values."""
     from scipy.ndimage import spline_filter1d
 
     return np.asarray(spline_filter1d(values, 3, mode="mirror"))

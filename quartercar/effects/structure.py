@@ -14,15 +14,16 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, derivative
 from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
+from quartercar.effects.force_output import no_force
 
 DEPTH = 1e-3
-"""depth at which the stiffness of a progressive stop is stated [m]"""
+"""depth at which the stiffness of a progressive stop is defined [m]"""
 LINEAR = 1.05
 """exponent up to which a stop is linear"""
 NOWHERE = 0.1 * DEPTH
-"""distance from mid stroke within which a stop stops at none [m]"""
+"""distance from mid stroke below which a stop engages at mid stroke [m]"""
 SHORTEST = 1e-6
-"""share of a sample below which the period of a resonance counts as in proportion"""
+"""share of a sample below which the effect of a resonance is taken as proportional to its period"""
 
 
 class EndStop(Effect):
@@ -50,7 +51,7 @@ class EndStop(Effect):
         return [np.array([3e4, float(np.quantile(reach, q)), 1.0]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         stiffness, position, exponent = map(float, values)
@@ -65,10 +66,7 @@ class EndStop(Effect):
         return run
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """A linear stop that engages from mid stroke on is a spring, a progressive one over most samples hardens.
-
-        What presses in more than half of the samples stands at no end of the stroke.
-        """
+        """A spring for a linear stop at mid stroke, a hardening one for a progressive stop engaged in most samples."""
         position, exponent = float(values[1]), float(values[2])
         if exponent < LINEAR:
             return ("gas-stiffness",) if position < NOWHERE else ()
@@ -96,7 +94,7 @@ class FixtureInertia(GridEffect):
         return (EffectParameter("mass", "kg", "m", 0.0, (0.0, 20.0), (0.0, 1e6), (1.0,)),)
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         mass = float(values[0])
@@ -107,10 +105,10 @@ class FixtureInertia(GridEffect):
 
 
 class FixtureResonance(GridEffect):
-    """The fixture swings: the force passes a second-order low-pass before the load cell (sheet 3.19).
+    """A resonance of the fixture: the force passes a second-order low-pass before the load cell (sheet 3.19).
 
-    A law without memory is run between the samples too: a resonance near half the sample rate rings by the moment at
-    which the force turns, which lies between two of them.
+    A law without memory is evaluated between the samples too: the response of a resonance near half the sample rate
+    depends on the time at which the force reverses, between two samples.
     """
 
     name: ClassVar[str] = "fixture-resonance"
@@ -129,7 +127,7 @@ class FixtureResonance(GridEffect):
                 EffectParameter("damping", "", "zeta", 0.1, (0.005, 1.0), (0.002, 2.0), (0.05, 0.3)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         period, damping = float(values[0]), float(values[1])
@@ -138,7 +136,7 @@ class FixtureResonance(GridEffect):
         return lambda s: swung(core, s, period, damping, baseline)
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Above half the sample rate no swing is seen: what is left of it is a force that comes a little later."""
+        """Delays and filters, where the resonance is above half the sample rate: its effect is a delay of the force."""
         beyond = np.pi * float(values[0]) / max(s.sample_time for s in signals) < 1
         return ("force-delay", "displacement-delay", "one-sided-filter") if beyond else ()
 
@@ -161,13 +159,13 @@ def acceleration(s: Signals) -> np.ndarray:
     """
     if s.has("acceleration"):
         return s["acceleration"]
-    if s.coarse is not None:  # the band in which it moves is that of the record
+    if s.coarse is not None:  # the band of its motion is that of the record
         return s.refined(acceleration(s.coarse))
     return s.fact("velocity", "rate of change", lambda v: derivative(s, "velocity"))
 
 
 def swung(core: Core, s: Signals, period: float, damping: float, baseline: Baseline) -> np.ndarray:
-    """(n,) simulation behind 1/(1 + 2ζTs + T²s²), asked between the samples where it has no memory.
+    """(n,) simulation filtered by 1/(1 + 2ζTs + T²s²), evaluated between the samples too where it has no memory.
 
     Parameters
     ----------
@@ -178,7 +176,7 @@ def swung(core: Core, s: Signals, period: float, damping: float, baseline: Basel
     damping : float
         ζ.
     baseline : Baseline
-        Innermost law of the core; one with memory is run at the samples only.
+        Innermost law of the core; one with memory is simulated at the samples only.
 
     Returns
     -------
@@ -193,19 +191,19 @@ def swung(core: Core, s: Signals, period: float, damping: float, baseline: Basel
 
 def _before_steps(core: Core, s: Signals) -> np.ndarray:
     """(n,) simulation just before each sample, where a current steps at samples."""
-    def late() -> Signals:
+    def current_of_before() -> Signals:
         return replace(s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]])), coarse=s.coarse)
 
-    return core(s.cached("signals with the current before each sample", late))
+    return core(s.cached("signals with the current before each sample", current_of_before))
 
 
 def second_order(values: np.ndarray, period: float, damping: float, step: float,
                  before: np.ndarray | None = None, seen_after: float = SEEN_AFTER) -> np.ndarray:
-    """Values behind 1/(1 + 2ζTs + T²s²), settled on the first; exact for signals that are linear between samples.
+    """Values filtered by 1/(1 + 2ζTs + T²s²), at rest at the first; exact for signals that are linear between samples.
 
-    A signal that jumps at its samples is cut in two: what runs linearly, and what is held between jumps, whose response
-    is seen `seen_after` of a step behind each of them. Both run to the values themselves as T → 0, in a straight line
-    below `SHORTEST` of a step, where the matrix exponential loses its digits.
+    A signal that jumps at its samples is the sum of a continuous part and of one that is held between jumps, whose
+    response is taken `seen_after` of a step after each sample. As T → 0 the result tends to the values, linearly in T
+    below `SHORTEST` of a step, where the matrix exponential is inaccurate.
 
     Parameters
     ----------
@@ -215,7 +213,7 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
     before : (n,) array, optional
         Left limits of a signal that jumps at its samples: it runs from values[k] to before[k+1].
     seen_after : float
-        Share of a step behind a jump at which the response to it is taken.
+        Share of a step after a jump at which the response to it is taken.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Thermal causes: force that fades as the fluid heats, by the work that it takes or by a measured temperature."""
+"""Thermal causes: the force decreases as the work of the damper heats the fluid."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.force_output import no_force
 from quartercar.effects.viscous import static_share, viscous_slope
 
 COOLING_TIME = EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), (20.0, 200.0))
-"""the second parameter of what fades with the heat"""
+"""second parameter of the thermal causes"""
 SWEEPS = 4
-"""times that the heat is worked out again with the force that it left"""
+"""fixed-point iterations of heat and force"""
 
 
 def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
     """(n,) heat E in the fluid [J] above its start: dE/dt = P₊ − E/τ, exact for a power held over a sample.
 
-    A stretch of a record starts with the heat that the measured work has left until then.
+    A stretch of a record starts with the heat of the measured work before it.
 
     Parameters
     ----------
     s : Signals
     power : (n,) array
-        P = F v [W]; what is negative heats nothing.
+        P = F v [W]; negative power does not heat.
     cooling : float
         τ [s].
 
@@ -56,13 +57,13 @@ def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
 
 
 Parts = tuple[np.ndarray, ...]
-"""what of a cold force the heat acts upon differently, (n,) each, the whole of it first"""
+"""the cold force, (n,), and parts of it on which the heat acts differently, (n,) each"""
 
 
 def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray], np.ndarray], cooling: float) -> Core:
-    """A core that the heat of its own work changes.
+    """A core that changes with the heat of its own work.
 
-    Where a law is only evaluated, at other speeds than the record's, the heat is what the record has left until then.
+    Where a law is only evaluated, at other speeds than those of the record, the heat is that of the record.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray],
 
 
 class ThermalEffect(GridEffect):
-    """A cause that follows the heat which the damper has taken up."""
+    """A cause that depends on the heat in the damper."""
 
     family: ClassVar[str] = "thermal"
     stage: ClassVar[str] = "core"
@@ -111,13 +112,13 @@ class ThermalEffect(GridEffect):
     reference: ClassVar[str] = "equation sheet 3.16"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        return no_force(baseline)
 
 
 class ThermalFade(ThermalEffect):
-    """All that the flow makes fades with the heat: F_s + (F − F_s)(1 − a E), a = α/C (equation sheet 3.16).
+    """The force of the flow decreases with the heat: F_s + (F − F_s)(1 − a E), a = α/C (equation sheet 3.16).
 
-    The static share F_s, of gas and preload, does not: a gas rather gains by it.
+    The static share F_s, of gas and preload, does not: the pressure of a gas increases with its temperature.
     """
 
     name: ClassVar[str] = "thermal-fade"
@@ -149,7 +150,7 @@ class ThermalFade(ThermalEffect):
 
 
 class ViscousFade(ThermalEffect):
-    """The viscous share alone fades, as a viscosity falls with the temperature (equation sheet 3.16)."""
+    """The viscous share alone decreases, as the viscosity does with the temperature (equation sheet 3.16)."""
 
     name: ClassVar[str] = "viscous-fade"
     title: ClassVar[str] = "the viscous share of the force fades as the damper heats up"

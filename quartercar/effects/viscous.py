@@ -1,4 +1,4 @@
-"""Shares of a simulation: how its force grows with the speed, and what is left of it without any."""
+"""Shares of a simulated force: its slope over the speed, and its static share."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ TOP = 0.999
 HALF = 0.6
 """share of it that is the lower speed"""
 KEPT = 4
-"""sets of shares that signals keep"""
+"""sets of shares kept along signals"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
-    """(n,) c(i) ≥ 0, the growth of the force with the speed [N·s/m].
+    """(n,) c(i) ≥ 0, the slope of the force over the speed [N·s/m].
 
-    Of a core without memory between two high speeds, at every sample's current and position; of one with memory by
-    regression of its force on the speed.
+    For a core without memory between two high speeds, at the current and position of every sample; for one with memory
+    by regression of its force on the speed.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
     if not baseline.static:
         return np.full(s.n_samples, max(_regressed(v, core(s)), 0.0))
     if s.record is not None:
-        kept = _kept(s, s.record, core)
-        return np.where(v < 0, kept.falling, kept.rising)
+        shares = _cached_shares(s, s.record, core)
+        return np.where(v < 0, shares.falling, shares.rising)
     signs = s.fact("velocity", "direction without rest", lambda v: np.where(v < 0, -1.0, 1.0))
     fast = s.cached("signals at high speed", lambda: s.evaluated(velocity=signs * _top(s)))
     slower = s.cached("signals at a lower speed", lambda: s.evaluated(velocity=signs * (HALF * _top(s))))
@@ -54,12 +54,12 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
 
 
 def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
-    """(n,) the force that no motion makes, of gas and preload [N]; 0 for a core with memory.
+    """(n,) force without motion, of gas and preload [N]; 0 for a core with memory.
 
-    Whatever turns round with the speed, Coulomb's friction and a yield force too, drops out of
-    e(v) = (F(v) + F(−v))/2; two high speeds, extrapolated to none, leave out what grows with the speed in one direction
-    more than in the other. An unequal yield stays in it, but not in the force at rest; a hysteresis stays in that, but
-    not in e: the smaller of the two counts, and none where they differ in sign.
+    Odd functions of the speed, also Coulomb friction and a yield force, cancel in e(v) = (F(v) + F(−v))/2, and its
+    linear extrapolation from two high speeds to zero removes a slope that is larger in one direction. A yield that
+    differs between the directions remains in e(0), but not in the force at rest; hysteresis remains in the latter, but
+    not in e(0). The share is the smaller of the two, and zero where they differ in sign.
 
     Parameters
     ----------
@@ -76,12 +76,12 @@ def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
     """
     if not baseline.static:
         return np.zeros(s.n_samples)
-    return _kept(s, s if s.record is None else s.record, core).static
+    return _cached_shares(s, s if s.record is None else s.record, core).static
 
 
 @dataclass(frozen=True, eq=False)
 class _Shares:
-    """Slopes in either direction, and the static share, of a core at signals, each worked out when it is read.
+    """Slopes in either direction, and the static share, of a core along signals, each computed at first use.
 
     Attributes
     ----------
@@ -90,9 +90,9 @@ class _Shares:
     top : float
         The higher of the two speeds [m/s].
     count : int
-        How many times the samples are repeated.
+        Number of repetitions of the samples.
     channels : list of arrays
-        That these belong to.
+        For which these hold; a reference keeps their identities unique.
     """
 
     s: Signals
@@ -138,13 +138,13 @@ class _Shares:
         return np.tile(values, self.count) if self.count > 1 else values
 
 
-def _kept(s: Signals, record: Signals, core: Core) -> _Shares:
-    """The shares of signals, kept while a law is evaluated at one speed after the other."""
+def _cached_shares(s: Signals, record: Signals, core: Core) -> _Shares:
+    """The shares of signals, cached for the evaluations of a law at further speeds."""
     rest = [s[r] for r in s.channels if r != "velocity"]
     kept: OrderedDict = record.cached("shares of the force", OrderedDict)
     key = (core, s.n_samples, *map(id, rest))
     found = kept.pop(key, None)
-    if found is None:  # channels kept alive keep their identity
+    if found is None:
         few, count = s.distinct
         found = _Shares(few, core, _top(s), count, rest)
     kept[key] = found

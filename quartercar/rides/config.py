@@ -33,8 +33,8 @@ HIGHEST = 2.5
 """of the command where the damper has no range of its own [A]"""
 LAW_NAMES = tuple(name for name, _, _ in LAWS if name not in ("scheduled", "identified-plant"))
 """the package's own laws that need no file"""
-PREVIEW_LAWS = ("preview-lqr", "mpc")
-"""those that make use of the road ahead; the second needs a damper with a gradient"""
+PREVIEW_LAWS = ("preview-lqr", "preview-lpv", "mpc")
+"""those that make use of the road ahead; the last needs a damper with a gradient"""
 DEFAULT_LAWS = tuple(name for name in LAW_NAMES if name not in ("lpv-hinf-identified", *PREVIEW_LAWS))
 """those that every damper admits"""
 ROADS: Mapping[str, type] = {"iso": IsoRoad, "bump": Bump, "sweep": SineSweep}

@@ -4,15 +4,15 @@
     python tests/benchmarks/diagnosis_calibration.py OUT --measured DATA
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]
 
-A claim is a component to which some set of the search gives a weight of at least `LISTED`, what speaks for it, and
-whether it is there. Forms of one component are one: breakaway friction is dry friction, air in the oil a spring. What a
-record truly has besides (the chain's filters; friction and springs of the law itself; the spring of a Bouc-Wen damper
-behind Guo's law) is neither right nor wrong and is left out, and so are names that nothing in these data keeps apart
-from what is hidden (own rig, `near`). Of measured records what `real_answers` accepts besides the story is left out.
-Maps are judged on cases that they were not fitted to: tenth by tenth, and those of cases with even numbers on the odd
-ones; rigs and measured records count alike. Foreign cases are sized as in `foreign_rig.truth`, without the comparison
-with every other cause, which takes longer than the diagnosis. Seeds rotate: a seed that was looked at once is a
-training seed.
+A claim is a component of a weight of at least `LISTED` over the sets of the search, with its support and whether it is
+present. Forms of one component are one: breakaway friction is dry friction, air in the oil a spring. Left out, as
+neither right nor wrong, are components that a record has by construction (filters of the measurement chain; friction
+and springs of the law itself; the spring of a Bouc-Wen damper behind Guo's law), components that these data cannot
+distinguish from the hidden ones (own rig, `near`), and the related and accepted parts of `real_answers`. Maps are
+tested on cases that they were not fitted to: by ten-fold cross-validation, and with a map of the cases of even number
+on those of odd number; both rigs and the measured records have equal weight. Foreign cases are sized as in
+`foreign_rig.truth`, without the comparison with every other cause, which takes longer than the diagnosis. Seeds rotate:
+a seed that was looked at once is a training seed.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ Row = dict
 
 @dataclass(frozen=True)
 class Claim:
-    """A component that some set holds, what speaks for it, and whether it is there.
+    """A component of some set, its support, and whether it is present.
 
     Attributes
     ----------
@@ -71,7 +71,6 @@ class Claim:
     number: int
     support: Support
     there: bool
-
 
 
 # -- cases --------------------------------------------------------------------------------------------------------
@@ -102,7 +101,7 @@ def foreign_case(seed: int) -> Row:
 
 
 def supports(answer: Diagnosis) -> dict[str, list]:
-    """What speaks for every component, in the order of `Support`: what a row keeps."""
+    """The support of every component for a row, as lists in the order of `Support`."""
     assert answer.weights is not None
     return {k: list(astuple(s)) for k, s in answer.weights.components.items()}
 
@@ -115,7 +114,7 @@ def own_case(seed: int) -> Row:
 
 
 def measured_case(folder: Path, group: str, baseline: str) -> Row:
-    """One group of measured records with a fair answer; what has no file is judged like any other row."""
+    """One group of measured records with a fair answer."""
     import lpvid as lpv
 
     chosen = real_records.group(group)
@@ -157,7 +156,7 @@ def kind(name: str) -> str:
 
 
 def besides(row: Row) -> set[str]:
-    """Components that are neither right nor wrong in a case."""
+    """Components that are neither right nor wrong in a case of a rig."""
     if row["rig"] == "foreign":
         own = cases.OWN[row["law"]] | cases.CHAIN | {"force-offset", "gas-preload"}
         own = own.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]))
@@ -169,7 +168,7 @@ def besides(row: Row) -> set[str]:
 
 
 def judged(name: str, row: Row) -> bool | None:
-    """Whether a component is there; None where that is neither right nor wrong."""
+    """Whether a component is present; None where it is neither right nor wrong."""
     if row["rig"] == "measured":
         return _by_answer(name, row)
     hidden = {kind(c) for c in row["causes"]}
@@ -182,10 +181,10 @@ def _by_answer(name: str, row: Row) -> bool | None:
     """The same by the fair answer of measured records."""
     answer = real_answers.answer(row["kind"], row["law"])
     assert answer is not None
-    parts, story = parts_of(name), {*answer.story, *(r for rivals in answer.rivals.values() for r in rivals)}
-    if parts & story:
+    parts, right = parts_of(name), {*answer.expected, *(r for rivals in answer.rivals.values() for r in rivals)}
+    if parts & right:
         return True
-    return None if parts & {*answer.kin, *answer.accepted, *real_answers.PARALLEL} else False
+    return None if parts & {*answer.related, *answer.accepted, *real_answers.PARALLEL} else False
 
 
 def claims(rows: list[Row], least: float = LISTED) -> list[Claim]:
@@ -206,8 +205,8 @@ def number(row: Row) -> int:
 
 
 def reliability(p: np.ndarray, there: np.ndarray) -> tuple[list[tuple[float, float, int]], float]:
-    """Per bin of equal numbers the mean probability, the share that is there and the count; and their mean difference,
-    the expected calibration error."""
+    """Mean probability, share that is present and count per bin of equal counts; and the expected calibration error,
+    the mean difference of the first two."""
     order = np.argsort(p, kind="stable")
     parts = [part for part in np.array_split(order, BINS) if part.size]
     rows = [(float(p[k].mean()), float(there[k].mean()), k.size) for k in parts]
@@ -215,20 +214,19 @@ def reliability(p: np.ndarray, there: np.ndarray) -> tuple[list[tuple[float, flo
 
 
 def by_chance(p: np.ndarray, draws: int = 200) -> float:
-    """The expected calibration error of claims that are there with just the probabilities given: that of few claims is
-    not zero."""
+    """The expected calibration error of claims with exact probabilities, which is not zero for a finite number."""
     rng = np.random.default_rng(0)
     return float(np.mean([reliability(p, (rng.random(p.size) < p).astype(float))[1] for _ in range(draws)]))
 
 
 def fitted(found: Sequence[Claim]) -> np.ndarray:
-    """Coefficients of the map of most likelihood (logistic regression; Platt 1999)."""
+    """Coefficients of the map of maximum likelihood (logistic regression; Platt 1999)."""
     from scipy.optimize import minimize
 
     features = np.array([c.support.features for c in found])
     there = np.array([float(c.there) for c in found])
     rigs = [c.rig for c in found]
-    share = np.array([len(found) / (len(set(rigs)) * rigs.count(r)) for r in rigs])  # each source counts alike
+    share = np.array([len(found) / (len(set(rigs)) * rigs.count(r)) for r in rigs])  # sources have equal weight
 
     def loss(theta: np.ndarray) -> float:
         z = features @ theta
@@ -262,8 +260,8 @@ def left_out(found: Sequence[Claim]) -> np.ndarray:
 
 
 def table(rows: list[Row]) -> str:
-    """The map of all cases; the reliability of weights, of probabilities as the program gives them, of maps on cases
-    that they were not fitted to (tenth by tenth, and the even ones' on the odd ones); both rigs and each."""
+    """The map of all cases; the reliability of weights, of the program's probabilities, and of maps on cases that they
+    were not fitted to (ten-fold, and of the even cases on the odd ones); of all sources and of each."""
     good = [r for r in rows if "support" in r]
     found = claims(good)
     even, odd = halves(found)

@@ -1,4 +1,4 @@
-"""Independent fits of the real records: which physical story the data support, by held-out error.
+"""Independent fits of the real records: which physical parts the data support, by held-out error.
 
     python tests/benchmarks/fair_fits.py FOLDER [GROUP ...]
 

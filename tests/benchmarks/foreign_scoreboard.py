@@ -1,11 +1,11 @@
-"""Scoreboard on the foreign rig: blind cases by the user's command, one line of JSON each, and the table of them.
+"""Scoreboard on the foreign rig: blind cases by the user's command, one line of JSON each, and their table.
 
     python tests/benchmarks/foreign_scoreboard.py OUT --cases 40 --seed 3 [--shard 0/2] [--only single,pair]
     python tests/benchmarks/foreign_scoreboard.py OUT --table
 
-No fitted baseline can be exact: every law of the rig has another form than the project's and a smooth error of 1 to 3 %
-of the force besides (`rough`: 3 to 6 %). What is separable is decided from the truth alone, before the diagnosis runs
-(`foreign_rig.truth`). Rows that OUT holds are not computed again. Rotate the seeds: a seed that was looked at once is a
+No fitted baseline can be exact: every law of the rig has another form than the project's, and a smooth error of 1 to
+3 % of the force (`rough`: 3 to 6 %). Which causes are separable is decided from the truth alone, before the diagnosis
+runs (`foreign_rig.truth`). Rows in OUT are not computed again. Rotate the seeds: a seed that was looked at once is a
 training seed.
 """
 
@@ -30,7 +30,7 @@ Row = dict
 
 
 def case(seed: int, limit: float, **fixed: object) -> Row:
-    """Draw, decide what is separable, then diagnose: plain data."""
+    """Draw a case, decide whether its cause is separable, then diagnose it: plain data."""
     begun = time.perf_counter()
     plan = cases.draw(seed, **fixed)
     world = cases.world(plan)
@@ -48,19 +48,19 @@ def case(seed: int, limit: float, **fixed: object) -> Row:
 
 # -- marks --------------------------------------------------------------------------------------------------------
 def stated(row: Row) -> list[str]:
-    """Causes named outright, without those that the law or the chain truly has."""
+    """Causes named outright, without those that the law or the measurement chain has by construction."""
     return [n for n in row.get("named", []) if n not in cases.OWN[row["law"]] | cases.CHAIN or n in row["causes"]]
 
 
 def wrong(row: Row) -> list[str]:
-    """Names given outright of what is not there, nor inseparable from what is."""
+    """Causes named outright that are neither present nor inseparable from those present."""
     alike = set() if row["separable"] else set(row["near"])
     alike = alike.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]))
     return [n for n in stated(row) if n not in row["causes"] and n not in alike and not _by_part(n, row)]
 
 
 def _by_part(name: str, row: Row) -> bool:
-    """Whether a name stands for a hidden cause that no catalogue had when this rig was written."""
+    """Whether a name has the part of a hidden cause from outside the catalogue."""
     return any(causes.cause(c).outside and c in parts_of(name) for c in row["causes"])
 
 
@@ -95,7 +95,7 @@ def line(row: Row) -> str:
 
 
 def table(rows: list[Row]) -> str:
-    """Markdown: shares by kind of case, unfinished ones told apart."""
+    """Markdown: shares by kind of case, with those without an answer in a column of their own."""
     good = [r for r in rows if "outcome" in r]
     lines = ["| cases | n | right | helpful or later | wrong name | silent | timeout, refused, traceback |",
              "|---|---|---|---|---|---|---|"]
@@ -154,7 +154,7 @@ def main() -> None:
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds, comma-separated: {', '.join(cases.KINDS)}")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
-    parser.add_argument("--table", action="store_true", help="print the table of what is there")
+    parser.add_argument("--table", action="store_true", help="print the table of the rows computed")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     if not options.table:

@@ -82,7 +82,7 @@ def bounds(case: lpv.GeneralizedPlant, design: lpv.OutputFeedback, verified: flo
 
     def inequalities(solver: str) -> float:
         with mock.patch.object(projected_search, "_starts", lambda of: iter([projected_search.initial(of)])):
-            pair = projected_search.least_bound(problem.projected, projected_search.Clock(), solvers=(solver,))
+            pair = projected_search.least_bound(problem.projected, solvers=(solver,))
         return np.inf if pair is None or pair.status != "optimal" else pair.gamma
 
     def variables() -> float:

@@ -1,13 +1,13 @@
 """Fair answers on the real records, from the independent fits of `fair_fits`, written before any diagnosis.
 
-A story is a set of physical parts; `NAMES` says which parts a cause of the catalogue stands for. The fits give the
+An answer is a set of physical parts; `NAMES` lists the parts of every cause of the catalogue. The fits give the
 free-run held-out ESR of the records in `real_records`; every line of `Answer.fits` is one structure of `fair_fits`.
 
 Marks of a part that is named:
 
-- in the story, or a rival that the data leave (its held-out error is within a quarter of the best): full credit;
-- kin (a flexible or neighbouring form that wins most of the gain): right as far as it goes, helpful at most;
-- accepted (a small true imperfection, or what the fits cannot decide): neither credited nor wrong;
+- expected, or a rival that the data do not exclude (its held-out error is within a quarter of the best): full credit;
+- related (a flexible or related form with most of the gain): partly right, helpful at most;
+- accepted (a small true imperfection, or one that the fits cannot decide): neither credited nor wrong;
 - anything else: a wrong name.
 """
 
@@ -31,44 +31,44 @@ NAMES: dict[str, frozenset[str]] = {name: frozenset(parts.split()) for name, par
     "tyre-stiffness": "car", "tyre-damping": "car", "actuator-delay": "actuator-late", "sensor-scale": "scale",
     "channel-sign": "sign", "missing-scheduling": "unlogged", "scheduling-degree": "degree",
     "current-saturation": "degree", "current-dependence": "current"}.items()}
-"""Parts by the names of the catalogue, of today and of issue 26; a name that is not here is a part of its own."""
+"""Parts by names of the catalogue, present and former; a name that is not here is a part of its own."""
 PRESLIDING = frozenset({"friction", "pre-sliding"})
 """Parts of dry friction whose deflection is part of the fit (Dahl's law)."""
 PARALLEL = frozenset({"chain", "inertia"})
-"""Accepted everywhere: every record has passed a chain; and a mass of tens of grams is beyond what the fits decide."""
+"""Accepted everywhere: every record has passed a measurement chain, and the fits do not decide on tens of grams."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a diagnosis of one group of records from one baseline should say.
+    """The fair answer for one group of records and one baseline.
 
     Attributes
     ----------
     group, baseline : str
-    story : tuple of str
+    expected : tuple of str
         Parts that the data support, the largest first.
     rivals : dict
-        Per part of the story those that the data leave in its place, at full credit.
-    kin : tuple of str
-        Parts that are right as far as they go.
+        Per expected part those that the data do not exclude in its place, at full credit.
+    related : tuple of str
+        Parts that are partly right.
     accepted : tuple of str
         Parts that are neither credited nor wrong.
     fits : dict
         Held-out free-run ESR of structures, by the independent fits.
     best : str
-        The structure of `fits` that is the best physical story.
+        The best physical structure of `fits`.
     unknown : str
-        A part of the story that the catalogue may lack: then an answer without any name is right as well.
+        An expected part that the catalogue may lack: then an answer without any name is right as well.
     why : str
     """
 
     group: str
     baseline: str
-    story: tuple[str, ...]
+    expected: tuple[str, ...]
     fits: dict[str, float]
     best: str
     rivals: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    kin: tuple[str, ...] = ()
+    related: tuple[str, ...] = ()
     accepted: tuple[str, ...] = ()
     unknown: str = ""
     why: str = ""
@@ -80,7 +80,7 @@ class Answer:
 
 
 def parts_of(name: str, parameters: dict[str, float] | None = None) -> frozenset[str]:
-    """Parts that a named cause stands for; dry friction with a deflection is Dahl's, elastic before it slides."""
+    """Parts of a named cause; dry friction with a deflection is Dahl's, elastic before it slides."""
     if name == "coulomb-friction" and (parameters or {}).get("deflection", 0.0) > 0:
         return PRESLIDING
     return NAMES.get(name, frozenset({name}))
@@ -137,64 +137,64 @@ _CAR = {"linear": 0.0280, "turned": 0.0209, "turned+gain": 0.0154, "turned+gain+
 
 ANSWERS: tuple[Answer, ...] = (
     Answer("random", "guo", ("rise-fall", "elastic", "offset"), _RANDOM, "friction+series+rise-fall",
-           kin=("lag", "late", "pre-sliding"), accepted=("power", "spring", "friction"),
+           related=("lag", "late", "pre-sliding"), accepted=("power", "spring", "friction"),
            why="field rises in 5 ms and falls in 18 ms; a spring of 1/.5e-6 N/m or so; guo has no constant"),
     Answer("fixed", "guo", ("elastic",), _FIXED, "friction+series+outer-friction", _DAHL,
            accepted=("friction", "power", "lost-motion", "turbulent"),
            why="friction behind a spring, with some outside it; a delay leaves seven times as much"),
-    Answer("fixed", "linear", ("elastic", "friction"), _FIXED, "friction+series+outer-friction", _DAHL, kin=("power",),
-           accepted=("lost-motion", "turbulent"), why="as above; the linear law has no friction"),
-    Answer("sines", "guo", ("elastic",), _SINES, "friction+series", kin=("pre-sliding",),
+    Answer("fixed", "linear", ("elastic", "friction"), _FIXED, "friction+series+outer-friction", _DAHL,
+           related=("power",), accepted=("lost-motion", "turbulent"), why="as above; the linear law has no friction"),
+    Answer("sines", "guo", ("elastic",), _SINES, "friction+series", related=("pre-sliding",),
            accepted=("friction", "power", "spring"),
            why="late force or motion fits the training sines (.0105) and fails at other frequencies (.040)"),
     Answer("race-heat", "linear", ("elastic", "friction", "asymmetry"), _HEAT, "friction+series+asymmetry",
-           kin=("power",), accepted=("spring", "offset"), why="no fade in spite of the heat gun: its gain is 0"),
+           related=("power",), accepted=("spring", "offset"), why="no fade in spite of the heat gun: its gain is 0"),
     Answer("race-24", "linear", ("elastic", "friction", "asymmetry"), _RACE_24, "friction+series+asymmetry",
-           kin=("power", "late"), accepted=("spring", "offset")),
-    Answer("race-slow", "linear", ("friction", "elastic"), _SLOW, "friction+series", _DAHL, kin=("power",),
+           related=("power", "late"), accepted=("spring", "offset")),
+    Answer("race-slow", "linear", ("friction", "elastic"), _SLOW, "friction+series", _DAHL, related=("power",),
            accepted=("asymmetry", "spring", "offset", "turbulent")),
     Answer("race-fast", "linear", ("friction", "elastic"), _FAST, "friction+series",
            {"elastic": ("pre-sliding", "late"), "friction": ("power",)}, accepted=("asymmetry", "spring", "offset",
                                                                                  "turbulent")),
-    Answer("labcontrol-0V", "linear", ("friction", "elastic"), _LAB_0, "friction+series", _LATE, kin=("power",),
+    Answer("labcontrol-0V", "linear", ("friction", "elastic"), _LAB_0, "friction+series", _LATE, related=("power",),
            accepted=("asymmetry", "spring", "offset", "cubic-spring"),
            why="one sine per record at 100 Hz: spring, delay and late force stay rivals"),
     Answer("labcontrol-0V", "guo", ("offset", "elastic"), _LAB_0, "friction+series", _LATE,
            accepted=("asymmetry", "spring", "friction", "cubic-spring", "power")),
     Answer("labcontrol-0.87V", "linear", ("friction", "elastic"), _LAB_087, "friction+series", _DAHL,
-           kin=("power", "late"), accepted=("asymmetry", "spring", "offset", "cubic-spring")),
-    Answer("labcontrol-0.87V", "guo", ("offset", "elastic"), _LAB_087, "friction+series", _DAHL, kin=("late",),
+           related=("power", "late"), accepted=("asymmetry", "spring", "offset", "cubic-spring")),
+    Answer("labcontrol-0.87V", "guo", ("offset", "elastic"), _LAB_087, "friction+series", _DAHL, related=("late",),
            accepted=("asymmetry", "spring", "friction", "power", "cubic-spring")),
     Answer("labcontrol-1.98V", "linear", ("friction", "elastic"), _LAB_198, "friction+series",
-           kin=("power", "late", "pre-sliding"), accepted=("spring", "offset")),
-    Answer("labcontrol-1.98V", "guo", ("offset", "elastic"), _LAB_198, "friction+series", kin=("late", "pre-sliding"),
-           accepted=("spring", "friction", "power")),
+           related=("power", "late", "pre-sliding"), accepted=("spring", "offset")),
+    Answer("labcontrol-1.98V", "guo", ("offset", "elastic"), _LAB_198, "friction+series",
+           related=("late", "pre-sliding"), accepted=("spring", "friction", "power")),
     Answer("labcontrol-voltages", "guo", ("offset", "elastic"), _LAB_ALL, "friction+series",
-           kin=("late", "pre-sliding"), accepted=("spring", "friction", "power"),
+           related=("late", "pre-sliding"), accepted=("spring", "friction", "power"),
            why="the law is affine in the voltage up to 3.2 V: a saturation wins nothing"),
-    Answer("emps", "linear", ("friction",), _EMPS, "friction", kin=("power",),
+    Answer("emps", "linear", ("friction",), _EMPS, "friction", related=("power",),
            accepted=("asymmetry", "elastic", "pre-sliding", "lost-motion", "offset", "spring"),
-           why="20.6 N against 20.4 N published; what helps further wins less than a twentieth of that"),
+           why="20.6 N against 20.4 N published; all further parts reduce the error by less than a twentieth of that"),
     Answer("bouc-wen", "linear", ("elastic", "friction"), _BOUC_WEN, "friction+series+cubic",
            {"elastic": ("pre-sliding",)}, accepted=("lost-motion", "cubic-spring", "power", "turbulent"),
-           why="a Bouc-Wen element by construction, which a progressive spring with friction behind it comes near"),
+           why="a Bouc-Wen element by construction, approximated by a progressive spring with friction behind it"),
     Answer("random", "linear", ("current", "friction", "elastic", "rise-fall"), _RANDOM, "friction+series+rise-fall",
-           _LATE, kin=("power", "lag"), accepted=("unlogged", "offset", "spring", "turbulent"),
-           why="the linear law does not read the voltage, which is most of what it lacks: without it .13 is left"),
-    Answer("sines", "linear", ("current", "friction", "elastic"), _SINES, "friction+series", _DAHL, kin=("power",),
+           _LATE, related=("power", "lag"), accepted=("unlogged", "offset", "spring", "turbulent"),
+           why="the linear law does not read the voltage, its largest error: without it .13 is left"),
+    Answer("sines", "linear", ("current", "friction", "elastic"), _SINES, "friction+series", _DAHL, related=("power",),
            accepted=("unlogged", "spring", "turbulent"), why="as for random; .29 is left without the voltage"),
     Answer("labcontrol-voltages", "linear", ("current", "friction", "elastic"), _LAB_ALL, "friction+series", _LATE,
-           kin=("power",), accepted=("unlogged", "spring", "offset", "turbulent"),
+           related=("power",), accepted=("unlogged", "spring", "offset", "turbulent"),
            why="as for random; .38 is left without the voltage"),
     Answer("car", "quarter-car", ("scale",), _CAR, "gain+friction+road",
            {"scale": ("sign", "actuator-late")}, accepted=("friction", "car"), unknown="scale",
            why="a road of two thirds with a force of 1.3, or a turned force four times as strong and 36 ms early: the "
-               "data leave both, and neither is known to be true; cannot tell is a right answer"),
+               "data exclude neither, and the truth is unknown; cannot tell is a right answer"),
     Answer("silverbox", "linear", ("cubic-spring",), _SILVERBOX, "cubic", unknown="cubic-spring",
            why="a cubic spring by construction; where the catalogue has none, no name is right"),
 )
 
 
 def answer(group: str, baseline: str) -> Answer | None:
-    """The fair answer of a case; None where there is none (a black-box baseline: only errors and times are told)."""
+    """The fair answer of a case; None for a black-box baseline, of which only errors and times are reported."""
     return next((a for a in ANSWERS if (a.group, a.baseline) == (group, baseline)), None)

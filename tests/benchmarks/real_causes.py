@@ -5,17 +5,17 @@
     python tests/benchmarks/real_causes.py FOLDER OUT --siblings
 
 A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. ``--siblings`` takes
-other records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same: does an answer hold?
-Everything goes by the user's command with held-out files. Marks:
+other records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same. All cases are run by
+the user's command with held-out files. Marks:
 
-- right: more than half of the story's parts named (or, where the catalogue may lack the one part there is, nothing
-  named and no claim to have explained), nothing wrong;
-- helpful: some part of the story or its kin named, nothing wrong;
-- wrong: any cause named outright that is neither in the story nor kin nor accepted;
+- right: more than half of the expected parts named (or, where the catalogue may lack the only one, nothing named and
+  the verdict not ``explained``), nothing wrong;
+- helpful: an expected or related part named, nothing wrong;
+- wrong: a cause named outright that is neither expected nor a rival nor related nor accepted;
 - silent, timeout, refused, traceback.
 
-Rivals that the diagnosis lists instead of a name count as named where all of a list stand for one part of the story,
-its rivals or kin.
+Rivals that the diagnosis lists instead of a name count as named where every one of a list has the expected part, one
+of its rivals or a related one, and one of them has the expected part.
 """
 
 from __future__ import annotations
@@ -48,37 +48,37 @@ def mark(row: dict, answer: Answer | None) -> str:
         return "unscored"
     if wrong(row, answer):
         return "wrong"
-    found = {p for p in answer.story if p in credited(row, answer)}
-    if 2 * len(found) > len(answer.story):
+    found = {p for p in answer.expected if p in credited(row, answer)}
+    if 2 * len(found) > len(answer.expected):
         return "right"
     if answer.unknown and not row["named"] and row["verdict"] != "explained":
         return "right"
-    if found or credited(row, answer) & set(answer.kin):
+    if found or credited(row, answer) & set(answer.related):
         return "helpful"
     return "silent"
 
 
 def wrong(row: dict, answer: Answer) -> list[str]:
-    """Names given outright none of whose parts the story knows."""
-    known = {*answer.story, *answer.kin, *answer.accepted, *real_answers.PARALLEL,
+    """Names given outright none of whose parts the answer has."""
+    known = {*answer.expected, *answer.related, *answer.accepted, *real_answers.PARALLEL,
              *(r for rivals in answer.rivals.values() for r in rivals)}
     return [n for n in row["named"] if not parts_of(n, row.get("parameters", {}).get(n)) & known]
 
 
 def credited(row: dict, answer: Answer) -> set[str]:
-    """Parts named, those of the story for which a rival stands, and those that every member of a list stands for."""
+    """Parts named, expected ones of which a rival is named, and expected ones of a list of rivals."""
     parts = {p for n in row["named"] for p in parts_of(n, row.get("parameters", {}).get(n))}
     found = parts | {part for part, rivals in answer.rivals.items() if parts & set(rivals)}
     for names in row["rivals"]:
-        for part in answer.story:
-            alike = {part, *answer.rivals.get(part, ()), *answer.kin}
+        for part in answer.expected:
+            alike = {part, *answer.rivals.get(part, ()), *answer.related}
             if any(part in parts_of(n) for n in names) and all(parts_of(n) & alike for n in names):
                 found.add(part)
     return found
 
 
 def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
-    """Diagnose what has no row yet."""
+    """Diagnose the cases that have no row yet."""
     path = _path(out, options)
     done = {(r["group"], r["baseline"]) for r in rows(path)}
     for name, baseline in cases(options.siblings):
@@ -105,7 +105,7 @@ def _path(out: Path, options: argparse.Namespace) -> Path:
 
 
 def rows(path: Path) -> list[dict]:
-    """What is there."""
+    """Rows of a file; none where it does not exist."""
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
 
 
@@ -124,7 +124,7 @@ def table(found: list[dict]) -> str:
         esr = [f"{row[k]:.4f}" if k in row else "" for k in ("before", "after")]
         lines.append("| " + " | ".join([
             row["group"], row["baseline"], how, row.get("verdict", ""), ", ".join(row.get("named", [])),
-            "; ".join("/".join(r) for r in row.get("rivals", [])), " + ".join(answer.story) if answer else "",
+            "; ".join("/".join(r) for r in row.get("rivals", [])), " + ".join(answer.expected) if answer else "",
             *esr, f"{answer.esr:.4f}" if answer else "", f"{row['seconds']:.0f}"]) + " |")
     count = len(marks)
     if count:
@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("case", nargs="*", help="GROUP/BASELINE")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
-    parser.add_argument("--table", action="store_true", help="print the table of what is there")
+    parser.add_argument("--table", action="store_true", help="print the table of the rows computed")
     parser.add_argument("--siblings", action="store_true", help="other records of the same specimens")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,10 @@
-"""The true cause taken out of the catalogue: single causes of the foreign rig, the search repeated without them.
+"""The true cause removed from the catalogue: single causes of the foreign rig, diagnosed without them.
 
     python tests/benchmarks/removed_cause.py OUT --cases 24 --seed 141
 
 A case is at half the rig's rate, 10 s; the entry and the other forms of its component are left out. A row, a line of
-JSON in OUT/removed.jsonl, is not computed twice. Refused: nothing named that is not there; family: what is named is of
-the family of the cause; misnamed: anything else.
+JSON in OUT/removed.jsonl, is not computed twice. Refused: no cause named that is not present; family: all causes named
+are of the family of the true one; misnamed: anything else.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def case(seed: int) -> dict:
 
 def main() -> None:
     """Run what is missing, then count."""
-    parser = argparse.ArgumentParser(description="The true cause taken out of the catalogue.")
+    parser = argparse.ArgumentParser(description="The true cause removed from the catalogue.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--seed", type=int, default=1)

@@ -54,10 +54,10 @@ def by_sdpa(case: RandomPlant) -> float:
     points = grid.points
     problem = FeedbackProblem(BalancedPlant.of(case.plant, points), variations, grid.axes, grid.corners, False,
                               points[:0])
-    clock, rounds = projected_search.Clock(), projected_search.ROUNDS
+    rounds = projected_search.ROUNDS
     try:
         projected_search.ROUNDS = 1
-        pair = projected_search.least_bound(problem.projected, clock, solvers=("SDPA",))
+        pair = projected_search.least_bound(problem.projected, solvers=("SDPA",))
     finally:
         projected_search.ROUNDS = rounds
     return np.inf if pair is None or pair.status != "optimal" else pair.gamma

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from quartercar.controllers import Predictive, PreviewQuadratic
+from quartercar.controllers import Predictive, PreviewQuadratic, PreviewStorage
 from quartercar.controllers.contract import SIGNALS, Controller, Law, Setting
 from quartercar.parameters import MEGANE
 from quartercar.rides.default_damper import identified_damper
@@ -45,7 +45,7 @@ def step_of(law: Controller, cars: int) -> tuple[Law, Callable[[], None]]:
 
 
 @pytest.mark.parametrize("cars", [1, 20])
-@pytest.mark.parametrize("law", [Predictive(), Predictive(rounds=2), PreviewQuadratic()], ids=repr)
+@pytest.mark.parametrize("law", [Predictive(), Predictive(rounds=2), PreviewQuadratic(), PreviewStorage()], ids=repr)
 def test_step(law: Controller, cars: int, benchmark) -> None:
     _, step = step_of(law, cars)
     step()

@@ -34,7 +34,7 @@ def test_says_what_it_is_and_comes_back_from_a_file(name: str, tmp_path):
 
 @pytest.mark.parametrize(("name", "ahead"), [
     pytest.param(n, k, marks=pytest.mark.seconds if n in SECONDS else ())
-    for n, k in (*((n, 0) for n in EVERY), ("preview-lqr", 6), ("mpc", 6))])
+    for n, k in (*((n, 0) for n in EVERY), ("preview-lqr", 6), ("preview-lpv", 6), ("mpc", 6))])
 def test_reads_nothing_else_and_cars_do_not_mix(name: str, ahead: int):
     law = laws.law_class(name)()
     rows = [seen(seed=k, ahead=ahead) for k in range(20)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,7 @@ from lpvid.diagnosis.diagnosis import (
     VisitedSet,
 )
 from lpvid.diagnosis.estimates import errors_of, estimates
-from lpvid.diagnosis.evidence.calibration import Support, component_support, match_family
+from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY
 from lpvid.diagnosis.evidence.search import SetSearch
@@ -33,6 +33,7 @@ from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.screening import ScreeningResult
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
+from lpvid.validation.trust import QUANTILE
 
 SIGNIFICANT = 0.05
 """p-value of the largest block statistic over all candidates, above which nothing is named"""
@@ -101,7 +102,10 @@ class EvidenceOutcome:
         selected, problem = self.selected, self.selected.problem
         before, extended = self.errors
         found = selected.members if self.significant else ()
-        members = found if self.predicts else ()
+        final = selected.fit if found and self.predicts else selected.root
+        of_parameters = covariance(problem, final)
+        spread = np.sqrt(np.diag(of_parameters))
+        members = [self._simplified(m, spread) for m in found] if self.predicts else []
         reasons = {m.effect.name: selected.reason_not_named(m) for m in members}
         named = [m for m in members if reasons[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if reasons[m.effect.name] is None and m.rivals]
@@ -116,11 +120,8 @@ class EvidenceOutcome:
             verdict = "unexplained"
             reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
                      f"{before.esr_held_out:.3g}): take a baseline that simulates them, for example auto"
-        final = selected.fit if members else selected.root
         wrong = localise(problem, problem.errors(selected.root.composition, selected.root.vector))
         rest = localise(problem, problem.errors(final.composition, final.vector))
-        of_parameters = covariance(problem, final)
-        spread = np.sqrt(np.diag(of_parameters))
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             "alternating blocks; each is predicted by the fit to the others, in which it counts for a hundredth"
@@ -141,7 +142,7 @@ class EvidenceOutcome:
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember]
                  ) -> tuple[str, str]:
-        law_error, left = self.selected.law_error, self.selected.relative_error
+        law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after.errors)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
         noise = "" if left <= ACCEPTABLE_MISFIT else \
             f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
@@ -161,7 +162,8 @@ class EvidenceOutcome:
             return "unexplained", f"the best set is {names}, of which nothing can be named; {structure}"
         if self.selected.least_error_set is not None:
             causes, lower = self.selected.least_error_set
-            fall = f"{', '.join(causes)} it falls out of fold from {left:.1%} to {lower:.1%} of the output"
+            fall = f"{', '.join(causes)} it falls out of fold from {self.selected.relative_error:.1%} to {lower:.1%} " \
+                   "of the output"
             return "unexplained", f"no cause is probable enough to be named, and the error is no noise: with {fall}"
         if law_error > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
@@ -187,6 +189,24 @@ class EvidenceOutcome:
         return float(gains.sum()) / excess, float(gains.std(ddof=1) * np.sqrt(gains.size)) / excess
 
     # -- plain data ----------------------------------------------------------------------------------------------------
+    def _simplified(self, m: SetMember, spread: np.ndarray) -> SetMember:
+        """A member under the name of its component where the 95 % interval of what it differs by holds neutral.
+
+        A misfit of the law may prefer a special form on the samples of the search: two time constants that are equal
+        within their error on all samples are one lag.
+        """
+        e = m.effect
+        if m.name != e.name or not e.differs_by or e.form_of not in {c.name for c in self.search.candidates}:
+            return m
+        k = [p.name for p in e.parameters].index(e.differs_by)
+        composition = self.selected.fit.composition
+        error = spread[composition.places[composition.effects.index(e)]][k]
+        if not abs(m.values[k] - e.parameters[k].neutral) < QUANTILE * error:
+            return m
+        support = Support.of(self.selected.sets, match_component(e.form_of), self.search.structured)
+        rivals = tuple((n, p) for n, p in m.rivals if n != e.form_of)
+        return replace(m, name=e.form_of, probability=support.probability, weight=support.weight, rivals=rivals)
+
     def _cause(self, m: SetMember, spread: np.ndarray) -> Cause:
         selected = self.selected
         single = self.search.visited.get(frozenset({m.effect.name}))

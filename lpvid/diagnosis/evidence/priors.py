@@ -51,6 +51,9 @@ def misfit_prior(relative_error: float) -> float:
 def inclusion_prior(effect: Effect) -> float:
     """ln π/(1 − π) with the prior probability π: `FORM_PROBABILITY` of a flexible effect, else `COMPONENT_PROBABILITY`.
 
+    Of an effect that the samples show before any fit (`Effect.visible`) it is one less `COMPONENT_PROBABILITY`: as
+    probable as another is improbable.
+
     Parameters
     ----------
     effect : Effect
@@ -60,7 +63,8 @@ def inclusion_prior(effect: Effect) -> float:
     float
     """
     share = FORM_PROBABILITY if effect.flexible else COMPONENT_PROBABILITY
-    return float(np.log(share / (1 - share)))
+    found = float(np.log(share / (1 - share)))
+    return -found if effect.visible else found
 
 
 def strength_prior(change: float, slope: float) -> tuple[float, float]:

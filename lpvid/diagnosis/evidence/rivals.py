@@ -55,6 +55,42 @@ def reported_name(effect: Effect, component: str, sets: Sequence[tuple[Evaluated
     return effect.name, match_form(effect), form
 
 
+def name_in(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], w: EvaluatedSet, effect: Effect
+            ) -> tuple[str, Matcher, Support]:
+    """The name under which an effect of a set is reported: `reported_name`, unless the error contradicts that.
+
+    An effect reduces to a simpler one (`Effect.comes_to`) where other parameters compensate the rest: an orifice that
+    opens at low speed is a quadratic loss if the viscous share of the law can decrease by 2 c_o v_o. Where the visited
+    set with the simpler effect in its place has a likelihood below `LISTED_WEIGHT`, by the error alone, they cannot,
+    and it keeps its own name. A number at its bound needs no compensation. Flexible effects have no name of their own.
+
+    Parameters
+    ----------
+    search : SetSearch
+    sets : sequence of (EvaluatedSet, float)
+    w : EvaluatedSet
+    effect : Effect
+        Of its members.
+
+    Returns
+    -------
+    name : str
+    match : Matcher
+    support : Support
+    """
+    k = w.effects.index(effect)
+    component, place = w.components[k], w.fit.composition.places[k]
+    simpler = search.visited.get(w.members - {effect.name} | {component})
+    low, high = (bound[place] for bound in w.fit.composition.bounds)
+    at_bound = bool(np.any((w.fit.vector[place] <= low) | (w.fit.vector[place] >= high)))
+    certain = effect.flexible or at_bound or component in (effect.component, effect.form_of)
+    if simpler is not None and not certain:
+        deficit = 0.5 * search.kappa * search.problem.n_samples * np.log(_cost(simpler) / _cost(w))
+        if deficit > -np.log(LISTED_WEIGHT):
+            return effect.name, match_form(effect), Support.of(sets, match_form(effect), search.structured)
+    return reported_name(effect, component, sets, search.structured)
+
+
 def match_form(effect: Effect) -> Matcher:
     """Matches an effect in the same form, at any place.
 
@@ -89,8 +125,7 @@ def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]],
     -------
     tuple of (str, float)
     """
-    component = best.components[best.effects.index(effect)]
-    name, match, support = reported_name(effect, component, sets, search.structured)
+    name, match, support = name_in(search, sets, best, effect)
     if support.probability < NAMED_PROBABILITY:
         return _alternatives(sets, best, effect, match, search.structured)
     found = _equally_likely(search, sets, best, effect)

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
-from lpvid.diagnosis.evidence.rivals import LISTED_WEIGHT, NAMED_PROBABILITY, match_form, reported_name, rivals_beside
+from lpvid.diagnosis.evidence.rivals import LISTED_WEIGHT, NAMED_PROBABILITY, match_form, name_in, rivals_beside
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.folds import Folds, errors_on_other_fold, join_folds, out_of_fold
@@ -486,8 +486,7 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     problem = fit.problem
     gains = _gains(problem, ablation, after)
     before = _out_of_fold_cost(problem, ablation)
-    component = w.components[w.effects.index(effect)]
-    name, _, support = reported_name(effect, component, sets, search.structured)
+    name, _, support = name_in(search, sets, w, effect)
     of_family = Support.of(sets, match_family(effect.family), search.structured).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     rivals = rivals_beside(search, sets, best if effect in best.effects else w, effect, values)

@@ -12,17 +12,14 @@ from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
-from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
+from quartercar.controllers.contract import Controller, Law, Setting, Values
 from quartercar.controllers.laws.clipped_optimal import STATES
-from quartercar.controllers.laws.damping import HIGH, LOW, between
-from quartercar.controllers.laws.horizon import comfort_filter
+from quartercar.controllers.laws.damping import HIGH, LOW
 from quartercar.controllers.laws.mpc import STROKE, TYRE
+from quartercar.controllers.laws.preview_model import LAG, LinearPreviewLaw, PreviewModel
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
-from quartercar.vehicle.linear import LinearCar
 
-LAG = Parameter("force_lag", "s", "tau, from the demanded force to the damper's", 0.01, 1e-3, 0.03, log=True)
-"""The embedded damper's frozen poles have 3 to 10 ms (`FrozenDamper`)"""
 EFFORT = Parameter("effort_weight", "", "r, of the demand", 0.3, 1e-2, 10.0, log=True)
 """A demand of little effort is mostly out of a damper's reach; what clipping makes best is found by tuning"""
 
@@ -54,7 +51,9 @@ class PreviewQuadratic(Controller):
         names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)
         rows = zip(*(values[n].tolist() for n in names), strict=True)
         loops = [preview_loop(setting.parameters, *row, setting.sample_time) for row in rows]
-        return _PreviewLaw(loops, values, setting)
+        gain, ahead = np.array([p.gain for p in loops]), np.array([p.ahead(setting.preview) for p in loops])
+        return LinearPreviewLaw(gain, ahead, values["force_lag"], np.zeros(setting.cars), values["low_damping"],
+                                values["high_damping"], setting)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,27 +188,12 @@ def preview_loop(parameters: CarParameters, tyre_weight: float, stroke_weight: f
     >>> loop.norm(60) < loop.norm(20) < loop.norm(0)
     True
     """
-    from scipy.linalg import LinAlgError, expm, solve_discrete_are
+    from scipy.linalg import LinAlgError, solve_discrete_are
 
-    car = LinearCar(parameters.replace(damping=0.0)).relative()
-    block = np.zeros((6, 6))
-    block[:4, :4], block[:4, 4:] = car.A, car.B
-    held = expm(block * sample_time)[:4]
-    shape = comfort_filter(sample_time)
-    nf = len(shape) - 1
-    n, mass = 5 + nf, parameters.sprung_mass
-    a, b, e = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-    a[:4, :4], a[:4, 4], e[:4] = held[:, :4], held[:, 5], held[:, 4]
-    left = float(np.exp(-sample_time / force_lag))
-    a[4, 4], b[4] = left, 1 - left
-    body = np.append(car.C[car.outputs.index("body_acceleration")],
-                     car.D[car.outputs.index("body_acceleration"), 1])
-    tyre = np.append(car.C[car.outputs.index("tyre_force")], 0.0)
-    a[5:, 5:], a[5:, :5] = shape[:nf, :nf], np.outer(shape[:nf, nf], body)
-    c, d = np.zeros((4, n)), np.array([0.0, 0.0, 0.0, np.sqrt(effort_weight) / mass])
-    c[0, :5], c[0, 5:] = shape[nf, nf] * body, shape[nf, :nf]
-    c[1, :5] = np.sqrt(tyre_weight) / mass * tyre
-    c[2, 0] = np.sqrt(stroke_weight) * parameters.spring_stiffness / mass
+    model = PreviewModel.of(parameters.replace(damping=0.0), tyre_weight, stroke_weight, force_lag, sample_time)
+    a, b, e = model.step, model.control, model.road
+    c, d = np.vstack([model.shown, np.zeros(len(a))]), np.zeros(4)
+    d[3] = np.sqrt(effort_weight) / parameters.sprung_mass
     try:
         p = solve_discrete_are(a, b[:, None], c.T @ c, np.array([[d @ d]]), s=(c.T @ d)[:, None])
     except (LinAlgError, ValueError) as error:
@@ -218,29 +202,3 @@ def preview_loop(parameters: CarParameters, tyre_weight: float, stroke_weight: f
     weight = float(d @ d + b @ p @ b)
     return PreviewLoop(a, b, e, c, d, (b @ p @ a + d @ c) / weight, p, sample_time, weight)
 
-
-class _PreviewLaw(Law):
-    """Gains of many cars, with the states of force and weighting filter carried along."""
-
-    def __init__(self, loops: list[PreviewLoop], values: Values, setting: Setting) -> None:
-        self._low, self._high = values["low_damping"], values["high_damping"]
-        self._gain = np.array([loop.gain for loop in loops])
-        self._ahead = np.array([loop.ahead(setting.preview) for loop in loops])
-        self._left = np.exp(-setting.sample_time / values["force_lag"])
-        self._shape, self._car = comfort_filter(setting.sample_time), setting.parameters
-        self._period, cars = setting.sample_time, len(loops)
-        self._force, self._filtered = np.zeros(cars), np.zeros((cars, len(self._shape) - 1))
-
-    def step(self, seen: Signals) -> np.ndarray:
-        nf = len(self._shape) - 1
-        self._force = seen["attained"] + (self._force - seen["attained"]) * self._left
-        x = np.column_stack([*(seen[n] for n in STATES), self._force, self._filtered])
-        wanted = -np.einsum("cn,cn->c", self._gain, x)
-        ahead = seen["road_ahead"]
-        if ahead.shape[1]:
-            rates = np.diff(ahead, axis=1, prepend=0.0) / self._period
-            wanted = wanted - np.einsum("cp,cp->c", self._ahead, rates)
-        body = -(self._car.spring_stiffness * seen["suspension_deflection"] + self._force) / self._car.sprung_mass
-        self._filtered = (np.einsum("ij,cj->ci", self._shape[:nf, :nf], self._filtered)
-                          + body[:, None] * self._shape[:nf, nf])
-        return between(wanted, seen["suspension_velocity"], self._low, self._high)

@@ -24,6 +24,7 @@ from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, D
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
+from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.priors import (
     STRENGTH_SCALE,
     determined_count,
@@ -44,6 +45,7 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 from quartercar.effects import CATALOGUE
 from quartercar.effects.electrical import CoilLag, RiseFallLag
+from quartercar.effects.measurement import ForceClipping
 
 
 def test_the_marginal_is_that_of_a_dense_normal_density():
@@ -452,7 +454,7 @@ class Steep(Added):
 
 @pytest.mark.thinned(2)
 @pytest.mark.parametrize(("misfit", "named", "rivals"), [(0.1, ["dry"], []), (0.4, [], [("dry", "steep")])])
-def test_next_of_kin_are_told_apart_where_they_differ_by_more_than_the_law_errs(misfit, named, rivals):
+def test_related_components_are_separated_where_they_differ_by_more_than_the_error_of_the_law(misfit, named, rivals):
     """The change by either is the same but near zero; the law errs by .07 and by .28 of the output's unit."""
     def hidden(u: np.ndarray) -> np.ndarray:
         return 1.5 * np.sign(u) + misfit * np.sin(9 * u) * np.sign(np.roll(u, 30))
@@ -669,6 +671,49 @@ def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     sets = [(SimpleNamespace(effects=[air], components=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
     name, _, support = rivals.reported_name(air, "play", sets, 0.9)
     assert name == "play" and support.weight == pytest.approx(1.0)
+
+
+def test_what_the_samples_show_is_as_probable_as_another_cause_is_improbable():
+    """A force clipped by its amplifier rests at its largest value, and is a candidate only where it does."""
+    assert inclusion_prior(ForceClipping()) == pytest.approx(-inclusion_prior(CoilLag())) and \
+        inclusion_prior(CoilLag()) < 0
+
+
+@pytest.mark.parametrize(("cost", "value", "name"), [
+    (1.1, 0.2, "loss"),  # the simpler effect leaves as much
+    (2.0, 0.2, "orifice"),  # it does not
+    (2.0, 0.0, "loss"),  # at its bound it is the simpler effect
+    (None, 0.2, "loss"),  # nothing is known of that
+])
+def test_an_effect_keeps_its_name_where_the_simpler_one_leaves_notably_more(cost, value, name):
+    """An orifice that opens at low speed is a quadratic loss, if the law gives up some of its viscous share."""
+    orifice = SimpleNamespace(name="orifice", component="orifice", form_of="", flexible=False)
+
+    def held(cost: float) -> SimpleNamespace:
+        fit = SimpleNamespace(cost=cost, vector=np.array([3.0, value]), composition=SimpleNamespace(
+            places=[slice(0, 2)], bounds=(np.zeros(2), np.array([9.0, 9.0]))))
+        return SimpleNamespace(effects=(orifice,), components=("loss",), fit=fit, members=frozenset({"orifice"}))
+
+    w = held(1.0)
+    search = SimpleNamespace(kappa=0.1, problem=SimpleNamespace(n_samples=300), structured=0.9,
+                             visited={} if cost is None else {frozenset({"loss"}): held(cost)})
+    found, _, support = rivals.name_in(search, [(w, 1.0)], w, orifice)
+    assert found == name and support.weight == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("error", "name"), [(0.1, "coil-lag"), (0.01, "rise-fall-lag")])
+def test_edges_that_are_equal_within_their_error_are_one_lag(error, name):
+    edges, lag = RiseFallLag(), CoilLag()
+    sets = [(SimpleNamespace(effects=(edges,), components=("coil-lag",)), 1.0)]
+    fit = SimpleNamespace(composition=SimpleNamespace(effects=(edges,), places=[slice(0, 2)]))
+    outcome = SimpleNamespace(search=SimpleNamespace(candidates=(edges, lag), structured=0.5),
+                              selected=SimpleNamespace(fit=fit, sets=sets))
+    member = SetMember(edges, "rise-fall-lag", np.array([0.03, 1.05]), 0.7, 0.9, 0.7, (("coil-lag", 0.2),), 1.0, 50.0,
+                       1.0, 0.1, 10.0)
+    found = EvidenceOutcome._simplified(outcome, member, np.array([0.001, error]))
+    assert found.name == name and (found.rivals == ()) is (name == "coil-lag")
+    if name == "coil-lag":
+        assert found.weight == pytest.approx(1.0)
 
 
 def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():

@@ -14,7 +14,7 @@ from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.infeasibility import obstacle
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
 from lpvid.synthesis.projected_half import Variation
-from lpvid.synthesis.projected_search import Clock, least_bound
+from lpvid.synthesis.projected_search import least_bound
 from lpvid.synthesis.projection import ProjectedInequalities, raised, shortfall
 from lpvid.synthesis.riccati import least_gain
 
@@ -75,7 +75,7 @@ def test_matrices_that_break_the_coupling_are_no_bound():
     case = scherer()
     at = BalancedPlant.of(case, case.box.centre[None]).at(case.box.centre[None])
     problem = ProjectedInequalities(at, Variation.constant(1), Variation.constant(1))
-    pair = least_bound(problem, Clock())
+    pair = least_bound(problem)
     assert pair.gamma == pytest.approx(9.508, rel=2e-3)
     assert shortfall(problem, raised(pair, 2e-3)) < 1e-8
     halved = replace(pair, x=0.5 * pair.x, y=0.5 * pair.y)

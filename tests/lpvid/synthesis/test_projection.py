@@ -13,7 +13,7 @@ from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
 from lpvid.synthesis.projected_half import Half, Variation
-from lpvid.synthesis.projected_search import Clock, least_bound
+from lpvid.synthesis.projected_search import least_bound
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -48,7 +48,7 @@ def test_dual_matrices_end_the_search_for_the_least_bound(monkeypatch, make, opt
     """One solve: nothing needs to be found twice where no pair can be lower."""
     calls, run = [], Conic._run
     monkeypatch.setattr(Conic, "_run", lambda *args: calls.append(1) or run(*args))
-    pair = least_bound(_problem(make()).projected, Clock())
+    pair = least_bound(_problem(make()).projected)
     assert len(calls) == 1
     assert pair.floor <= optimum * (1 + 1e-5) and pair.floor == pytest.approx(pair.gamma, rel=1e-3)
     assert pair.gamma == pytest.approx(optimum, rel=1e-3)

@@ -172,7 +172,7 @@ def test_the_laws_that_use_the_road_join_where_none_are_named():
     from quartercar.cli.ride import _chosen
 
     found = _chosen(None, None, None, None, None, None, None, None, "time=0.1,front=known")
-    assert list(found.controllers)[-2:] == ["preview-lqr", "mpc"] and found.settings.preview is not None
+    assert list(found.controllers)[-3:] == ["preview-lqr", "preview-lpv", "mpc"] and found.settings.preview is not None
     assert "mpc" not in _chosen(None, None, None, None, None, None, None, None, None).controllers
 
 

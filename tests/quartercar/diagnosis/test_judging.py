@@ -22,7 +22,7 @@ from lpvid.diagnosis.evidence.priors import MISFIT_LOG_DEVIATION, MISFIT_MEDIAN
 from quartercar.effects import CATALOGUE
 
 ANSWER = Answer("any", "linear", ("friction", "elastic"), {"a": 0.01}, "a", {"elastic": ("pre-sliding",)},
-                kin=("power",), accepted=("asymmetry",))
+                related=("power",), accepted=("asymmetry",))
 
 
 def row(*named: str, rivals: tuple[tuple[str, ...], ...] = (), **other: object) -> dict:
@@ -47,7 +47,7 @@ class TestMarks:
         (row("a-cause-of-tomorrow"), "wrong"), ({"outcome": "traceback"}, "traceback"),
         (row("coulomb-friction", rivals=(("series-compliance", "entrained-air"),)), "right"),
         (row("coulomb-friction", rivals=(("series-compliance", "thermal-fade"),)), "helpful")])
-    def test_of_a_story(self, found: dict, wanted: str) -> None:
+    def test_of_an_answer(self, found: dict, wanted: str) -> None:
         assert real_causes.mark(found, ANSWER) == wanted
 
     def test_friction_with_a_deflection_is_elastic_before_it_slides(self) -> None:
@@ -68,10 +68,10 @@ class TestMarks:
             assert answer.esr <= answer.fits["friction" if "linear" not in answer.fits else "linear"]
         assert len({(a.group, a.baseline) for a in real_answers.ANSWERS}) == len(real_answers.ANSWERS)
 
-    def test_the_story_can_be_named_with_the_catalogue(self) -> None:
+    def test_expected_parts_can_be_named_with_the_catalogue(self) -> None:
         parts = {p for e in CATALOGUE for p in real_answers.parts_of(e.name)}
         for answer in real_answers.ANSWERS:
-            assert all(p in parts for p in answer.story if p != answer.unknown)
+            assert all(p in parts for p in answer.expected if p != answer.unknown)
 
     @pytest.mark.parametrize(("fields", "wanted"), [
         ({"kind": "nothing", "causes": (), "named": ["end-stop"]}, "false alarm"),

@@ -191,7 +191,7 @@ def test_a_force_that_is_no_number_leads_to_none_and_not_beyond_a_table() -> Non
     trace[:, 2] = np.nan, np.inf, -np.inf, 1e300
     _series_kernels.softer(trace, soft, Elements(compliance=1e-6).numbers(0.0), out)
     assert np.isnan(out[0])
-    assert np.isfinite(_series_kernels._given(-1e12, soft)).all()
+    assert np.isfinite(_series_kernels._play_and_air(-1e12, soft)).all()
 
 
 def test_elements_in_one_series_are_one_element() -> None:
@@ -249,6 +249,6 @@ def test_a_force_beyond_all_bounds_reads_no_foreign_memory(size):
 
     element = np.array([0.0, 1e-3, 100.0, 0.0, -np.inf, 0.0])
     with np.errstate(all="ignore"):
-        d, _ = kernels._given.py_func(size, element)
-        assert d == kernels._given(size, element)[0]
+        d, _ = kernels._play_and_air.py_func(size, element)
+        assert d == kernels._play_and_air(size, element)[0]
     assert d == pytest.approx(1e-3, rel=0.05)

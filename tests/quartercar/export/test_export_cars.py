@@ -190,14 +190,15 @@ def test_a_rule_of_another_package_is_exported_by_its_own_expression():
 
 
 @pytest.mark.parametrize("name", [n for n, _, _ in LAWS if n not in
-                                  ("clipped-optimal", "pdd", "preview-lqr", "mpc", "lpv-hinf", "lpv-hinf-clipped",
-                                   "scheduled", "lpv-hinf-identified", "identified-plant")])
+                                  ("clipped-optimal", "pdd", "preview-lqr", "preview-lpv", "mpc", "lpv-hinf",
+                                   "lpv-hinf-clipped", "scheduled", "lpv-hinf-identified", "identified-plant")])
 def test_a_law_agrees(name):
     assert error(export(law_class(name)())) < 1e-14
 
 
 @pytest.mark.parametrize("name,mend", [("clipped-optimal", "LoopLaw"), ("pdd", "LoopLaw"),
                                        ("mpc", "road ahead"), ("preview-lqr", "road ahead"),
+                                       ("preview-lpv", "road ahead"),
                                        ("lpv-hinf", "quartercar design"),
                                        ("lpv-hinf-identified", "--plant nominal")])
 def test_a_law_that_needs_its_car_says_so(name, mend):

@@ -207,7 +207,7 @@ def test_speed_only_says_how_many_terms_there_are():
 
 # -- the laws on the road ----------------------------------------------------------------------------------------------
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["mpc", "preview-lqr"])
+@pytest.mark.parametrize("name", ["mpc", "preview-lqr", "preview-lpv"])
 def test_a_front_axle_is_worth_its_sensors(name: str):
     """With what the front axle estimates both figures fall by over 2 %, and hardly less than with the profile itself.
 
