@@ -23,7 +23,7 @@ from lpvid.diagnosis.diagnosis import (
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember
 from lpvid.diagnosis.extended import ExtendedModel
@@ -190,22 +190,31 @@ class EvidenceOutcome:
 
     # -- plain data ----------------------------------------------------------------------------------------------------
     def _simplified(self, m: SetMember, spread: np.ndarray) -> SetMember:
-        """A member under the name of its component where the 95 % interval of what it differs by holds neutral.
+        """A member under the name of the simpler effect that it is by its parameters on all samples.
 
-        A misfit of the law may prefer a special form on the samples of the search: two time constants that are equal
-        within their error on all samples are one lag.
+        A misfit of the law may prefer a special form on the samples of the search. Two time constants that are equal
+        within the 95 % interval of their ratio are one lag (`Effect.differs_by`); with a number at its bound an effect
+        may be a limit of its equation (`Effect.comes_to`), as air without pressure is play.
         """
-        e = m.effect
-        if m.name != e.name or not e.differs_by or e.form_of not in {c.name for c in self.search.candidates}:
+        e, selected = m.effect, self.selected
+        known = {c.name for c in self.search.candidates} - {other.name for other in selected.members}
+        if m.name != e.name:
             return m
-        k = [p.name for p in e.parameters].index(e.differs_by)
-        composition = self.selected.fit.composition
-        error = spread[composition.places[composition.effects.index(e)]][k]
-        if not abs(m.values[k] - e.parameters[k].neutral) < QUANTILE * error:
+        bounds = np.array([p.bounds for p in e.parameters])
+        at_bound = np.any((m.values <= bounds[:, 0]) | (m.values >= bounds[:, 1]))
+        simpler = next((n for n in e.comes_to(m.values, selected.problem.signals) if n in known and at_bound), None)
+        if simpler is None and e.differs_by and e.form_of in known:
+            k = [p.name for p in e.parameters].index(e.differs_by)
+            composition = selected.fit.composition
+            error = spread[composition.places[composition.effects.index(e)]][k]
+            if abs(m.values[k] - e.parameters[k].neutral) < QUANTILE * error:
+                simpler = e.form_of
+        if simpler is None:
             return m
-        support = Support.of(self.selected.sets, match_component(e.form_of), self.search.structured)
-        rivals = tuple((n, p) for n, p in m.rivals if n != e.form_of)
-        return replace(m, name=e.form_of, probability=support.probability, weight=support.weight, rivals=rivals)
+        match = match_component(simpler) if simpler == e.form_of else match_names(simpler, e.name)
+        support = Support.of(selected.sets, match, self.search.structured)
+        rivals = tuple((n, p) for n, p in m.rivals if n != simpler)
+        return replace(m, name=simpler, probability=support.probability, weight=support.weight, rivals=rivals)
 
     def _cause(self, m: SetMember, spread: np.ndarray) -> Cause:
         selected = self.selected

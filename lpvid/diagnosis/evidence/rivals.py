@@ -47,7 +47,7 @@ def reported_name(effect: Effect, component: str, sets: Sequence[tuple[Evaluated
     if effect.component == component:
         return effect.name, match_component(component), whole
     if component != effect.form_of:  # it reduces to that at these parameters; in other sets they may differ a little
-        either = _match_names(component, effect.name)
+        either = match_names(component, effect.name)
         return component, either, Support.of(sets, either, structured)
     form = Support.of(sets, match_form(effect), structured)
     if form.probability < NAMED_PROBABILITY <= whole.probability:
@@ -231,8 +231,17 @@ def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
     return w.fit.cached("without noise", find)
 
 
-def _match_names(*names: str) -> Matcher:
-    """Matches a component, or an effect, of one of the names."""
+def match_names(*names: str) -> Matcher:
+    """Matches a component, or an effect, of one of the names.
+
+    Parameters
+    ----------
+    *names : str
+
+    Returns
+    -------
+    Matcher
+    """
     return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if {k, e.name} & {*names}), None)
 
 
@@ -269,8 +278,8 @@ def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet
     without = sum(weights.values())
     for among in ([k for k, p in weights.items() if p > LISTED_WEIGHT],
                   [k for k in of_family if weights[k] > LISTED_WEIGHT * without]):
-        either = Support.of(sets, _match_any(match, *map(_match_names, among)), structured)
+        either = Support.of(sets, _match_any(match, *map(match_names, among)), structured)
         if either.probability >= NAMED_PROBABILITY:
-            return tuple((form[k], Support.of(sets, _match_names(k), structured).probability)
+            return tuple((form[k], Support.of(sets, match_names(k), structured).probability)
                          for k in sorted(among, key=lambda k: -weights[k]))
     return ()

@@ -44,6 +44,7 @@ from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 from quartercar.effects import CATALOGUE
+from quartercar.effects.compliance import EntrainedAir
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.measurement import ForceClipping
 
@@ -701,18 +702,30 @@ def test_an_effect_keeps_its_name_where_the_simpler_one_leaves_notably_more(cost
     assert found == name and support.weight == pytest.approx(1.0)
 
 
+def simplified(effect: Effect, component: str, values: list[float], spread: list[float], rival: str) -> SetMember:
+    """A member, named as its effect by the search, as it is reported."""
+    sets = [(SimpleNamespace(effects=(effect,), components=(component,)), 1.0)]
+    fit = SimpleNamespace(composition=SimpleNamespace(effects=(effect,), places=[slice(0, 2)]))
+    member = SetMember(effect, effect.name, np.array(values), 0.7, 0.9, 0.7, ((rival, 0.2),), 1.0, 50.0, 1.0, 0.1, 10.0)
+    selected = SimpleNamespace(fit=fit, sets=sets, members=(member,), problem=SimpleNamespace(signals=()))
+    outcome = SimpleNamespace(search=SimpleNamespace(candidates=CATALOGUE, structured=0.5), selected=selected)
+    return EvidenceOutcome._simplified(outcome, member, np.array(spread))
+
+
 @pytest.mark.parametrize(("error", "name"), [(0.1, "coil-lag"), (0.01, "rise-fall-lag")])
 def test_edges_that_are_equal_within_their_error_are_one_lag(error, name):
-    edges, lag = RiseFallLag(), CoilLag()
-    sets = [(SimpleNamespace(effects=(edges,), components=("coil-lag",)), 1.0)]
-    fit = SimpleNamespace(composition=SimpleNamespace(effects=(edges,), places=[slice(0, 2)]))
-    outcome = SimpleNamespace(search=SimpleNamespace(candidates=(edges, lag), structured=0.5),
-                              selected=SimpleNamespace(fit=fit, sets=sets))
-    member = SetMember(edges, "rise-fall-lag", np.array([0.03, 1.05]), 0.7, 0.9, 0.7, (("coil-lag", 0.2),), 1.0, 50.0,
-                       1.0, 0.1, 10.0)
-    found = EvidenceOutcome._simplified(outcome, member, np.array([0.001, error]))
+    found = simplified(RiseFallLag(), "coil-lag", [0.03, 1.05], [0.001, error], "coil-lag")
     assert found.name == name and (found.rivals == ()) is (name == "coil-lag")
     if name == "coil-lag":
+        assert found.weight == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("pressure", "name"), [(1e-3, "backlash"), (2e-3, "entrained-air")])
+def test_air_without_pressure_on_all_samples_is_play(pressure, name):
+    """On the samples of the search its pressure was a little more than none."""
+    found = simplified(EntrainedAir(), "series-compliance", [7e-4, pressure], [1e-6, np.nan], "backlash")
+    assert found.name == name and (found.rivals == ()) is (name == "backlash")
+    if name == "backlash":
         assert found.weight == pytest.approx(1.0)
 
 
