@@ -32,7 +32,7 @@ def identify(
                                        "training data.")] = False,
     budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time of "
                                                  "--auto (300) up to the model: reading, audit, search and the fit of "
-                                                 "its choice. Forms and report come on top; what both took is printed "
+                                                 "its choice. Forms and report come on top; both times are printed "
                                                  "last.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
@@ -191,7 +191,7 @@ def identify(
         found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
     if budget is not None:
-        typer.echo(f"--budget {budget:g}: {reached - begun:.1f} s of processor time up to the model, "
+        typer.echo(f"--budget {budget:g}: {reached - begun:.1f} s of processor time up to the model and its forms, "
                    f"{processor_time() - reached:.1f} s for the report", err=True)
     if found.choice is not None and not found.choice.selection.complete:
         raise typer.Exit(INTERRUPTED)

@@ -157,8 +157,8 @@ def _own_clock(period: float, sample_rate: float) -> float:
     """Period of the clock that unsteady samples are brought onto before they are resampled [s].
 
     Their mean one differs between a record and a part of it, and with it every sample: a model would not recognise the
-    record that it was fitted to a part of. So it is the least multiple of the rate asked for that holds their mean
-    rate; that one itself where less than their own was recorded.
+    record that it was fitted to a part of. So it is that of the least multiple of the rate asked for that is no lower
+    than their mean rate. Where their mean rate is below the rate asked for, it is that of the mean rate.
     """
     many = (1 - RATE_TOLERANCE) / (period * sample_rate)
     return period if many < 1 - 2 * RATE_TOLERANCE else 1 / (sample_rate * max(int(np.ceil(many)), 1))

@@ -18,9 +18,10 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
 
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
-         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "visible",
-         "placement_of", "form_of", "differs_by", "contains", "behind", "turns", "brings")
-"""attributes that a `FleetEffect` has from its effect"""
+         "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
+         "form_of", "contains", "behind", "turns", "brings")
+"""attributes that a `FleetEffect` has from its effect; not `visible` and `differs_by`, which hold for the effect's own
+neutral values: samples show a clipped force, but not that it is clipped at another level than the fleet's"""
 WITHIN, CONSISTENT = 3.0, 1.4826
 """standard deviations within which 99.7 % of normal specimens lie; the standard deviation of a normal distribution over
 its median absolute deviation"""

@@ -246,12 +246,13 @@ def screen(
         best = max(own, key=lambda k: ratio[k])
         p = float(p_values[own].min())
         by_effect[effect.name] = ScreeningResult(effect, float(ratio[best]), float(statistic[best]), p, visible[best],
-                                          _smallest(effect, [visible[k] for k in own], variance, problem.n_samples))
+                                                 _smallest(effect, [visible[k] for k in own], variance,
+                                                           problem.n_samples))
     return sorted(by_effect.values(), key=lambda e: -e.likelihood_ratio)
 
 
-def _p_values(null: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(k,) p-values of k candidates by the better of two statistics, (flips, 2) under the null and (k, 2) as seen.
+def _p_values(null: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    """(k,) p-values of k candidates by the better of two statistics, (flips, 2) under the null and (k, 2) observed.
 
     The share of sign patterns in which the largest value of either statistic ranks as high among all patterns: as cheap
     and as exact as a single statistic. The studentised statistic detects what acts everywhere, whatever the
@@ -260,7 +261,8 @@ def _p_values(null: np.ndarray, visible: np.ndarray) -> np.ndarray:
     ordered = np.sort(null, axis=0)
     size = len(null)
     best = np.min([size - np.searchsorted(o, n, side="left") for o, n in zip(ordered.T, null.T, strict=True)], axis=0)
-    own = np.min([size - np.searchsorted(o, s, side="left") for o, s in zip(ordered.T, visible.T, strict=True)], axis=0)
+    own = np.min([size - np.searchsorted(o, s, side="left") for o, s in zip(ordered.T, observed.T, strict=True)],
+                 axis=0)
     return (1 + np.searchsorted(np.sort(best), own, side="right")) / (1 + size)
 
 

@@ -112,9 +112,10 @@ class QuarterCarBaseline(Coded, Baseline):
                                  mend=checks.role_mend(role))
         for role, wanted in ROLES.items():
             if record.has(role) and record.unit(role) not in (wanted, ""):
+                mend = "positions of road, wheel and body; between accelerations, lpvid identify --input TABLE " \
+                    "--output BODY" if wanted == "m" else "the actuator's force, or leave the role out"
                 raise InputError(f"record '{record.name}': {role} has a wrong unit", got=record.unit(role),
-                                 why=f"{wanted} expected", mend="positions of road, wheel and body; between "
-                                 "accelerations, lpvid identify --input TABLE --output BODY")
+                                 why=f"{wanted} expected", mend=mend)
         channels = {r: checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
         return Signals(period, channels, channels[self.output], record.name)
 

@@ -53,8 +53,8 @@ def with_held_levels(data: RecordPieces, blocks: Sequence[Block]) -> tuple[Recor
     if not found:
         return data, tuple(blocks)
     levels = tuple(sorted({*data.levels, *(r.level for r in runs.values() if r.level is not None)}))
-    records = len({r.source for r in runs.values()})
-    note = (f"current held over several cycles at {len({r.level for r in runs.values()})} levels within {records} "
+    records, held = len({r.source for r in runs.values()}), len({r.level for r in runs.values()})
+    note = (f"current held over several cycles at {held} level{'s' if held > 1 else ''} within {records} "
             f"record{'s' if records > 1 else ''}: the cycles at each level are read like a record of their own")
     return replace(data, runs=(*data.runs, *runs.values()), levels=levels, notes=(*data.notes, note)), (*blocks, *found)
 
@@ -74,10 +74,10 @@ def _holds(block: Block, resolution: CurrentResolution) -> list[list[int]]:
 
 def _levels(holds: Sequence[tuple[Block, list[int]]], resolution: CurrentResolution,
             known: Sequence[float]) -> list[tuple[float, list[tuple[Block, list[int]]]]]:
-    """(level, its holds), rising; without chains of holds that reach further than one level."""
+    """(level, its holds), rising, each level once; without chains of holds that reach further than one level."""
     middles = [(float(np.median([np.median(b.run.record["current"][b.cycles[k].span]) for k in hold])), n)
                for n, (b, hold) in enumerate(holds)]
-    found = []
+    found: dict[float, list[tuple[Block, list[int]]]] = {}
     for group in resolution.groups(middles):
         values = [v for v, _ in group]
         if values[-1] - values[0] > resolution.apart:
@@ -85,8 +85,8 @@ def _levels(holds: Sequence[tuple[Block, list[int]]], resolution: CurrentResolut
         own = resolution.level(values)
         near = [k for k in known if abs(k - own) <= resolution.apart]
         level = near[int(np.argmin([abs(k - own) for k in near]))] if near else own
-        found.append((level, [holds[n] for _, n in group]))
-    return found
+        found.setdefault(level, []).extend(holds[n] for _, n in group)
+    return list(found.items())
 
 
 def _at(run: RecordPiece, block: Block, holds: Sequence[list[int]]) -> Block:

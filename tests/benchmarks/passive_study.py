@@ -60,7 +60,8 @@ def rig() -> lpv.Identification:
     training, held_out = rig_data(0)
     found = studied("rig", training, held_out, structure())
     assert found.held_out is not None
-    rows = experiment_figures(found.held_out, found.unconstrained_figures[1])
+    free = found.unconstrained_figures[1]
+    rows = experiment_figures(found.held_out, free, free)
     stated = ", ".join(f"{e.name} {e.plain_esr or np.inf:.4f} -> {e.esr or np.inf:.4f}" for e in rows)
     before, after = (np.mean([v or np.inf for v in column]) for column in
                      ([e.plain_esr for e in rows], [e.esr for e in rows]))

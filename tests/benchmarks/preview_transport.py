@@ -26,8 +26,6 @@ from quartercar.vehicle.linear import LinearCar
 PERIOD, WHEELBASE, DAMPING = 1 / 512, 2.7, 1640.0
 UNITS = np.array([3e-3, 0.1, 7e-4, 0.15, 100.0])
 """size of the car's states, for the Riccati equation"""
-UNITS = np.array([3e-3, 0.1, 7e-4, 0.15, 100.0])
-"""size of the car's states, for the Riccati equation"""
 TYRE, STROKE, EFFORT, LAG = 0.40, 0.0012, 0.44, 0.0137
 """weights of the best preview-lqr about a nominal damping that tuning found"""
 

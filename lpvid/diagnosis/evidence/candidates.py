@@ -215,7 +215,7 @@ def _to_simulate(screening: BaselineScreening, w: EvaluatedSet, outside: Sequenc
 def _fewer_points(points: np.ndarray, predicted: Direction | None) -> np.ndarray:
     """`SCREENED_POINTS` of the grid points of an effect, and the one of the largest predicted gain besides.
 
-    The period of a resonance is sharp: four of fourteen points may all miss it.
+    The time constant of a resonance is sharp: four of fourteen points may all miss it.
     """
     fewer = evenly_spaced(points, SCREENED_POINTS)
     if predicted is None or any(np.array_equal(predicted.values, v) for v in fewer):

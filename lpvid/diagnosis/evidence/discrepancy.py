@@ -10,7 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.problem import DiagnosisProblem
 
 FEATURES = 80
-"""random Fourier features; with twice as many no evidence changed beyond rounding (diagnosis_real)"""
+"""random Fourier features; with twice as many no evidence of measured records changed beyond rounding"""
 TYPICAL_MISFIT = 0.015
 """root mean square of the misfit of a good physical law over that of the force: half-normal scale of its prior. Fits of
 twenty measured record groups left 1 to 3 %"""
@@ -46,7 +46,7 @@ class Discrepancy:
     def of(cls, problem: DiagnosisProblem, baseline: Baseline) -> Discrepancy:
         """Functions of the velocity and the scheduling variables jointly, and of every other input alone.
 
-        Additive: products of speed and position reproduce every loop of a periodic record (diagnosis_real).
+        Additive: products of speed and position reproduce every loop of a periodic record.
         Rahimi and Recht (2007), random Fourier features.
 
         Parameters
@@ -139,7 +139,7 @@ def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count:
     best = int(np.argmax(total))
     noise = float(np.exp(grid[best, k[best]]))
     return MarginalLikelihood(float(total[best]), noise, float(MISFIT_SIZES[best]),
-                    kappa * variance[best] / (noise + kappa * variance[best] * d.power))
+                              kappa * variance[best] / (noise + kappa * variance[best] * d.power))
 
 
 def _log_likelihood(noise: np.ndarray, variance: np.ndarray, squared: float, projected_error: np.ndarray,

@@ -206,7 +206,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     usable, unusable = usable_of(catalogue, baseline, recorded)  # not joined: constant currents would vary
     scale = Scales.of(problem.signals).size
     grid_points = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
-                 for e in usable}
+                   for e in usable}
     data = EvidenceData(problem, Discrepancy.of(problem, baseline), grid_points, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]

@@ -22,7 +22,7 @@ LISTED_WEIGHT = 0.05
 
 
 def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]], structured: float
-             ) -> tuple[str, Matcher, Support]:
+                  ) -> tuple[str, Matcher, Support]:
     """The name under which an effect is reported, its matcher and its support.
 
     A special form is named where it is probable enough, else its component, where that is: where a current rises and

@@ -27,7 +27,7 @@ FORM_SHARE = 0.95
 """share of the weight of its component from which a special form is reported instead"""
 NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
-that is less (diagnosis_real)"""
+that is less (tests/benchmarks/real_causes.py)"""
 LEAST_NAMED_CHANGE = 0.005
 """change of the output, as a share of its rms, below which no cause is named"""
 OUT_OF_FOLD = "out of fold"

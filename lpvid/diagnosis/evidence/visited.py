@@ -176,7 +176,7 @@ class VisitedSets:
         return in_forks(function, items, (self.data, self.problem, baseline, *self.candidates, *shared))
 
     def best_refit(self, composition: Composition, start_vectors: Sequence[np.ndarray], near: Refit | None,
-                added: Sequence[Effect] = (), full_refits: int = 1) -> Refit:
+                   added: Sequence[Effect] = (), full_refits: int = 1) -> Refit:
         """The best refit from several start vectors: coarse refits, continued from the best of them.
 
         Parameters

@@ -201,4 +201,3 @@ def preview_loop(parameters: CarParameters, tyre_weight: float, stroke_weight: f
                          got=f"tyre_weight {tyre_weight:g}, stroke_weight {stroke_weight:g}", why=str(error)) from None
     weight = float(d @ d + b @ p @ b)
     return PreviewLoop(a, b, e, c, d, (b @ p @ a + d @ c) / weight, p, sample_time, weight)
-

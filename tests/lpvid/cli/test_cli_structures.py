@@ -247,7 +247,8 @@ def test_the_choice_reaches_the_ceiling(chosen):
 def test_a_budget_states_what_came_on_top_of_it(tmp_path):
     write(tmp_path / "a.csv", **plain(300, 0)[0])
     shown = run("identify", tmp_path / "a.csv", "--input", "u", "--output", "y", "--auto", "--budget", "1")
-    assert re.search(r"--budget 1: [\d.]+ s of processor time up to the model, [\d.]+ s for the report", shown.stderr)
+    assert re.search(r"--budget 1: [\d.]+ s of processor time up to the model and its forms, [\d.]+ s for the report",
+                     shown.stderr)
 
 
 def test_an_interrupted_search_ends_with_130_and_its_best(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from helpers.toy_diagnosis import CAUSES, Bent, Cubic, Dry, Late, record
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.priors import inclusion_prior
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.fleet_law import FleetEffect, FleetLaw, refitted, strengths
 from lpvid.record import Record
@@ -30,6 +31,13 @@ def run(k: int, cubic: float = SHARED, dry: float = 0.0) -> Record:
     return record(rng, hidden=lambda u: gain * u**3 + dry * np.sign(u))
 
 
+class Seen(Cubic):
+    """One that the samples show, and that is another component at a neutral value."""
+
+    visible = True
+    differs_by = "gain"
+
+
 @cache
 def fleet() -> FleetLaw:
     free = FleetLaw.free(extended())
@@ -45,6 +53,13 @@ def test_further_effects_take_their_place_among_its_own() -> None:
     np.testing.assert_array_equal(around.predict(s, at), plain.predict(s, at))
     np.testing.assert_allclose(around.sensitivities(s, at), plain.sensitivities(s, at), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(law.core(law.vector)(s), Composition(Bent(), (Cubic(),)).predict(s, law.vector))
+
+
+def test_what_samples_show_is_the_cause_and_no_other_strength_than_the_fleet_s() -> None:
+    """Its prior and its name at neutral hold for its own neutral value, not for that of the fleet."""
+    own = FleetEffect(Seen(), np.array([SHARED]))
+    assert inclusion_prior(Seen()) > 0 > inclusion_prior(own) == inclusion_prior(Cubic())
+    assert not own.differs_by
 
 
 def test_an_effect_of_its_own_composed_once_more_replaces_it() -> None:

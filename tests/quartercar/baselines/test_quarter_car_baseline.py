@@ -57,6 +57,14 @@ def test_accelerations_are_no_positions(rng):
         lpv.diagnose(Record({"acc": rng.standard_normal(n)}, sample_time=PERIOD), "quarter-car")
 
 
+def test_a_command_in_volts_is_no_force_of_the_actuator(rng):
+    n = 400
+    record = Record({r: rng.standard_normal(n) for r in ("road", "unsprung", "sprung", "actuator")}, sample_time=PERIOD,
+                    units={"road": "m", "unsprung": "m", "sprung": "m", "actuator": "V"})
+    with pytest.raises(InputError, match=r"actuator has a wrong unit: got V; N expected.*the actuator's force"):
+        QuarterCarBaseline(CAR).signals(record)
+
+
 @pytest.mark.parametrize("friction", [0.0, 60.0])
 def test_its_run_is_that_of_the_equations_of_motion(friction, rng):
     s = signals(256, rng)

@@ -68,6 +68,21 @@ def test_a_held_level_is_the_one_of_a_record_at_constant_current(rng):
     assert len(found.data.levels) == 3
 
 
+def test_levels_on_both_sides_of_a_record_at_constant_current_make_one_test_at_its_level(rng):
+    """Of 2 A two per cent: 0.97 A and 1.03 A are two levels, and either is that of a record at 1 A."""
+    found = qc.characterise([driven(held((0.97, 1.03, 2.0), 5.0), "staircase", rng),
+                             driven(held((1.0,), 8.0), "constant", rng)], SETTINGS)
+    assert found.data.levels == pytest.approx((1.0, 2.0), abs=1e-3)
+    assert [b.run.level for b in found.blocks if b.run.name == "staircase" and b.run.current == "constant"] == \
+        pytest.approx([1.0, 2.0], abs=1e-3)
+
+
+def test_one_level_is_counted_in_the_singular(rng):
+    current = np.concatenate([np.linspace(0.0, 1.0, 1500), held((1.0,), 6.0)])
+    found = qc.characterise([driven(current, "run-up", rng)], SETTINGS)
+    assert any("at 1 level within 1 record:" in note for note in found.data.notes)
+
+
 @pytest.mark.parametrize("current", [
     np.linspace(0.0, 2.0, 15000), 1.0 + np.sin(1.5 * np.arange(15000) / RATE), held((0, 2) * 40, 0.5)],
     ids=("ramp", "sine", "step in every stroke"))

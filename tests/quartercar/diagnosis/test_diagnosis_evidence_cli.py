@@ -80,7 +80,7 @@ def linear_record() -> Record:
 def test_auto_judges_the_law_that_made_the_record():
     stated: list[str] = []
     task = prepare_task(linear_record(), "auto", FEW, progress=stated.append)
-    assert task.baseline.name == "linear" and task.best_refit
+    assert task.baseline.name == "linear" and task.baseline_fitted
     assert "the law diagnosed is linear" in task.prepared.notes[0]
     assert "trying linear" in stated and len(set(stated)) == len(stated), "every law is fitted once"
     np.testing.assert_allclose(task.baseline.vector, [1500.0, 2e3, 0.0, -120.0], atol=1.0)

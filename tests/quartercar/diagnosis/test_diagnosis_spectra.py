@@ -71,4 +71,4 @@ def test_a_record_on_a_clock_of_seconds_has_no_noise_to_compare() -> None:
     t = 2.5 * np.arange(1200)
     x = 0.01 * np.sin(0.008 * t) + 0.003 * np.sin(0.023 * t)
     s = Signals(2.5, {"displacement": x, "velocity": np.gradient(x, 2.5)}, np.zeros(t.size))
-    assert _derived(s, "velocity", "displacement") in (True, False)
+    assert not _derived(s, "velocity", "displacement")
