@@ -42,7 +42,7 @@ def test_a_cause_on_the_rig_with_its_probability_and_its_family():
 @pytest.mark.seconds
 def test_an_interruption_keeps_the_best_set_so_far():
     def stop(text: str) -> None:
-        if text.startswith("held-out check"):
+        if text.startswith("out-of-fold check"):
             raise KeyboardInterrupt
 
     record = hidden("coulomb-friction")
