@@ -1,4 +1,4 @@
-"""Kinds of remarks: text like any other, whose class states what it is about, so that no code reads its words."""
+"""Kinds of remarks: strings whose class states their subject, so that no code matches their words."""
 
 from __future__ import annotations
 

@@ -418,7 +418,7 @@ def contradiction_mend(si_unit: str, expected: tuple[str, ...], channel: str, ro
     if si_unit == "kg" and "m/s^2" in expected:
         return f"write [g_0] for multiples of 9.80665 m/s^2, or {stated % 'g_0'}: [g] is the gram; a mass in [kg]"
     if si_unit == "kg" and "N" in expected:
-        return f"write [lbf] for [lb], [kgf] for [kg], there or as {stated % 'lbf'}: [lb] and [kg] are masses"
+        return f"write [lbf] for [lb], [kgf] for [kg], in the header or by {stated % 'lbf'}: [lb] and [kg] are masses"
     if role:
         return f"map a channel in {expected[0]}, --role {role}=CHANNEL, or correct the unit in the header, or " \
                f"{stated % 'UNIT'}"

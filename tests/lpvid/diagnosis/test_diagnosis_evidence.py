@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,14 +16,13 @@ from scipy.stats import multivariate_normal
 from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.evidence import candidates, engine, rivals, selection
-from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support, match_component
+from lpvid.diagnosis.effect import EffectParameter
+from lpvid.diagnosis.evidence import candidates, engine, selection
+from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support
 from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, Discrepancy, marginal
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
-from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.priors import (
     STRENGTH_SCALE,
     determined_count,
@@ -34,7 +32,6 @@ from lpvid.diagnosis.evidence.priors import (
     strength_prior,
 )
 from lpvid.diagnosis.evidence.relations import related
-from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, reported_name
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SURE_PROBABILITY, SetMember
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
@@ -44,8 +41,7 @@ from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 from quartercar.effects import CATALOGUE
-from quartercar.effects.compliance import EntrainedAir
-from quartercar.effects.electrical import CoilLag, RiseFallLag
+from quartercar.effects.electrical import CoilLag
 from quartercar.effects.measurement import ForceClipping
 
 
@@ -379,29 +375,6 @@ def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
     assert {c.name for c in found.causes} == {"dry", "knee"}
 
 
-
-def test_a_component_is_named_where_only_its_form_is_unsure():
-    """Sets that hold unequal edges of a lag fit little better than those with a plain one, and both far better than
-    none: the lag is named, and unequal edges only where they alone fit."""
-    lag, edges = CoilLag(), RiseFallLag()
-
-    def weighed(effects: tuple[Effect, ...], cost: float) -> SimpleNamespace:
-        return SimpleNamespace(effects=effects, components=("coil-lag",) * len(effects), fit=SimpleNamespace(cost=cost))
-
-    def named(weights: tuple[float, float, float], costs: tuple[float, float, float]) -> tuple[str, float]:
-        sets = [(weighed(e, c), w) for e, c, w in zip(((edges,), (lag,), ()), costs, weights, strict=True)]
-        name, finding, support = reported_name(edges, "coil-lag", sets, 0.5)
-        assert (finding(weighed((lag,), 1.0)) is None) is (name == "rise-fall-lag")
-        return name, support.probability
-
-    name, p = named((0.95, 0.0499, 0.0001), (1.0, 1.02, 9.0))
-    assert name == "coil-lag" and p >= NAMED_PROBABILITY
-    name, p = named((0.9998, 0.0001, 0.0001), (1.0, 6.0, 9.0))
-    assert name == "rise-fall-lag" and p >= NAMED_PROBABILITY
-    name, p = named((0.4, 0.1, 0.5), (1.0, 1.02, 1.05))
-    assert name == "rise-fall-lag" and p < NAMED_PROBABILITY
-
-
 def test_a_form_that_simulates_a_named_component_is_no_stand_in():
     hidden = record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u))
     found = diagnose([hidden], Bent(), [Dry()], settings=DiagnosisSettings(fit_baseline=False))
@@ -631,102 +604,10 @@ def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_
     assert selection._names_preserved(here, {"friction": 3.0}) is kept
 
 
-def visited(**changes: float) -> SimpleNamespace:
-    """A set of effects by name and by what each changes; a name before "__" is the component."""
-    effects = [SimpleNamespace(name=n, component=n, contains=("spring",) if n == "loop" else (),
-                               family="electrical" if "lag" in n else n) for n in changes]
-    components = ["friction" if n == "loop" else n.partition("__")[0] for n in changes]
-    return SimpleNamespace(effects=effects, components=components, changes=list(changes.values()),
-                           members=frozenset(changes))
-
-
-@pytest.mark.parametrize(("other", "of_spring", "of_friction"), [
-    (visited(power=0.7, mount=0.09), ["power"], ["power"]),  # what changes most
-    (visited(friction__breakaway=0.6, mount=0.09), ["mount"], []),  # friction is there, in another form
-    (visited(loop=0.6), ["loop"], []),  # contains friction
-])
-def test_alternatives_of_a_member_contain_it_or_change_most(other, of_spring, of_friction):
-    best = visited(friction=0.6, spring=0.1)
-    sets = [(best, 0.6), (other, 0.4)]
-    for effect, wanted in zip(best.effects, (of_friction, of_spring), strict=True):
-        found = rivals._alternatives(sets, best, effect, match_component(effect.name), 0.9)
-        assert [n for n, _ in found] == wanted
-
-
-@pytest.mark.parametrize(("weights", "wanted"), [
-    ((0.65, 0.04, 0.04, 0.27), ["late-lag", "slow-lag"]),  # none of them is worth a line by itself
-    ((0.69, 0.04, 0.001, 0.269), ["late-lag"]),  # one has next to nothing of what is left
-    ((0.55, 0.04, 0.04, 0.37), []),  # nor is the family sure
-])
-def test_a_family_that_is_sure_is_listed_by_its_members(weights, wanted):
-    parts = ({"coil-lag": 0.3}, {"late-lag": 0.3}, {"slow-lag": 0.3}, {})
-    sets = [(visited(**held), p) for held, p in zip(parts, weights, strict=True)]
-    best = sets[0][0]
-    found = rivals._alternatives(sets, best, best.effects[0], match_component("coil-lag"), 1.0)
-    assert sorted(n for n, _ in found) == wanted
-
-
-def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
-    """Air without pressure is play; in less likely sets its pressure is a little more than none."""
-    air = SimpleNamespace(name="air", component="air", form_of="spring")
-    sets = [(SimpleNamespace(effects=[air], components=[kind]), p) for kind, p in (("play", 0.9), ("spring", 0.1))]
-    name, _, support = rivals.reported_name(air, "play", sets, 0.9)
-    assert name == "play" and support.weight == pytest.approx(1.0)
-
-
 def test_what_the_samples_show_is_as_probable_as_another_cause_is_improbable():
     """A force clipped by its amplifier rests at its largest value, and is a candidate only where it does."""
     assert inclusion_prior(ForceClipping()) == pytest.approx(-inclusion_prior(CoilLag())) and \
         inclusion_prior(CoilLag()) < 0
-
-
-@pytest.mark.parametrize(("cost", "value", "name"), [
-    (1.1, 0.2, "loss"),  # the simpler effect leaves as much
-    (2.0, 0.2, "orifice"),  # it does not
-    (2.0, 0.0, "loss"),  # at its bound it is the simpler effect
-    (None, 0.2, "loss"),  # nothing is known of that
-])
-def test_an_effect_keeps_its_name_where_the_simpler_one_leaves_notably_more(cost, value, name):
-    """An orifice that opens at low speed is a quadratic loss, if the law gives up some of its viscous share."""
-    orifice = SimpleNamespace(name="orifice", component="orifice", form_of="", flexible=False)
-
-    def held(cost: float) -> SimpleNamespace:
-        fit = SimpleNamespace(cost=cost, vector=np.array([3.0, value]), composition=SimpleNamespace(
-            places=[slice(0, 2)], bounds=(np.zeros(2), np.array([9.0, 9.0]))))
-        return SimpleNamespace(effects=(orifice,), components=("loss",), fit=fit, members=frozenset({"orifice"}))
-
-    w = held(1.0)
-    search = SimpleNamespace(kappa=0.1, problem=SimpleNamespace(n_samples=300), structured=0.9,
-                             visited={} if cost is None else {frozenset({"loss"}): held(cost)})
-    found, _, support = rivals.name_in(search, [(w, 1.0)], w, orifice)
-    assert found == name and support.weight == pytest.approx(1.0)
-
-
-def simplified(effect: Effect, component: str, values: list[float], spread: list[float], rival: str) -> SetMember:
-    """A member, named as its effect by the search, as it is reported."""
-    sets = [(SimpleNamespace(effects=(effect,), components=(component,)), 1.0)]
-    fit = SimpleNamespace(composition=SimpleNamespace(effects=(effect,), places=[slice(0, 2)]))
-    member = SetMember(effect, effect.name, np.array(values), 0.7, 0.9, 0.7, ((rival, 0.2),), 1.0, 50.0, 1.0, 0.1, 10.0)
-    selected = SimpleNamespace(fit=fit, sets=sets, members=(member,), problem=SimpleNamespace(signals=()))
-    outcome = SimpleNamespace(search=SimpleNamespace(candidates=CATALOGUE, structured=0.5), selected=selected)
-    return EvidenceOutcome._simplified(outcome, member, np.array(spread))
-
-
-@pytest.mark.parametrize(("error", "name"), [(0.1, "coil-lag"), (0.01, "rise-fall-lag")])
-def test_edges_that_are_equal_within_their_error_are_one_lag(error, name):
-    found = simplified(RiseFallLag(), "coil-lag", [0.03, 1.05], [0.001, error], "coil-lag")
-    assert found.name == name and (found.rivals == ()) is (name == "coil-lag")
-    if name == "coil-lag":
-        assert found.weight == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(("pressure", "name"), [(1e-3, "backlash"), (2e-3, "entrained-air")])
-def test_air_without_pressure_on_all_samples_is_play(pressure, name):
-    """On the samples of the search its pressure was a little more than none."""
-    found = simplified(EntrainedAir(), "series-compliance", [7e-4, pressure], [1e-6, np.nan], "backlash")
-    assert found.name == name and (found.rivals == ()) is (name == "backlash")
-    if name == "backlash":
-        assert found.weight == pytest.approx(1.0)
 
 
 def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():
@@ -740,97 +621,6 @@ def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():
     assert shape_prior(deflection, 1e-8, some)[0] < -1
     share = EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 0.5))
     assert shape_prior(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
-
-
-def of_cost(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
-    """A visited set of given cost."""
-    fit = SimpleNamespace(cost=cost, vector=np.zeros(0), composition=SimpleNamespace(places=[slice(0)] * len(effects)))
-    return SimpleNamespace(effects=effects, components=tuple(e.name for e in effects), fit=fit,
-                           members=frozenset(e.name for e in effects), at_bounds={"a": "1"} if bounds else {})
-
-
-def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
-    """The attributes of an effect that rivals read."""
-    return SimpleNamespace(**{"name": name, "component": name, "family": family, "path": "", "flexible": False,
-                              "partners": (), **more})
-
-
-PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part("related", "loose")
-
-
-@pytest.mark.parametrize(("other", "wanted"), [
-    (of_cost(1.2, RELATED), ["related"]),
-    (of_cost(1.3, RELATED), []),  # by 25 samples: 1.3^-12.5 is less than one in twenty
-    (of_cost(1.2, PLAY), []),  # of another family
-    (of_cost(0.99, PLAY, SPRING), ["play", "spring"]),
-    (of_cost(1.01, PLAY, SPRING), []),  # with more freedom no allowance
-    (of_cost(0.99, PLAY, part("friction")), []),  # two that nothing links
-    (of_cost(0.99, PLAY, part("chain", path="all")), ["play"]),  # every record has passed a filter
-    (of_cost(1.01, PLAY, part("chain", path="all")), []),
-    (of_cost(1.2, RELATED, bounds=True), []),
-    (of_cost(0.9, part("form", flexible=True)), []),
-    (of_cost(1.2, part("form", "loose", flexible=True)), ["form"]),
-])
-def test_effects_that_can_replace_one_at_nearly_the_same_error_are_listed(other, wanted):
-    assert _rivals_beside(of_cost(1.0, part("dead-zone", "loose")), other) == wanted
-
-
-def _rivals_beside(best: SimpleNamespace, *others: SimpleNamespace, filtered: float = 1.0) -> list[str]:
-    """Names listed with the only member of the best set, which beside a filter has this cost."""
-    search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
-                             visited={w.members: w for w in (best, *others)},
-                             refitted_with=lambda w, e, values: of_cost(filtered, *w.effects, e))
-    found = rivals._equally_likely(search, [(best, 0.9), *((w, 0.1) for w in others)], best, best.effects[0])
-    return [n for n, _ in found]
-
-
-def test_a_rival_with_a_filter_is_compared_with_the_best_set_beside_a_filter():
-    best, other = of_cost(1.0, part("friction")), of_cost(0.95, SPRING, part("chain", path="all"))
-    assert [_rivals_beside(best, other, filtered=f) for f in (0.9, 0.97, 1.3)] == [[], ["spring"], ["spring"]]
-
-
-FRICTION, FILTER = part("friction", partners=("other",)), part("chain", "lags", path="all")
-OTHER = part("other", "lags")
-
-
-@pytest.mark.parametrize(("others", "wanted"), [
-    ((of_cost(1.05, FILTER),), ["chain"]),  # alone in the place of a lag
-    ((of_cost(0.99, OTHER), of_cost(0.98, OTHER, FRICTION)), ["other"]),  # friction does nothing there
-    ((of_cost(1.1), of_cost(1.09, OTHER)), []),  # without any of them the error is hardly larger
-    ((of_cost(1.5), of_cost(1.2, OTHER)), ["other"]),
-    ((of_cost(1.05, part("lag", "lags")),), []),  # itself, with numbers that leave another component
-])
-def test_a_rival_achieves_the_reduction_itself(others, wanted, monkeypatch):
-    monkeypatch.setattr(rivals, "_cost_without_sensor_noise", rivals._cost)  # clean sensors
-    best = of_cost(1.0, part("lag", "lags"))
-    for w in others:
-        if "lag" in w.members:
-            w.components = ("play",)
-    assert _rivals_beside(best, *others) == wanted
-
-
-def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(monkeypatch):
-    """Two sets with "dry" hold most weight. That a wave adds nothing to one of them says nothing against "dry"."""
-    dry, spring, wave = part("dry"), SPRING, part("wave")
-    sets = [of_cost(1.0, dry, wave), of_cost(1.2, spring), of_cost(1.1, dry), of_cost(2.0)]
-    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
-    search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[3])
-    smaller = {frozenset({"dry", "wave"}): frozenset({"dry"})}
-    found = [(set(w.members), p) for w, p in selection._confirmed_sets(search, (), smaller)]
-    assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
-    smaller[frozenset({"dry"})] = frozenset()
-    assert selection._confirmed_sets(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
-    smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited: the largest within it is
-    assert [p for w, p in selection._confirmed_sets(search, (), smaller) if w is sets[3]] == [pytest.approx(0.45)]
-    rejected = {w.members for w in sets}
-    assert selection._confirmed_sets(search, rejected, {}) == [(sets[3], 1.0)]
-
-
-def test_sets_that_held_out_data_rejected_take_no_name():
-    best, other = of_cost(1.0, part("dead-zone", "loose")), of_cost(1.05, RELATED)
-    search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
-                             visited={w.members: w for w in (best, other)})
-    assert not rivals._equally_likely(search, [(best, 1.0)], best, best.effects[0])
 
 
 @pytest.mark.parametrize("hidden", [0.8, 0.0])
