@@ -52,7 +52,8 @@ def render(page: Page) -> str:
     figures = [item for section in page.sections for item in section.items if isinstance(item, Traces)]
     scripts = _scripts() if figures else ()
     given: dict[str, Any] = {
-        "page": page, "pictures": _pictures(page), "version": _version(), "style": _style(bool(figures)), "ids": _ids(page),
+        "page": page, "pictures": _pictures(page), "version": _version(), "style": _style(bool(figures)),
+        "ids": _ids(page),
         "steps": [_step(s, page.origin) for s in page.steps], "terms": words.used,
         "sources": [] if page.origin is None else shown_names(page.origin.sources)}
     html = template.render(**given, scripts=(), packed=[""] * len(figures)) + "\n"
