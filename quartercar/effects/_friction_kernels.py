@@ -62,9 +62,9 @@ def hysteresis(velocity: np.ndarray, step: float, deflection: float, share: floa
             sign = 1.0 if middle > 0.0 else -1.0
             way, u = abs(middle) * span * step / deflection, -sign * z
             if u > 0.0:
-                back = u if abs(c) * u < 1e-9 else math.log1p(c * u) / c
+                back = u if c == 0.0 else math.log1p(c * u) / c
                 if way < back:
-                    u = u - way if abs(c) < 1e-9 else (u + 1.0 / c) * math.exp(-c * way) - 1.0 / c
+                    u = u - way if c == 0.0 else u * math.exp(-c * way) + math.expm1(-c * way) / c
                     z = -sign * u
                     continue
                 way, z = way - back, 0.0

@@ -13,20 +13,21 @@ import math
 import numpy as np
 
 from lpvid.toolkit import njit
+from quartercar.dampers.stepper import GAMMA
+from quartercar.effects.friction_gas import POLYTROPIC
 
-GAMMA = 1.0 - math.sqrt(0.5)
 HEAD = 0.03
 """part of a step before a sample in which a held signal already has the sample's value"""
-CLOSE = 1e-7
-"""last step of Newton's method, as a share of the force; the error left is of second order"""
+CLOSE = math.sqrt(np.finfo(np.float64).eps)
+"""last step of Newton's method, as a share of the force; the error left is its square"""
 TAKEN_UP = 5.0
 """force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
 TAKEN = 20.0 * TAKEN_UP
 """force from which the play is taken up to the last digit [N]"""
 SIGN = np.tanh(np.linspace(0.0, TAKEN / TAKEN_UP, 2049))
 """tanh(F/TAKEN_UP) at even steps from 0 to TAKEN, interpolated linearly: concave, and within 1e-5"""
-AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / 1.3)
-"""1 − (1 + |F|/F_p)^(−1/1.3) at even steps of |F|/(|F| + F_p) from 0 to 1"""
+AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / POLYTROPIC)
+"""1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1"""
 
 
 @njit(error_model="numpy", fastmath={"contract"})

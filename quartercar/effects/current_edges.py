@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.signals import Signals
+from quartercar.effects.second_order import step_response
 
 EDGE, NOISY = 0.1, 0.002
 """share of a channel's range that a jump between two samples exceeds, and share of its size that is noise"""
@@ -231,29 +232,6 @@ def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
     known = edges.known
     seen = np.minimum(edges.first[known] + 1, current.size - 1)
     return current[seen] - edges.after[known], edges.after[known] - edges.before[known]
-
-
-def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
-    """Of 1/(1 + 2ζTs + T²s²) to a unit step at 0, with the poles s₁, s₂: 1 + (s₂ e^{s₁ t} − s₁ e^{s₂ t})/(s₁ − s₂).
-
-    Parameters
-    ----------
-    time : array
-        Since the step [s].
-    t : float
-        T [s], above zero.
-    zeta : float
-        Damping ratio.
-
-    Returns
-    -------
-    array
-        Of the shape of `time`; 0 before the step.
-    """
-    root = np.sqrt(complex(zeta**2 - 1 + 1e-9))
-    one, two = (-zeta + root) / t, (-zeta - root) / t
-    late = np.maximum(time, 0.0)
-    return np.real(1 + (two * np.exp(one * late) - one * np.exp(two * late)) / (one - two))
 
 
 def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:

@@ -118,7 +118,7 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
         velocity, out = np.ascontiguousarray(s["velocity"]), np.empty(s.n_samples)
         goal = np.tanh(velocity / turn)
         bristles(velocity, s.sample_time, deflection, turn, NODES, 0.0, out)
-        start = goal[0] * min(max(float(out @ goal) / max(float(goal @ goal), 1e-300), 0.0), 1.0)
+        start = goal[0] * min(max(float(out @ goal) / max(float(goal @ goal), np.finfo(float).tiny), 0.0), 1.0)
         bristles(velocity, s.sample_time, deflection, turn, NODES, start, out)
         return out
 

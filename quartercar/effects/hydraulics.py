@@ -13,6 +13,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import no_force
+from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
 from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
 
@@ -229,7 +230,7 @@ class InputNonlinearity(HydraulicEffect):
         """
         speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
         power = speed ** float(values[0])
-        dry, viscous = power.sum() / np.sqrt(speed.size), power @ speed / max(float(np.linalg.norm(speed)), 1e-300)
+        dry, viscous = power.sum() * np.linalg.norm(speed), power @ speed * np.sqrt(speed.size)
         return ("coulomb-friction",) if dry > viscous else ()
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
@@ -327,12 +328,9 @@ class ValveDynamics(HydraulicEffect):
         return [np.array(p) for p in itertools.product(share.grid, between, damping.grid)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
-        from quartercar.effects import _hydraulics_kernels as kernels
-
+        share, frequency, damping = (float(v) for v in values)
         viscous = viscous_slope(s, core, baseline) * s["velocity"]
-        out = np.empty(s.n_samples)
-        kernels.second_order(viscous, 2 * np.pi * float(values[1]) * s.sample_time, float(values[2]), out)
-        return float(values[0]) * (out - viscous)
+        return share * (second_order(viscous, 1 / (2 * np.pi * frequency), damping, s.sample_time) - viscous)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A resonance of the fixture, where all of the viscous force passes the valve."""

@@ -14,7 +14,7 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.force_output import no_force
-from quartercar.effects.splines import glided
+from quartercar.effects.splines import spline_shifted
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
@@ -81,7 +81,7 @@ class DisplacementDelay(ChainEffect, LateEffect):
         def corrected(s: Signals) -> Signals:
             lag = share * delay if s.n_samples >= SHORT else 0.0
             sharp = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
-            late = {m: glided(c, (delay - lag) / s.sample_time) for m, c in sharp.items()}
+            late = {m: spline_shifted(c, (delay - lag) / s.sample_time) for m, c in sharp.items()}
             return weighed_alike(s.replace(**late), s)
 
         return lambda s: core(s.remembered("prompt", (delay, share), lambda: corrected(s)))

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChang
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import NO_BEND, CurrentEffect
 from quartercar.effects.force_output import no_force
-from quartercar.effects.structure import swung
+from quartercar.effects.structure import resonance_filtered
 
 MODES, SCANNED = 10, 7
 """number of slow cosines in an unlogged modulation, and of the slowest of them, with which it is screened"""
@@ -163,7 +163,7 @@ class ModelOrder(GridEffect):
 
         def run(s: Signals) -> np.ndarray:
             force = core(s)
-            return force + share * (swung(core, s, period, damping, baseline) - force)
+            return force + share * (resonance_filtered(core, s, period, damping, baseline) - force)
 
         return run
 

@@ -9,9 +9,10 @@ from scipy.signal import bilinear, lfilter, lti
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals
-from quartercar.effects.current_edges import current_before, find_edges, leaps, step_response
+from quartercar.effects.current_edges import current_before, find_edges, leaps
 from quartercar.effects.electrical import held
 from quartercar.effects.measurement import OneSidedFilter
+from quartercar.effects.second_order import step_response
 from quartercar.effects.shared_filter import SharedFilter
 
 FINE = 16

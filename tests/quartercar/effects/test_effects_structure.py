@@ -13,7 +13,8 @@ from lpvid.diagnosis.signals import Signals
 from quartercar.effects.between_samples import MOST
 from quartercar.effects.electrical import SEEN_AFTER
 from quartercar.effects.model_structure import ModelOrder
-from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration, second_order
+from quartercar.effects.second_order import second_order
+from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration
 
 
 def sine(size: float, frequency: float, n: int = 2048) -> Signals:
@@ -139,17 +140,26 @@ class TestSecondOrder:
         """A ramp and jumps: what is held is seen shortly after each sample, by a solver of twenty times the rate."""
         held, ramp = rng.standard_normal(200), np.linspace(0, 3, 200)
         before = np.concatenate([held[:1], held[:-1]])
-        got = second_order(held + ramp, 0.004, damping, PERIOD, before + ramp)
+        got = second_order(held + ramp, 0.004, damping, PERIOD, before + ramp, SEEN_AFTER)
         t = PERIOD * np.arange(200)
         system = lti([1.0], [0.004**2, 2 * damping * 0.004, 1.0])
         fine = lsim(system, np.repeat(held - held[0], 20), PERIOD / 20 * np.arange(4000), interp=False)[1]
         exact = held[0] + fine[round(20 * SEEN_AFTER)::20] + lsim(system, ramp, t)[1]
         np.testing.assert_allclose(got, exact, atol=1e-9)
 
+    @pytest.mark.parametrize("damping", [0.3, 1.0, 1.0 + 1e-9, 2.0])
+    def test_tends_to_the_values_as_the_time_constant_vanishes(self, damping: float, rng: np.random.Generator) -> None:
+        """A signal that is linear between samples comes 2ζT late, however far T is below a sample."""
+        values = np.cumsum(rng.standard_normal(100))
+        late = np.concatenate([[0.0], np.diff(values)]) * 2 * damping / PERIOD
+        for period in (1e-6, 1e-9, 1e-12):
+            got = second_order(values, period, damping, PERIOD)
+            np.testing.assert_allclose(got, values - period * late, atol=1e-12)
+
     def test_step_response_overshoots_as_the_damping_says(self) -> None:
         values = np.concatenate([np.zeros(5), np.ones(2000)])
         before = np.concatenate([np.zeros(6), np.ones(1999)])
-        got = second_order(values, 0.01, 0.3, PERIOD, before)
+        got = second_order(values, 0.01, 0.3, PERIOD, before, SEEN_AFTER)
         assert got.max() - 1 == pytest.approx(np.exp(-np.pi * 0.3 / np.sqrt(1 - 0.09)), rel=1e-2)
         assert got[-1] == pytest.approx(1.0, abs=1e-6)
 
