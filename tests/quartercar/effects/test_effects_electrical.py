@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from lpvid.diagnosis.signals import Signals, in_turn
-from quartercar.effects.current_edges import at_once, find_edges, is_sharp
+from quartercar.effects.current_edges import edges_unfiltered, find_edges, is_sharp
 from quartercar.effects.electrical import (
     PLACED,
     SEEN_AFTER,
@@ -155,7 +155,7 @@ class TestHold:
             edges = np.repeat(rng.uniform(0, 2.5, 60), 100)
             noise = 0.03 * rng.standard_normal(edges.size)
             passed = lfilter([1.02, -0.02], [1.0], edges)
-            through, alone = (at_once([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
+            through, alone = (edges_unfiltered([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
             seen, imagined = seen + (not through), imagined + (not alone)
         assert seen > 16 and imagined == 0
 
