@@ -30,6 +30,8 @@ CERTAIN = 3.0
 """standard errors by which a deviation must be significant, and standard deviations from which on one is an outlier"""
 PLACES = np.linspace(-0.3, 1.05, 28)
 """candidates for the start of a jump, in samples after the last one that has not moved by `STEP`"""
+SPACING = float(PLACES[1] - PLACES[0])
+"""accuracy to which a jump after a filter is located, in samples"""
 
 
 def normal_spread(values: np.ndarray) -> float:
@@ -289,4 +291,4 @@ def _least_misfit(misfit: np.ndarray) -> np.ndarray:
     a, b, c = misfit[k, at - 1], misfit[k, at], misfit[k, at + 1]
     bend = a - 2 * b + c
     shift = np.where(bend > 0, 0.5 * (a - c) / np.where(bend > 0, bend, 1.0), 0.0)
-    return PLACES[at] + np.clip(shift, -1.0, 1.0) * (PLACES[1] - PLACES[0])
+    return PLACES[at] + np.clip(shift, -1.0, 1.0) * SPACING

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.condition.constancy import DISTINCT
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import held
 
@@ -17,9 +18,6 @@ FINE = 0.01
 """speed below which they are evenly spaced, in the same unit"""
 SEEN = 48
 """number of samples at which a law is tabulated, evenly in time"""
-JUMP, RAMP = 0.02, 0.1
-"""shares of the current's range that are a jump of a held current, and a steep change of another one; smaller changes
-are noise, or nearly linear"""
 RANK = 1e-5
 """largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
 SAME = float(np.sqrt(np.finfo(float).eps))
@@ -244,10 +242,10 @@ def _current_changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
     if s.has("current"):
         change = np.abs(np.diff(s["current"]))
         if held(s):
-            jumps[1:] = change > JUMP * np.ptp(s["current"])
+            jumps[1:] = change > DISTINCT * np.ptp(s["current"])
             steep[1:] = jumps[:-1]
         else:
-            steep[1:] = change > RAMP * np.ptp(s["current"])
+            steep[1:] = change > DISTINCT * np.ptp(s["current"])
     return jumps, steep
 
 

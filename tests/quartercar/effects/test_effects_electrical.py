@@ -9,9 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from lpvid.diagnosis.signals import Signals, in_turn
-from quartercar.effects.current_edges import edges_unfiltered, find_edges, is_sharp
+from quartercar.effects.current_edges import SPACING, edges_unfiltered, find_edges, is_sharp
 from quartercar.effects.electrical import (
-    PLACED,
     SEEN_AFTER,
     CoilLag,
     CommandDelay,
@@ -134,7 +133,7 @@ class TestHold:
         b, a = butter(2, 100.0, fs=512)
         filtered = lfilter(b, a, edges - edges[0]) + edges[0]
         assert is_held(edges) and not is_held(filtered)
-        for current, expected in ((edges, PERIOD / np.sqrt(12)), (filtered, PLACED * PERIOD)):
+        for current, expected in ((edges, PERIOD / np.sqrt(12)), (filtered, SPACING * PERIOD)):
             s = (of(current),)
             assert CoilLag().clock_error(s) == RiseFallLag().clock_error(s) == pytest.approx(expected)
             assert CommandDelay().clock_error(s) == pytest.approx(PERIOD / np.sqrt(12))
