@@ -73,7 +73,8 @@ def is_constant(current: np.ndarray, largest: float) -> bool:
         return True
     ripple = current - current.mean()
     size = float(ripple @ ripple)
-    return np.sqrt(size / current.size) < DISTINCT * largest and float(ripple[1:] @ ripple[:-1]) < 0.5 * size
+    spread = float(np.sqrt(size / current.size))
+    return spread < DISTINCT * largest and float(ripple[1:] @ ripple[:-1]) < 0.5 * size
 
 
 def held(s: Signals) -> bool:

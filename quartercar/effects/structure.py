@@ -14,15 +14,12 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, derivative
 from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
-from quartercar.effects.force_output import no_force
+from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.second_order import second_order
+from quartercar.effects.viscous import onsets
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is defined [m]"""
-LINEAR = 1.05
-"""exponent up to which a stop is linear"""
-NOWHERE = 0.1 * DEPTH
-"""distance from mid stroke below which a stop engages at mid stroke [m]"""
 
 
 class EndStop(Effect):
@@ -46,8 +43,8 @@ class EndStop(Effect):
                                 (1.0, 3.0), (1.0,)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
-        return [np.array([3e4, float(np.quantile(reach, q)), 1.0]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
+        stiffness, _, exponent = (p.grid[0] for p in self.parameters)
+        return [np.array([stiffness, x, exponent]) for x in onsets([s["displacement"] for s in signals])[1:-1]]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return no_force(baseline)
@@ -67,10 +64,10 @@ class EndStop(Effect):
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A spring for a linear stop at mid stroke, a hardening one for a progressive stop engaged in most samples."""
         position, exponent = float(values[1]), float(values[2])
-        if exponent < LINEAR:
-            return ("gas-stiffness",) if position < NOWHERE else ()
-        middle = float(np.median(np.concatenate([np.abs(s["displacement"]) for s in signals])))
-        return ("cubic-spring",) if position < middle else ()
+        reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
+        if exponent - 1 < SAME_FORM:
+            return ("gas-stiffness",) if position < SAME_FORM * reach.max() else ()
+        return ("cubic-spring",) if position < np.median(reach) else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the displacement too", schedule=("displacement",))
