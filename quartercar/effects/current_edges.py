@@ -23,9 +23,9 @@ LEAST_DAMPED = 0.4
 """least plausible damping ratio of a filter against aliasing"""
 MOST_VARIATION = 1 / np.tanh(np.pi * LEAST_DAMPED / np.sqrt(1 - LEAST_DAMPED**2) / 2)
 """its total variation after a step, in sizes of the step: (1 + M)/(1 − M), M = exp(−πζ/√(1 − ζ²)) its overshoot"""
-LASTS, LEAST, RIPPLE = 6, 2, 0.1
-"""samples after a jump and before the next from which a level is determined and the jump located, the least number of
-them, and the share of the jump by which they may differ"""
+LASTS, RIPPLE = 6, 0.1
+"""samples after a jump and before the next from which a level is determined and the jump located, and the share of the
+jump by which they may differ"""
 CERTAIN = 3.0
 """standard errors by which a deviation must be significant, and standard deviations from which on one is an outlier"""
 PLACES = np.linspace(-0.3, 1.05, 28)
@@ -169,7 +169,7 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
     top = rest[k, np.maximum(count - 1, 0)]
     middle = 0.5 * (rest[k, np.maximum(count - 1, 0) // 2] + rest[k, np.minimum(count // 2, LASTS - 1)])
     with np.errstate(invalid="ignore"):
-        return np.where((count >= LEAST) & (top - rest[:, 0] < RIPPLE * size), middle, np.nan)
+        return np.where((count > 1) & (top - rest[:, 0] < RIPPLE * size), middle, np.nan)
 
 
 def is_sharp(s: Signals) -> bool:

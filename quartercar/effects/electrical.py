@@ -14,7 +14,7 @@ from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChan
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.current_edges import SPACING, edges_of, is_sharp
 
-SEEN_AFTER = 0.05
+SEEN_AFTER = 0.03
 """part of a sample after a step of a held current at which the force is taken"""
 NO_BEND = "a linear law passes through both, as every other does"
 ALIKE = 0.15

@@ -14,16 +14,14 @@ NODES = 257
 """number of speeds at which a law is tabulated"""
 REACH = 6.0
 """largest of them, in largest speeds of the record"""
-FINE = 0.01
-"""speed below which they are evenly spaced, in the same unit"""
+SLOW = 0.01
+"""speed below which they are evenly spaced, and difference for the local slope of a core with memory; same unit"""
 SEEN = 48
 """number of samples at which a law is tabulated, evenly in time"""
 RANK = 1e-5
 """largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
 SAME = float(np.sqrt(np.finfo(float).eps))
 """relative difference below which the output of a core does not depend on the other samples: it has no memory"""
-PROBE = 0.02
-"""speed difference for the local slope of a core with memory, in root mean squares of the speed"""
 SOFTEST = 0.05
 """least such slope, in slopes of the regression of the force on the speed"""
 
@@ -160,7 +158,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
         Of the shapes 1 and w, its slope at least `SOFTEST` of that of the regression of the force on the speed.
     """
     v, speeds = s["velocity"], _nodes_of(s)
-    change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
+    change = SLOW * _top_speed(s)
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), np.finfo(float).tiny)
     slope = np.maximum(slope, max(least, 1e-9))
@@ -210,10 +208,14 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(picks), shapes
 
 
+def _top_speed(s: Signals) -> float:
+    """Largest speed [m/s]; 1 mm/s where there is no motion."""
+    return s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
+
+
 def _nodes_of(s: Signals) -> np.ndarray:
     """(G,) speeds at which a law is tabulated along these signals, evenly in asinh(w/w_0)."""
-    top = s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
-    return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
+    return SLOW * _top_speed(s) * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / SLOW))
 
 
 def _table_samples(s: Signals) -> np.ndarray:

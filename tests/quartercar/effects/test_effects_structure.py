@@ -137,14 +137,14 @@ class TestSecondOrder:
 
     @pytest.mark.parametrize("damping", [0.05, 0.7])
     def test_jumps_at_samples_are_exact(self, damping: float, rng: np.random.Generator) -> None:
-        """A ramp and jumps: what is held is seen shortly after each sample, by a solver of twenty times the rate."""
+        """A ramp and jumps: what is held is seen shortly after each sample, by a solver of a hundred times the rate."""
         held, ramp = rng.standard_normal(200), np.linspace(0, 3, 200)
         before = np.concatenate([held[:1], held[:-1]])
         got = second_order(held + ramp, 0.004, damping, PERIOD, before + ramp, SEEN_AFTER)
         t = PERIOD * np.arange(200)
         system = lti([1.0], [0.004**2, 2 * damping * 0.004, 1.0])
-        fine = lsim(system, np.repeat(held - held[0], 20), PERIOD / 20 * np.arange(4000), interp=False)[1]
-        exact = held[0] + fine[round(20 * SEEN_AFTER)::20] + lsim(system, ramp, t)[1]
+        fine = lsim(system, np.repeat(held - held[0], 100), PERIOD / 100 * np.arange(20_000), interp=False)[1]
+        exact = held[0] + fine[round(100 * SEEN_AFTER)::100] + lsim(system, ramp, t)[1]
         np.testing.assert_allclose(got, exact, atol=1e-9)
 
     @pytest.mark.parametrize("damping", [0.3, 1.0, 1.0 + 1e-9, 2.0])
@@ -170,8 +170,8 @@ class TestResonance:
         current = s["current"]
         got = composed(FixtureResonance(), [0.004, 0.1], s, current_itself)
         system = lti([1.0], [0.004**2, 2 * 0.1 * 0.004, 1.0])
-        fine = lsim(system, np.repeat(current - current[0], 20), PERIOD / 20 * np.arange(20 * 1024), interp=False)[1]
-        np.testing.assert_allclose(got, current[0] + fine[round(20 * SEEN_AFTER)::20], atol=1e-9)
+        fine = lsim(system, np.repeat(current - current[0], 100), PERIOD / 100 * np.arange(100 * 1024), interp=False)[1]
+        np.testing.assert_allclose(got, current[0] + fine[round(100 * SEEN_AFTER)::100], atol=1e-9)
 
     @pytest.mark.thinned(2, "seconds")
     @pytest.mark.parametrize("frequency", [40.0, 120.0])
