@@ -10,9 +10,10 @@ from lpvid.diagnosis.spectra import weighed_alike
 from quartercar.effects.electrical import clocked
 from quartercar.effects.splines import spline_resampled
 
-FAST, MOST = 2000.0, 80_000
+FAST, FINEST, MOST = 2000.0, 8, 80_000
 """rate of evaluation of a nonlinear law without memory [1/s], whose output has components above half the sample rate;
-and the number of samples above which the rate is lower, down to the record's, to limit time and memory"""
+the largest ratio of that rate to the record's; and the number of samples above which the ratio is less, down to one, to
+limit time and memory"""
 
 
 def times_as_fast(baseline: Baseline, s: Signals) -> int:
@@ -26,9 +27,10 @@ def times_as_fast(baseline: Baseline, s: Signals) -> int:
     Returns
     -------
     int
-        So that there are no more than `MOST` samples in all.
+        At most `FINEST`, and so that there are no more than `MOST` samples in all.
     """
-    return int(np.clip(np.ceil(FAST * s.sample_time), 1, max(MOST // s.n_samples, 1))) if baseline.static else 1
+    most = int(np.clip(MOST // s.n_samples, 1, FINEST))
+    return int(np.clip(np.ceil(FAST * s.sample_time), 1, most)) if baseline.static else 1
 
 
 def between(s: Signals, finer: int) -> Signals:

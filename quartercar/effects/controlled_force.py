@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import is_constant
 from quartercar.effects.force_output import no_force
-from quartercar.effects.friction_gas import REVERSAL
+from quartercar.effects.friction_gas import REVERSAL, SLOW
 
 
 class CurrentDependence(Effect):
@@ -77,7 +77,7 @@ class CurrentDependence(Effect):
         """
         speed = scale("m/s") or np.inf
         sizes = [SPREAD[1] * (scale(p.unit) or 1.0) for p in self.parameters[:2]]
-        turns = sorted({min(REVERSAL, SPREAD[0] * speed), SPREAD[1] * speed})
+        turns = sorted({min(REVERSAL, SLOW * speed), min(10 * REVERSAL, SPREAD[1] * speed)})
         strengths = [(sizes[0], 0.0, t) for t in turns] + [(0.0, sizes[1], turns[-1]), (*sizes, turns[-1])]
         return [np.array([sign * a, sign * b, t]) for a, b, t in strengths for sign in (1.0, -1.0)]
 

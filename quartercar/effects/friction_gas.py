@@ -8,12 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import SPREAD, EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import no_force
 
 REVERSAL = 2e-3
 """speed over which the sign of the velocity is smoothed [m/s]"""
+SLOW = 0.01
+"""share of the root mean square speed at which friction is screened as its reversal speed, where that is less"""
 TURNING = 0.1
 """share of the displacement travelled within which dry friction reverses: .07 at most in fits to measured dampers"""
 POLYTROPIC = 1.3
@@ -65,7 +67,7 @@ class CoulombFriction(ParallelForce):
         return bool(values[1] < NIL)
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        turn = min(REVERSAL, SPREAD[0] * (scale("m/s") or np.inf))
+        turn = min(REVERSAL, SLOW * (scale("m/s") or np.inf))
         return [np.append(p[:2], turn) for p in super().spread_points(signals, scale)]
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:

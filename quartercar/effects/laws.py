@@ -13,7 +13,7 @@ from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import CoulombFriction, ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
-from quartercar.effects.viscous import onsets, viscous_slope
+from quartercar.effects.viscous import viscous_slope
 
 
 class CubicSpring(ParallelForce):
@@ -74,7 +74,10 @@ class SaturatingDamping(HydraulicEffect):
                                 (0.0, 1e5), (3.0, 10.0, 30.0, 100.0)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [np.array([1 / v]) for v in onsets([s["velocity"] for s in signals]) if v > 0]
+        from quartercar.effects.viscous import speed_quantiles
+
+        top, = speed_quantiles(signals, (0.98,))
+        return [np.array([k / max(top, 1e-9)]) for k in (0.5, 1.0, 2.0, 5.0, 12.0)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         q, v = float(values[0]), s["velocity"]

@@ -15,7 +15,6 @@ from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.force_output import no_force
 from quartercar.effects.splines import spline_shifted
-from quartercar.effects.viscous import onsets
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
@@ -263,8 +262,8 @@ class ForceClipping(Effect):
         return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.05), (0.0, 1e6), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        """At the largest measured force, and below it: what the amplifier adds after its limit exceeds that."""
-        return [np.array([1 / f]) for f in onsets([s.output for s in signals])[-2:] if f > 0]
+        peak = max(float(np.abs(s.output).max()) for s in signals)
+        return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if reason := no_force(baseline):

@@ -87,7 +87,8 @@ class MissingScheduling(Effect):
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         """The slowest cosines alone, either sign, as many as an effect has points."""
-        return [size * mode for mode in np.eye(MODES + 2)[: MOST_POINTS // 2] for size in self.parameters[0].grid]
+        sizes = self.parameters[0].grid[::-1]
+        return [size * mode for mode in np.eye(MODES + 2)[: MOST_POINTS // 2] for size in sizes]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return no_force(baseline)

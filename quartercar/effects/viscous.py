@@ -17,8 +17,6 @@ TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""
 HALF = 0.6
 """share of it that is the lower speed"""
-ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
-"""quantiles at which the onset of a nonlinearity is screened"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -154,26 +152,47 @@ def _cached_shares(s: Signals, record: Signals, core: Core) -> _Shares:
     return found
 
 
-def onsets(parts: Sequence[np.ndarray]) -> list[float]:
-    """Moduli at which the onset of a nonlinearity is screened: quantiles over all records, and the largest.
+def measured_slope(signals: Sequence[Signals]) -> float:
+    """Slope of the measured force over the speed, in its upper half [N·s/m]: a scale for thresholds.
 
     Parameters
     ----------
-    parts : sequence of (n,) arrays
-        A channel or the force, one part for each record.
+    signals : sequence of Signals
+        With velocity; the output is the force [N].
+
+    Returns
+    -------
+    float
+        Above zero.
+    """
+    top = max(_top(s) for s in signals)
+    v = np.concatenate([np.abs(s["velocity"]) for s in signals])
+    f = np.concatenate([s.output * np.sign(s["velocity"]) for s in signals])
+    fast, medium = v > 0.6 * top, (v > 0.2 * top) & (v < 0.4 * top)
+    whole = abs(_regressed(v, f))
+    if not fast.any() or not medium.any():
+        return max(whole, 1e-9)
+    rise = float(f[fast].mean() - f[medium].mean()) / float(v[fast].mean() - v[medium].mean())
+    return max(rise, 0.1 * whole, 1e-9)
+
+
+def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list[float]:
+    """Quantiles of the speed over all records [m/s].
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        With velocity.
+    shares : sequence of float
+        From 0 to 1.
 
     Returns
     -------
     list of float
-        Ascending, in the unit of the parts; empty where they are.
-
-    Examples
-    --------
-    >>> np.round(onsets([np.linspace(-10.0, 0.0, 101), np.linspace(0.0, 10.0, 101)]), 6).tolist()
-    [1.0, 3.5, 6.0, 8.0, 9.2, 10.0]
+        One for each share.
     """
-    sizes = np.abs(np.concatenate(parts))
-    return [float(q) for q in np.quantile(sizes, (*ONSETS, 1.0))] if sizes.size else []
+    speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
+    return [float(q) for q in np.quantile(speed, shares)]
 
 
 def _top(s: Signals) -> float:

@@ -8,7 +8,7 @@ from helpers.effect_signals import PERIOD, guo, motion
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals
-from quartercar.effects.between_samples import FAST, MOST, between, times_as_fast
+from quartercar.effects.between_samples import FAST, FINEST, between, times_as_fast
 from quartercar.effects.compliance import SeriesCompliance
 from quartercar.effects.structure import acceleration
 
@@ -44,9 +44,8 @@ def test_a_current_steps_between_samples_only_where_it_keeps_their_clock(lengths
 def test_a_law_is_asked_as_fast_as_that_needs() -> None:
     s = sampled(np.ones(100))
     assert times_as_fast(guo(), s) == np.ceil(FAST * PERIOD)
-    assert times_as_fast(guo(), Signals(1 / 50, s.channels, s.output)) == FAST / 50
+    assert times_as_fast(guo(), Signals(1 / 50, s.channels, s.output)) == FINEST
     assert times_as_fast(guo(), Signals(1e-4, s.channels, s.output)) == 1
-    assert times_as_fast(guo(), sampled(np.ones(MOST + 1))) == 1
 
 
 def test_elements_in_series_are_marched_along_the_samples_only() -> None:
