@@ -143,7 +143,8 @@ class ReliefValve(HydraulicEffect):
         shares = (0.3, 0.55, 0.75, 0.9)
         by_slope = [measured_slope(signals) * v for v in speed_quantiles(signals, shares)]
         by_force = np.quantile(np.abs(np.concatenate([s.output for s in signals])), shares)
-        return [np.array([r, max(f, self.parameters[1].bounds[0])]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
+        least = self.parameters[1].bounds[0]
+        return [np.array([r, max(f, least)]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         v = s["velocity"]
