@@ -12,6 +12,8 @@ from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import no_force
 
+FRICTION = EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,))
+"""force of dry friction, beside the law or behind a spring"""
 REVERSAL = 2e-3
 """speed over which the sign of the velocity is smoothed [m/s]"""
 SLOW = 0.01
@@ -57,7 +59,7 @@ class CoulombFriction(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
+        return (FRICTION,
                 EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
                                 (0.0, 0.5), (0.0, 2e-5, 1e-4)),
                 EffectParameter("turning_speed", "m/s", "eps, over which the friction reverses", REVERSAL,
@@ -149,7 +151,7 @@ class InnerFriction(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
+        return (FRICTION,
                 EffectParameter("turning_speed", "m/s", "eps, over which the friction reverses", REVERSAL, (1e-4, 0.05),
                                 (1e-6, 1.0), (REVERSAL,)))
 

@@ -19,6 +19,7 @@ from quartercar.effects.electrical import (
     Remanence,
     RiseFallLag,
     held,
+    is_constant,
     is_held,
     lagged,
     levels,
@@ -118,6 +119,13 @@ class TestLag:
         for s in (steps(0.0, 1.0, 0.5), of(np.sin(20 * t))):
             got = composed(CoilLag(), [1e-6], s, current_itself)
             assert np.abs(got - s["current"]).max() < 1e-4
+
+
+class TestConstant:
+    def test_a_drift_that_no_fit_distinguishes_from_the_sensor(self) -> None:
+        """Two per cent from end to end, as a scheduling variable that is constant over a data set."""
+        assert is_constant(np.linspace(0.99, 1.005, 500), 1.005)
+        assert not is_constant(np.linspace(0.9, 1.0, 500), 1.0)
 
 
 class TestHold:

@@ -122,6 +122,12 @@ def test_a_current_without_edges_has_none() -> None:
     assert find_edges(np.full(100, 0.7), PERIOD).first.size == 0
 
 
+def test_noise_of_a_long_record_has_no_edges() -> None:
+    """Of n normal steps the largest is about σ √(2 ln n): more than six times the median one where n is large."""
+    noise = np.random.default_rng(0).standard_normal(50_000)
+    assert find_edges(noise, PERIOD).first.size == 0
+
+
 def test_a_current_whose_edges_take_no_time_has_passed_no_filter(rng: np.random.Generator) -> None:
     current = held_current(rng, 2048)
     _, v = motion(PERIOD * np.arange(2048))

@@ -28,6 +28,13 @@ def test_a_faster_clock_is_the_cubic_spline_away_from_the_ends(walk: np.ndarray,
     np.testing.assert_allclose(spline_resampled(walk, finer)[inside], through[inside], atol=1e-12)
 
 
+def test_what_lies_far_beyond_the_ends_changes_nothing(walk: np.ndarray) -> None:
+    """The odd reflection goes on as far as it has an effect."""
+    longer = np.pad(walk, 100, mode="reflect", reflect_type="odd")
+    inside = spline_resampled(longer, 3)[300:-302]  # but for the last sample, which is held
+    np.testing.assert_allclose(spline_resampled(walk, 3)[:-2], inside, rtol=0, atol=1e-12)
+
+
 def test_a_faster_clock_keeps_the_samples_and_goes_straight_at_the_ends() -> None:
     line = np.linspace(1.0, 5.0, 60)
     finer = spline_resampled(line, 4)

@@ -58,6 +58,12 @@ class TestEndStop:
         reach = np.abs(s["displacement"]).max()
         assert all(0.1 * reach < p[1] < reach for p in EndStop().points((s,)))
 
+    @pytest.mark.parametrize("amplitude", [2e-3, 0.05])
+    def test_a_linear_stop_at_mid_stroke_is_a_spring_at_any_stroke(self, amplitude: float) -> None:
+        s = (sine(amplitude, 1.0),)
+        assert EndStop().comes_to(np.array([1e5, 0.03 * amplitude, 1.0]), s) == ("gas-stiffness",)
+        assert EndStop().comes_to(np.array([1e5, 0.2 * amplitude, 1.0]), s) == ()
+
     def test_a_progressive_stop_has_its_stiffness_at_a_millimetre(self) -> None:
         depth = np.array([0.0, 5e-4, 1e-3, 2e-3])
         s = Signals(PERIOD, {"displacement": np.concatenate([0.01 + depth, -0.01 - depth])}, np.zeros(8))
