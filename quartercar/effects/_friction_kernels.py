@@ -8,8 +8,9 @@ import numpy as np
 
 from lpvid.toolkit import njit
 
-NODES = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
-"""speeds, in ε, between which tanh(v/ε) is taken as linear in the displacement"""
+DOUBLED = 2.0 ** np.arange(-1, 3)
+NODES = np.concatenate([-DOUBLED[::-1], [0.0], DOUBLED])
+"""speeds, in ε, between which tanh(v/ε) is taken as linear in the displacement: from ε/2 to 4ε in either direction"""
 
 
 @njit()

@@ -7,12 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.condition.derivation import REVERSAL
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import is_constant
 from quartercar.effects.force_output import no_force
-from quartercar.effects.friction_gas import REVERSAL, SLOW
+from quartercar.effects.friction_gas import SLOW
 
 
 class CurrentDependence(Effect):

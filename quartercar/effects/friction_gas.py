@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.condition.derivation import REVERSAL
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
@@ -14,8 +15,6 @@ from quartercar.effects.force_output import no_force
 
 FRICTION = EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,))
 """force of dry friction, beside the law or behind a spring"""
-REVERSAL = 2e-3
-"""speed over which the sign of the velocity is smoothed [m/s]"""
 SLOW = 0.01
 """share of the root mean square speed at which friction is screened as its reversal speed, where that is less"""
 TURNING = 0.1

@@ -14,7 +14,7 @@ NODES = 257
 """number of speeds at which a law is tabulated"""
 REACH = 6.0
 """largest of them, in largest speeds of the record"""
-SLOW = 0.01
+FINE = 0.01
 """speed below which they are evenly spaced, and difference for the local slope of a core with memory; same unit"""
 SEEN = 48
 """number of samples at which a law is tabulated, evenly in time"""
@@ -158,7 +158,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
         Of the shapes 1 and w, its slope at least `SOFTEST` of that of the regression of the force on the speed.
     """
     v, speeds = s["velocity"], _nodes_of(s)
-    change = SLOW * _top_speed(s)
+    change = FINE * _top_speed(s)
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), np.finfo(float).tiny)
     slope = np.maximum(slope, max(least, 1e-9))
@@ -215,7 +215,7 @@ def _top_speed(s: Signals) -> float:
 
 def _nodes_of(s: Signals) -> np.ndarray:
     """(G,) speeds at which a law is tabulated along these signals, evenly in asinh(w/w_0)."""
-    return SLOW * _top_speed(s) * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / SLOW))
+    return FINE * _top_speed(s) * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
 
 
 def _table_samples(s: Signals) -> np.ndarray:

@@ -32,10 +32,8 @@ def literals(node: ast.AST) -> Iterator[ast.Constant]:
             yield part
 
 
-def targets(node: ast.stmt) -> list[str]:
+def targets(node: ast.Assign | ast.AnnAssign) -> list[str]:
     """Names in capitals that a statement of a module assigns."""
-    if not isinstance(node, ast.Assign | ast.AnnAssign):
-        return []
     first = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
     names = first.elts if isinstance(first, ast.Tuple) else [first]
     return [n.id for n in names if isinstance(n, ast.Name) and n.id.isupper()]
@@ -67,8 +65,10 @@ def counted(path: Path) -> tuple[Counter, list[str]]:
     prior = {id(v) for v in prior_numbers(tree)}
     seen = set(prior)
     for node in tree.body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
         names = targets(node)
-        if not names or node.value is None:
+        if not names:
             continue
         own = [v for v in literals(node.value) if id(v) not in prior]
         if own:
