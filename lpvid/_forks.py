@@ -25,13 +25,14 @@ Answer: TypeAlias = tuple[bool, Any, list[tuple[Warning | str, str, int]]]
 """whether it succeeded, its value or exception, its warnings with file and line"""
 
 
-def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = ()) -> list[R]:
+def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[object] = (), *, threads: bool = True
+             ) -> list[R]:
     """Results of a function over independent items, in their order, by as many processes as there are processors.
 
     The processes are forks (Linux): the function and the items need not be sent, and what the caller holds is not
     copied before it is written to. Each takes the next item when it is done with one. Only results are sent back.
     What a killed fork had done, or cannot send, is computed here. Where no fork is safe, beside other threads of
-    this process or on other systems, `in_parallel` does the same by threads.
+    this process or on other systems, `in_parallel` does the same by threads, or this process does it alone.
 
     Parameters
     ----------
@@ -40,6 +41,8 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
     items : sequence
     shared : sequence of object
         What results refer to and the caller holds: it is referred to in what is sent, not copied.
+    threads : bool
+        Whether threads may compute the function side by side.
 
     Returns
     -------
@@ -53,7 +56,7 @@ def in_forks(function: Callable[[T], R], items: Sequence[T], shared: Sequence[ob
     [2, 1]
     """
     if not _possible(len(items)):
-        return _threads.in_parallel(function, items)
+        return _threads.in_parallel(function, items) if threads else [function(item) for item in items]
     with _threads.hired(len(items)) as workers:
         found = _by_forks(function, items, shared, workers - 1) if workers > 1 else {}
         results: list[R] = []

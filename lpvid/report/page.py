@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -75,28 +74,28 @@ class PageTable:
     kind: ClassVar[str] = "table"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PageFigure:
-    """A drawing as a data address, with what it shows in words.
+    """A drawing, with what it shows in words; `lpvid.report.render` turns all drawings of a page into SVG at once.
 
     Attributes
     ----------
-    source : str
-        Address of the image, its data inside.
+    drawing : matplotlib.figure.Figure
+        Complete: nothing is drawn on it later.
     caption : str
         Below the figure.
     alternative : str
         What it shows, for who cannot see it.
     """
 
-    source: str
+    drawing: Drawing
     caption: str
     alternative: str
     kind: ClassVar[str] = "figure"
 
     @classmethod
     def of(cls, drawing: Drawing, caption: str, alternative: str = "") -> PageFigure:
-        """A matplotlib figure, embedded as SVG.
+        """A matplotlib figure with its caption.
 
         Parameters
         ----------
@@ -110,12 +109,8 @@ class PageFigure:
         Returns
         -------
         PageFigure
-            With the SVG in base64.
         """
-        from lpvid.plot import svg
-
-        data = base64.b64encode(svg(drawing)).decode("ascii")
-        return cls(f"data:image/svg+xml;base64,{data}", caption, alternative or caption)
+        return cls(drawing, caption, alternative or caption)
 
 
 Item = Paragraph | Notes | PageTable | PageFigure | Traces

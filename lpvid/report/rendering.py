@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lpvid._forks import in_forks
 from lpvid.report.glossary import TERMS, split_terms, term_of
 from lpvid.report.origin import Origin, shown_names
-from lpvid.report.page import OUT, NextStep, Page
+from lpvid.report.page import OUT, NextStep, Page, PageFigure
 from lpvid.report.traces import Traces, pack
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ HEAVIEST = 1_450_000
 """Bytes that a page may weigh (issue: 1.5 MB), with some left for what is put around it."""
 UNITS = {"m/s^2": "m/s²", "N*s/m": "N·s/m"}
 """Units that printed texts spell in ASCII, as a page shows them."""
-DRAWN = "data:image/svg+xml;base64,"
 LEAST = 150_000
 """Bytes that the time traces of a page have in any case."""
 
@@ -48,12 +47,13 @@ def render(page: Page) -> str:
 
     words = _Glossed()
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
-    environment.filters.update(explain=words.explain, cell=words.cell, command=_command, picture=_picture)
+    environment.filters.update(explain=words.explain, cell=words.cell, command=_command)
     template = environment.from_string(_file("page.html"))
     figures = [item for section in page.sections for item in section.items if isinstance(item, Traces)]
     scripts = _scripts() if figures else ()
     given: dict[str, Any] = {
-        "page": page, "version": _version(), "style": _style(bool(figures)), "ids": _ids(page),
+        "page": page, "pictures": _pictures(page), "version": _version(), "style": _style(bool(figures)),
+        "ids": _ids(page),
         "steps": [_step(s, page.origin) for s in page.steps], "terms": words.used,
         "sources": [] if page.origin is None else shown_names(page.origin.sources)}
     html = template.render(**given, scripts=(), packed=[""] * len(figures)) + "\n"
@@ -118,17 +118,28 @@ def _prose(text: str) -> Markup:
                            for k, part in enumerate(parts))
 
 
-def _picture(source: str) -> Markup | str:
-    """The address of a drawing: SVG as text, which is a fifth shorter than in base64; anything else as it is.
+def _pictures(page: Page) -> dict[PageFigure, Markup]:
+    """Addresses of a page's drawings, their data inside; on as many processors as there are, where forks are safe.
+
+    Laying out and writing a figure takes half a second; two figures on two processors take no longer. matplotlib's
+    settings are global, so that threads cannot share them.
+    """
+    figures = [item for section in page.sections for item in section.items if isinstance(item, PageFigure)]
+    if not figures:
+        return {}
+    from lpvid.plot import svg
+
+    return dict(zip(figures, in_forks(lambda f: _address(svg(f.drawing)), figures, threads=False), strict=True))
+
+
+def _address(drawing: bytes) -> Markup:
+    """The address of an SVG as text, which is a fifth shorter than in base64.
 
     The name spaces of an SVG are no addresses: they are written so that a search for addresses does not find them.
     """
     from markupsafe import Markup
 
-    if not source.startswith(DRAWN):
-        return source
-    drawing = base64.b64decode(source[len(DRAWN):]).decode("utf-8")
-    quoted = re.sub(r'[%#"<>&\n]', lambda m: f"%{ord(m.group()):02X}", drawing)
+    quoted = re.sub(r'[%#"<>&\n]', lambda m: f"%{ord(m.group()):02X}", drawing.decode("utf-8"))
     return Markup("data:image/svg+xml;charset=utf-8," + quoted.replace("http", "%68ttp").replace("url(", "url%28"))
 
 

@@ -13,6 +13,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import SAME_FORM, no_force
+from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
 from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
@@ -317,14 +318,12 @@ class ValveDynamics(HydraulicEffect):
         return [np.array(p) for p in itertools.product(*(p.grid for p in self.parameters))]
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        """As many frequencies, evenly in the logarithm between that of the motion and half the sampling rate."""
+        """The same at natural frequencies that follow from the data (`natural_frequencies`)."""
         share, frequency, damping = self.parameters
-        radians = scale("Hz")
-        if radians is None:
+        found = natural_frequencies(len(frequency.grid), frequency.bounds, signals, scale)
+        if found is None:
             return self.points(signals)
-        ends = radians / (2 * np.pi), 0.5 / signals[0].sample_time
-        between = np.geomspace(*ends, len(frequency.grid) + 2)[1:-1].clip(*frequency.bounds)
-        return [np.array(p) for p in itertools.product(share.grid, between, damping.grid)]
+        return [np.array(p) for p in itertools.product(share.grid, found, damping.grid)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         share, frequency, damping = (float(v) for v in values)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,6 +16,7 @@ from lpvid.diagnosis.spectra import SHORT, derivative
 from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
 from quartercar.effects.force_output import SAME_FORM, no_force
+from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
 
 DEPTH = 1e-3
@@ -121,6 +123,15 @@ class FixtureResonance(GridEffect):
         return (EffectParameter("time_constant", "s", "T = 1/omega = 1/(2 pi f)", 0.0, (0.0, 0.008), (0.0, 0.05),
                                 (0.0012, 0.0016, 0.0021, 0.0027, 0.0036, 0.0048, 0.0065), former=("period",)),
                 EffectParameter("damping", "", "zeta", 0.1, (0.005, 1.0), (0.002, 2.0), (0.05, 0.3)))
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """The same at natural frequencies that follow from the data (`natural_frequencies`)."""
+        time_constant, damping = self.parameters
+        bounds = 1 / (2 * np.pi * time_constant.bounds[1]), np.inf
+        found = natural_frequencies(len(time_constant.grid), bounds, signals, scale)
+        if found is None:
+            return self.points(signals)
+        return [np.array(p) for p in itertools.product(1 / (2 * np.pi * found[::-1]), damping.grid)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return no_force(baseline)

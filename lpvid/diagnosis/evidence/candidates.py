@@ -185,7 +185,8 @@ def _screening_task(sets: VisitedSets, screening: BaselineScreening, w: Evaluate
     if w.members and screening.changes:
         predicted = _predicted(sets, screening, w, outside, basis)
         outside = _to_simulate(screening, w, outside, predicted)
-        points = {e.name: _fewer_points(points[e.name], predicted.get(e.name)) for e in outside}
+        points = {e.name: points[e.name] if e.path in LAGGING else
+                  _fewer_points(points[e.name], predicted.get(e.name)) for e in outside}
     errors = sets.problem.errors(w.fit.composition, w.fit.vector)
     simulated = [s.output - e for s, e in zip(sets.problem.signals, errors, strict=True)]
     return _ScreeningTask(w, outside, points, simulated, basis)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -197,8 +198,9 @@ class SetSearch(VisitedSets):
 
         swaps = [(e, y) for e in w.effects for y in self.candidates if related(e, y) and y.name not in w.members
                  and self.allowed([*(x for x in w.effects if x is not e), y])]
-        for found in [*self.in_parallel(without_one, reduced),
-                      *self.in_parallel(lambda pair: self._exchanged(w, *pair), swaps)]:
+        calls = [*(partial(without_one, remaining) for remaining in reduced),
+                 *(partial(self._exchanged, w, *pair) for pair in swaps)]
+        for found in self.in_parallel(lambda call: call(), calls):
             if found is not None:
                 self.add(found)
 

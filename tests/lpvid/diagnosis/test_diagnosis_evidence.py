@@ -340,6 +340,24 @@ def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_simulated_too()
     assert [e.name for e in candidates.by_predicted_gain(search, first, beside, found)] == ["ringing"]
 
 
+class Late(Ringing):
+    """The same as a lag of the motion."""
+
+    path = "motion"
+
+
+def test_a_lag_is_simulated_beside_a_set_at_all_of_its_points():
+    """Its best point depends on what else delays the force, so that none can be left out beforehand."""
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.3 * np.sin(15 * u))
+    search, _ = prepared([run], Bent(), (Dry(), Late()), lambda text: None)
+    search.visited[frozenset()] = EvaluatedSet(search.data, root_of(search.problem, Bent()))
+    search.baseline_screening = first = candidates.screen_beside_baseline(search)
+    dry = next(e for e in search.candidates if e.name == "dry")
+    beside = search.refitted_with(search.root, dry, np.array([0.5]))
+    found = candidates.screen_beside_sets(search, first, [beside])[0]
+    assert [d.values[1] for d in found] == list(np.arange(5.0, 61.0, 5.0))
+
+
 def test_support_of_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_form():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     search, _ = prepared([run], Bent(), (Dry(), DryForm(), Cubic()), lambda text: None)

@@ -12,6 +12,7 @@ from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.between_samples import MOST
 from quartercar.effects.electrical import SEEN_AFTER
+from quartercar.effects.hydraulics import ValveDynamics
 from quartercar.effects.model_structure import ModelOrder
 from quartercar.effects.second_order import second_order
 from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration
@@ -35,6 +36,20 @@ def test_files_that_call_the_time_constant_a_period_are_read(effect) -> None:
     assert entry["unit"] == "s"
     entry["name"] = "period"
     np.testing.assert_array_equal(ExtendedModel.from_dict(data).vector, vector)
+
+
+@pytest.mark.parametrize("rate, radian", [(250.0, 0.3), (500.0, 0.01), (5000.0, 0.002)])
+def test_a_resonance_is_screened_between_the_motion_and_half_the_sampling_rate(rate, radian) -> None:
+    """Whatever the clock and the motion: inside of both and of the bounds, evenly in the logarithm, no point twice."""
+    s = Signals(1 / rate, {"velocity": np.zeros(8)}, np.zeros(8))
+    points = FixtureResonance().spread_points((s,), {"s": radian, "Hz": 1 / radian}.get)
+    periods = np.unique([p[0] for p in points])
+    longest = min(radian, FixtureResonance().parameters[0].bounds[1])
+    assert 1 / (np.pi * rate) < periods.min() and periods.max() < longest
+    assert len(points) == 14 and len({tuple(p) for p in points}) == 14
+    np.testing.assert_allclose(np.diff(np.log(periods)), np.log(longest * np.pi * rate) / 8)
+    frequencies = {p[1] for p in ValveDynamics().spread_points((s,), {"s": radian, "Hz": 1 / radian}.get)}
+    assert all(1 / (2 * np.pi * radian) < f < rate / 2 for f in frequencies)
 
 
 class TestEndStop:
