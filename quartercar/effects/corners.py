@@ -8,8 +8,8 @@ import numpy as np
 
 from lpvid.diagnosis.signals import Signals
 
-EPS = float(np.finfo(float).eps)
-"""distance of a corner from the samples beside it, by which the march may divide"""
+EDGE = 0.02
+"""least distance of a corner from the samples beside it, as a share of the time between them"""
 SHARP = 0.01
 """share of the rms velocity by which the mean over an interval must differ for it to be integrated in short steps"""
 
@@ -77,5 +77,5 @@ def _corners(s: Signals) -> Corners:
         rise[1:] = np.where(missed * room > 0, np.sign(room) * np.minimum(np.abs(missed), np.abs(room)), 0.0)
         before, behind = np.abs(bend[:-1]), np.abs(bend[1:])
         both = before + behind
-        place[1:] = np.clip(np.divide(behind, both, out=np.full(n - 1, 0.5), where=both > 0), EPS, 1 - EPS)
+        place[1:] = np.clip(np.divide(behind, both, out=np.full(n - 1, 0.5), where=both > 0), EDGE, 1 - EDGE)
     return Corners(rise, place, np.abs(rise) > SHARP * np.sqrt(np.mean(s["velocity"] ** 2)))

@@ -15,13 +15,17 @@ NODES = 257
 REACH = 6.0
 """largest of them, in largest speeds of the record"""
 FINE = 0.01
-"""speed below which they are evenly spaced, and difference for the local slope of a core with memory; same unit"""
+"""speed below which they are evenly spaced, in the same unit"""
 SEEN = 48
 """number of samples at which a law is tabulated, evenly in time"""
+RAMP = 0.1
+"""share of the current's range that is a steep change of one that is not held; smaller ones are nearly linear"""
 RANK = 1e-5
 """largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
 SAME = float(np.sqrt(np.finfo(float).eps))
 """relative difference below which the output of a core does not depend on the other samples: it has no memory"""
+PROBE = 0.02
+"""speed difference for the local slope of a core with memory, in root mean squares of the speed"""
 SOFTEST = 0.05
 """least such slope, in slopes of the regression of the force on the speed"""
 
@@ -158,7 +162,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
         Of the shapes 1 and w, its slope at least `SOFTEST` of that of the regression of the force on the speed.
     """
     v, speeds = s["velocity"], _nodes_of(s)
-    change = FINE * _top_speed(s)
+    change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), np.finfo(float).tiny)
     slope = np.maximum(slope, max(least, 1e-9))
@@ -247,7 +251,7 @@ def _current_changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
             jumps[1:] = change > DISTINCT * np.ptp(s["current"])
             steep[1:] = jumps[:-1]
         else:
-            steep[1:] = change > DISTINCT * np.ptp(s["current"])
+            steep[1:] = change > RAMP * np.ptp(s["current"])
     return jumps, steep
 
 
