@@ -21,13 +21,11 @@ CLOSE = math.sqrt(np.finfo(np.float64).eps)
 """last step of Newton's method, as a share of the force; the error left is its square"""
 TAKEN_UP = 5.0
 """force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
-TAKEN = TAKEN_UP * math.atanh(1.0 - np.finfo(np.float64).eps)
+TAKEN = 20.0 * TAKEN_UP
 """force from which the play is taken up to the last digit [N]"""
-TABLE = np.linspace(0.0, 1.0, 2049)
-"""places at which the deflections of play and air are tabulated"""
-SIGN = np.tanh(TABLE * TAKEN / TAKEN_UP)
+SIGN = np.tanh(np.linspace(0.0, TAKEN / TAKEN_UP, 2049))
 """tanh(F/TAKEN_UP) at even steps from 0 to TAKEN, interpolated linearly: concave, and within 1e-5"""
-AIR = 1 - (1 - TABLE) ** (1 / POLYTROPIC)
+AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / POLYTROPIC)
 """1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1"""
 
 
