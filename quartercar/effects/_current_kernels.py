@@ -12,11 +12,6 @@ import numpy as np
 
 from lpvid.toolkit import njit
 
-INSTANT = 1e-9
-"""share of a sample below which `lag_linear` takes a time constant as zero: its formula divides by it"""
-HALVINGS = 40
-"""bisections of the step in which the field passes zero: to 1e-12 of it"""
-
 
 @njit()
 def lag_held(current: np.ndarray, rise: float, fall: float, step: float, after: float, out: np.ndarray) -> None:
@@ -54,13 +49,13 @@ def lag_linear(current: np.ndarray, rise: float, fall: float, step: float, out: 
         tau = rise if _grows(y, current[k]) else fall
         end = _followed(y, before, current[k], slope, tau, step, step)
         if y * end < 0.0:
-            low, high = 0.0, step
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
+            low, high, middle = 0.0, step, 0.5 * step
+            while low < middle < high:  # to the last digit
                 if y * _followed(y, before, before + slope * middle, slope, tau, middle, step) > 0.0:
                     low = middle
                 else:
                     high = middle
+                middle = 0.5 * (low + high)
             end = _followed(0.0, before + slope * high, current[k], slope, rise, step - high, step)
         y = end
         out[k] = y
@@ -69,6 +64,6 @@ def lag_linear(current: np.ndarray, rise: float, fall: float, step: float, out: 
 @njit()
 def _followed(y: float, first: float, last: float, slope: float, tau: float, time: float, step: float) -> float:
     """A lagged current `y` after a time in which the current runs from `first` to `last`."""
-    if tau > INSTANT * step:
+    if tau > 0.0:
         return last - slope * tau + (y - first + slope * tau) * math.exp(-time / tau)
     return last

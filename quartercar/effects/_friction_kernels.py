@@ -8,8 +8,9 @@ import numpy as np
 
 from lpvid.toolkit import njit
 
-NODES = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
-"""speeds, in ε, between which tanh(v/ε) is taken as linear in the displacement"""
+DOUBLED = 2.0 ** np.arange(-1, 3)
+NODES = np.concatenate([-DOUBLED[::-1], [0.0], DOUBLED])
+"""speeds, in ε, between which tanh(v/ε) is taken as linear in the displacement: from ε/2 to 4ε in either direction"""
 
 
 @njit()
@@ -62,9 +63,9 @@ def hysteresis(velocity: np.ndarray, step: float, deflection: float, share: floa
             sign = 1.0 if middle > 0.0 else -1.0
             way, u = abs(middle) * span * step / deflection, -sign * z
             if u > 0.0:
-                back = u if abs(c) * u < 1e-9 else math.log1p(c * u) / c
+                back = u if c == 0.0 else math.log1p(c * u) / c
                 if way < back:
-                    u = u - way if abs(c) < 1e-9 else (u + 1.0 / c) * math.exp(-c * way) - 1.0 / c
+                    u = u - way if c == 0.0 else u * math.exp(-c * way) + math.expm1(-c * way) / c
                     z = -sign * u
                     continue
                 way, z = way - back, 0.0

@@ -13,20 +13,20 @@ import math
 import numpy as np
 
 from lpvid.toolkit import njit
+from quartercar.dampers.stepper import GAMMA
+from quartercar.effects.electrical import SEEN_AFTER
+from quartercar.effects.friction_gas import POLYTROPIC
 
-GAMMA = 1.0 - math.sqrt(0.5)
-HEAD = 0.03
-"""part of a step before a sample in which a held signal already has the sample's value"""
-CLOSE = 1e-7
-"""last step of Newton's method, as a share of the force; the error left is of second order"""
+CLOSE = math.sqrt(np.finfo(np.float64).eps)
+"""last step of Newton's method, as a share of the force; the error left is its square"""
 TAKEN_UP = 5.0
 """force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
 TAKEN = 20.0 * TAKEN_UP
 """force from which the play is taken up to the last digit [N]"""
 SIGN = np.tanh(np.linspace(0.0, TAKEN / TAKEN_UP, 2049))
 """tanh(F/TAKEN_UP) at even steps from 0 to TAKEN, interpolated linearly: concave, and within 1e-5"""
-AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / 1.3)
-"""1 − (1 + |F|/F_p)^(−1/1.3) at even steps of |F|/(|F| + F_p) from 0 to 1"""
+AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / POLYTROPIC)
+"""1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1"""
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -79,12 +79,12 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
     count, traced = 0, trace.shape[0] > 0
     for k in range(velocity.size):
         first = max(k - 1, 0)
-        share = 1.0 - HEAD if ends[k] else 1.0
+        share = 1.0 - SEEN_AFTER if ends[k] else 1.0
         stages = 2 * parts[k] + ends[k] if k else 1
         full = share * step / parts[k]
         for stage in range(stages):
             if stage == 2 * parts[k] or k == 0:
-                h = passed = HEAD * step
+                h = passed = SEEN_AFTER * step
                 v, known = velocity[k], deflection
                 for r in range(b.size):
                     b[r] = rows[k, r] + deflection * tilt[k, r]
@@ -167,7 +167,7 @@ def stages(parts, ends, last, place):
     """Last sample of the interval of each stage of `march`, and its place in it; 2 at the step into a sample."""
     count = 0
     for k in range(parts.size):
-        share = 1.0 - HEAD if ends[k] else 1.0
+        share = 1.0 - SEEN_AFTER if ends[k] else 1.0
         for stage in range(2 * parts[k] + ends[k] if k else 1):
             last[count] = k
             if stage == 2 * parts[k] or k == 0:
@@ -212,11 +212,11 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, first, sta
     count = 0
     for k in range(parts.size):
         start = first and k == 0
-        share = 1.0 - HEAD if ends[k] else 1.0
+        share = 1.0 - SEEN_AFTER if ends[k] else 1.0
         full = share * step / parts[k]
         for stage in range(1 if start else 2 * parts[k] + ends[k]):
             head = stage == 2 * parts[k] or start
-            h = HEAD * step if head else GAMMA * full
+            h = SEEN_AFTER * step if head else GAMMA * full
             renewed = head or stage % 2 == 0
             steep, shifted = trace[count, 3], trace[count, 4]
             soft = _deflection(trace[count, 2], element)[1]

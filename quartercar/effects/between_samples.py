@@ -8,7 +8,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import weighed_alike
 from quartercar.effects.electrical import clocked
-from quartercar.effects.splines import spread
+from quartercar.effects.splines import spline_resampled
 
 FAST, FINEST, MOST = 2000.0, 8, 80_000
 """rate of evaluation of a nonlinear law without memory [1/s], whose output has components above half the sample rate;
@@ -48,7 +48,7 @@ def between(s: Signals, finer: int) -> Signals:
         Computed once; `coarse` holds the given ones, the output is held between its samples.
     """
     def make() -> Signals:
-        channels = {c: spread(x, finer) for c, x in s.channels.items() if c != "current"}
+        channels = {c: spline_resampled(x, finer) for c, x in s.channels.items() if c != "current"}
         if s.has("current"):
             n, current = np.arange(s.n_samples), s["current"]
             at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])

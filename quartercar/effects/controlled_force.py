@@ -7,12 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.condition.derivation import REVERSAL
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.electrical import rests
+from quartercar.effects.electrical import is_constant
 from quartercar.effects.force_output import no_force
-from quartercar.effects.friction_gas import REVERSAL, SLOW
+from quartercar.effects.friction_gas import SLOW
 
 
 class CurrentDependence(Effect):
@@ -151,4 +152,4 @@ def at_rest(signals: Sequence[Signals]) -> bool:
     """
     largest = max(float(np.abs(s["current"]).max()) for s in signals)
     levels = np.concatenate([np.full(s.n_samples, s["current"].mean()) for s in signals])
-    return all(rests(s["current"], largest) for s in signals) and rests(levels, largest)
+    return all(is_constant(s["current"], largest) for s in signals) and is_constant(levels, largest)

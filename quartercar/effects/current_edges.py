@@ -4,51 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
+from lpvid.condition.band_limited import jumps
 from lpvid.diagnosis.signals import Signals
+from quartercar.effects.second_order import step_response
 
-EDGE, NOISY = 0.1, 0.002
-"""share of a channel's range that a jump between two samples exceeds, and share of its size that is noise"""
 STEP = 0.01
-"""share of its range by which a current that jumps must move between two samples to count as a jump"""
-RESPONSE_TIME, SLOWEST = 0.012, 0.03
-"""time after the start of a jump during which the response of an unknown filter may last, and for which the current is
-set to its level [s]"""
-TURNS, EARLIER, MOST_VARIATION = 3, 2, 1.6
-"""samples without movement within one jump, at the peak of its overshoot; the most samples by which a jump begins
-before it exceeds `STEP`; and its largest total variation, in sizes of the jump"""
-LASTS, LEAST, RIPPLE = 6, 2, 0.1
-"""samples after a jump and before the next from which a level is determined, the least number of them, and the share of
-the jump by which they may differ"""
-MISSED, CERTAIN = 0.01, 3.0
-"""share of a jump by which the first sample after it deviates from the level after a filter, and standard errors by
-which that must be significant"""
-OUTLYING = 4.0
-"""standard deviations from which on a jump is an outlier"""
-ABOVE_NOISE = 6.0
-"""times the median step from sample to sample, the sensor's noise, below which nothing counts as a jump"""
-SEEN = 5
-"""samples after its start from which a jump is located"""
+"""share of its range by which a current that jumps must move between two samples to count as a jump, and share of a
+jump by which the first sample after it deviates from the level after a filter"""
+SLOWEST = 0.03
+"""time after the start of a jump during which the response of an unknown filter may last [s]"""
+TURNS = 3
+"""samples without movement within one jump, at the peak of its overshoot"""
+LEAST_DAMPED = 0.4
+"""least plausible damping ratio of a filter against aliasing"""
+MOST_VARIATION = 1 / np.tanh(np.pi * LEAST_DAMPED / np.sqrt(1 - LEAST_DAMPED**2) / 2)
+"""its total variation after a step, in sizes of the step: (1 + M)/(1 − M), M = exp(−πζ/√(1 − ζ²)) its overshoot"""
+LASTS, RIPPLE = 6, 0.1
+"""samples after a jump and before the next from which a level is determined and the jump located, and the share of the
+jump by which they may differ"""
+CERTAIN = 3.0
+"""standard errors by which a deviation must be significant, and standard deviations from which on one is an outlier"""
 PLACES = np.linspace(-0.3, 1.05, 28)
 """candidates for the start of a jump, in samples after the last one that has not moved by `STEP`"""
+SPACING = float(PLACES[1] - PLACES[0])
+"""accuracy to which a jump after a filter is located, in samples"""
 
 
-def leaps(x: np.ndarray) -> bool:
-    """Whether a channel moves by a large part of its range from one sample to the next.
+def normal_spread(values: np.ndarray) -> float:
+    """Standard deviation of normal values with mean zero, by their median modulus, so that outliers have no effect.
 
     Parameters
     ----------
-    x : (n,) array
-        In any unit.
+    values : (n,) array
 
     Returns
     -------
-    bool
-        False for a constant, and for a range that is small beside the channel's size.
+    float
+        0 without values.
+
+    Examples
+    --------
+    >>> round(normal_spread(np.append(np.random.default_rng(0).standard_normal(10_000), 1e6)), 1)
+    1.0
     """
-    return bool(x.size > 1 and np.abs(np.diff(x)).max() > EDGE * np.ptp(x) > NOISY * np.abs(x).max())
+    return float(np.median(np.abs(values))) / NormalDist().inv_cdf(0.75) if values.size else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +60,8 @@ class Edges:
 
     Attributes
     ----------
-    first, until, next : (k,) int arrays
-        Last sample before each, the first one after a filter's response to it, and the first one after those that are
-        set to its level.
+    first, until : (k,) int arrays
+        Last sample before each, and the first one after a filter's response to it.
     before, after : (k,) arrays
         Levels [A]; NaN where one is too short.
     size : int
@@ -68,7 +70,6 @@ class Edges:
 
     first: np.ndarray
     until: np.ndarray
-    next: np.ndarray
     before: np.ndarray
     after: np.ndarray
     size: int
@@ -109,7 +110,7 @@ def edges_of(s: Signals) -> Edges | None:
     """
     if not s.has("current"):
         return None
-    return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if leaps(c) else None)
+    return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if jumps(c) else None)
 
 
 def find_edges(current: np.ndarray, sample_time: float) -> Edges:
@@ -134,18 +135,20 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     ([9, 19], [0.0, 2.0], [2.0, 1.0])
     """
     steps = np.abs(np.diff(current))
-    noise = ABOVE_NOISE * float(np.median(steps)) if steps.size else 0.0
+    noise = normal_spread(steps) * np.sqrt(2 * np.log(current.size))  # the largest step of as much normal noise
     moving = np.flatnonzero(steps > max(STEP * np.ptp(current), noise))
     if not moving.size:
         none, nowhere = np.zeros(0), np.zeros(0, int)
-        return Edges(nowhere, nowhere, nowhere, none, none, current.size)
+        return Edges(nowhere, nowhere, none, none, current.size)
     parted = np.flatnonzero(np.diff(moving) > TURNS)
     first = moving[np.concatenate([[0], parted + 1])]
     last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
     seen = np.maximum(STEP * np.abs(current[last] - current[first]), noise)
-    for _ in range(EARLIER):  # a small one begins before its steps exceed `STEP` of the range
+    begun = np.ones(first.size, dtype=bool)
+    while begun.any():  # a small one begins before its steps exceed `STEP` of the range
         begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
-        first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
+        begun &= np.append(-1, last[:-1]) < first - 1
+        first = np.where(begun, first - 1, first)
     size = np.abs(current[last] - current[first])
     starts, ends = np.append(0, last), np.append(first, current.size - 1) + 1
     rest = ends - starts
@@ -154,8 +157,8 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     after = _levels(current, begun, np.minimum(begun + LASTS, ends[1:]), size)
     way = np.concatenate([[0.0], np.cumsum(steps)])
     after[way[last] - way[first] > MOST_VARIATION * size] = np.nan  # several jumps at once
-    until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:]) for time in (RESPONSE_TIME, SLOWEST))
-    return Edges(first, until, then, before, after, current.size)
+    until = np.minimum(first + 1 + round(SLOWEST / sample_time), ends[1:])
+    return Edges(first, until, before, after, current.size)
 
 
 def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -166,7 +169,7 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
     top = rest[k, np.maximum(count - 1, 0)]
     middle = 0.5 * (rest[k, np.maximum(count - 1, 0) // 2] + rest[k, np.minimum(count // 2, LASTS - 1)])
     with np.errstate(invalid="ignore"):
-        return np.where((count >= LEAST) & (top - rest[:, 0] < RIPPLE * size), middle, np.nan)
+        return np.where((count > 1) & (top - rest[:, 0] < RIPPLE * size), middle, np.nan)
 
 
 def is_sharp(s: Signals) -> bool:
@@ -184,12 +187,12 @@ def is_sharp(s: Signals) -> bool:
     """
     def find(_: np.ndarray) -> bool:
         found = [(p["current"], e) for p in s.as_recorded("current") if (e := edges_of(p)) is not None]
-        return at_once(*zip(*found, strict=True)) if found else True
+        return edges_unfiltered(*zip(*found, strict=True)) if found else True
 
     return s.fact("current", "is sharp", find)
 
 
-def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
+def edges_unfiltered(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     """Whether jumps between levels are unfiltered, within the noise of the sensor.
 
     After a filter, the first sample after a jump j deviates from the level by r = s j + noise, with one share s for all
@@ -211,7 +214,7 @@ def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     --------
     >>> steps = np.repeat([0.0, 2.0, 1.0, 1.5], 10)
     >>> behind = np.convolve(steps, [1.04, -0.04])[:40]
-    >>> [at_once([x], [find_edges(x, 0.002)]) for x in (steps, behind)]
+    >>> [edges_unfiltered([x], [find_edges(x, 0.002)]) for x in (steps, behind)]
     [True, False]
     """
     pairs = [_missed(current, e) for current, e in zip(currents, edges, strict=True)]
@@ -219,11 +222,11 @@ def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     if not jump.size:
         return True
     deviation = np.abs(missed - float(np.median(missed / jump)) * jump)
-    kept = deviation <= OUTLYING * 1.48 * np.median(deviation)  # 1.48: standard over median deviation, if normal
+    kept = deviation <= CERTAIN * normal_spread(deviation)
     missed, jump = missed[kept], jump[kept]
     share = float(missed @ jump) / float(jump @ jump)
     spread = float(np.sqrt(np.mean((missed - share * jump) ** 2) / (jump @ jump)))
-    return abs(share) < max(MISSED, CERTAIN * spread)
+    return abs(share) < max(STEP, CERTAIN * spread)
 
 
 def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
@@ -231,29 +234,6 @@ def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
     known = edges.known
     seen = np.minimum(edges.first[known] + 1, current.size - 1)
     return current[seen] - edges.after[known], edges.after[known] - edges.before[known]
-
-
-def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
-    """Of 1/(1 + 2ζTs + T²s²) to a unit step at 0, with the poles s₁, s₂: 1 + (s₂ e^{s₁ t} − s₁ e^{s₂ t})/(s₁ − s₂).
-
-    Parameters
-    ----------
-    time : array
-        Since the step [s].
-    t : float
-        T [s], above zero.
-    zeta : float
-        Damping ratio.
-
-    Returns
-    -------
-    array
-        Of the shape of `time`; 0 before the step.
-    """
-    root = np.sqrt(complex(zeta**2 - 1 + 1e-9))
-    one, two = (-zeta + root) / t, (-zeta - root) / t
-    late = np.maximum(time, 0.0)
-    return np.real(1 + (two * np.exp(one * late) - one * np.exp(two * late)) / (one - two))
 
 
 def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:
@@ -286,7 +266,7 @@ def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) 
         return fine
     begun = finer * (first + _least_misfit(_misfit(current, edges, t / period, zeta)))
     cells = finer * first[:, None] + np.arange(finer * (1 + round(SLOWEST / period)))
-    inside = cells < finer * edges.next[known][:, None]
+    inside = cells < finer * edges.until[known][:, None]
     covered = np.clip(cells - begun[:, None] + 0.5, 0.0, 1.0)
     fine[cells[inside]] = (before[:, None] + size[:, None] * covered)[inside]
     return fine
@@ -296,10 +276,10 @@ def _misfit(current: np.ndarray, edges: Edges, t: float, zeta: float) -> np.ndar
     """(k, places) squared misfit of a filter's step response to the known edges; t in samples."""
     known = edges.known
     first, before = edges.first[known], edges.before[known]
-    after = np.arange(1, SEEN + 1)
+    after = np.arange(1, LASTS + 1)
     expected = step_response(after[None, :] - PLACES[:, None], t, zeta)
     seen = np.minimum(first[:, None] + after, current.size - 1)
-    counts = (seen < edges.next[known][:, None]).astype(float)
+    counts = (seen < edges.until[known][:, None]).astype(float)
     part = (current[seen] - before[:, None]) / (edges.after[known] - before)[:, None]
     return np.sum(counts[:, None, :] * (part[:, None, :] - expected[None]) ** 2, axis=2)
 
@@ -311,4 +291,4 @@ def _least_misfit(misfit: np.ndarray) -> np.ndarray:
     a, b, c = misfit[k, at - 1], misfit[k, at], misfit[k, at + 1]
     bend = a - 2 * b + c
     shift = np.where(bend > 0, 0.5 * (a - c) / np.where(bend > 0, bend, 1.0), 0.0)
-    return PLACES[at] + np.clip(shift, -1.0, 1.0) * (PLACES[1] - PLACES[0])
+    return PLACES[at] + np.clip(shift, -1.0, 1.0) * SPACING

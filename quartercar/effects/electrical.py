@@ -8,20 +8,15 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.condition.band_limited import jumps
+from lpvid.condition.constancy import DISTINCT, constant
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.current_edges import edges_of, is_sharp
+from quartercar.effects.current_edges import SPACING, edges_of, is_sharp
 
-SEEN_AFTER = 0.05
+SEEN_AFTER = 0.03
 """part of a sample after a step of a held current at which the force is taken"""
-LEVELS_APART = 0.05
-"""share of the current's range by which two levels differ, and within which the samples of one level lie"""
 NO_BEND = "a linear law passes through both, as every other does"
-REST = 0.05
-"""ripple, as a share of the largest current, below which an uncorrelated current counts as constant"""
-PLACED = 0.05
-"""standard error of the time of a jump that was recorded after a filter, in samples"""
 ALIKE = 0.15
 """correlation of neighbouring increments from which on edges take more than one sample, as after a filter"""
 LAG_SHARE = EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
@@ -54,8 +49,8 @@ def is_held(current: np.ndarray) -> bool:
     return jumps(current) and float(increments[1:] @ increments[:-1]) < ALIKE * float(increments @ increments)
 
 
-def rests(current: np.ndarray, largest: float) -> bool:
-    """Whether a current is constant within the noise of its sensor: its ripple is small and uncorrelated.
+def is_constant(current: np.ndarray, largest: float) -> bool:
+    """Whether a current is constant as `lpvid.condition.constancy` defines it, or but for uncorrelated noise as large.
 
     Parameters
     ----------
@@ -71,15 +66,15 @@ def rests(current: np.ndarray, largest: float) -> bool:
     Examples
     --------
     >>> noise = np.random.default_rng(0).standard_normal(500)
-    >>> rests(0.01 * noise, 1.2), rests(np.repeat(noise[:50], 10), 2.0), rests(np.full(9, 2.0), 2.0)
+    >>> is_constant(0.01 * noise, 1.2), is_constant(np.repeat(noise[:50], 10), 2.0), is_constant(np.full(9, 2.0), 2.0)
     (True, False, True)
     """
+    if np.ptp(current) <= DISTINCT * largest:
+        return True
     ripple = current - current.mean()
     size = float(ripple @ ripple)
-    spread = float(np.sqrt(size / max(current.size, 1)))
-    if spread <= 1e-3 * REST * largest:
-        return True
-    return spread < REST * largest and float(ripple[1:] @ ripple[:-1]) < 0.5 * size
+    spread = float(np.sqrt(size / current.size))
+    return spread < DISTINCT * largest and float(ripple[1:] @ ripple[:-1]) < 0.5 * size
 
 
 def held(s: Signals) -> bool:
@@ -141,7 +136,7 @@ def clocked(s: Signals) -> bool:
     (True, False)
     """
     def apart(current: np.ndarray) -> np.ndarray:
-        return np.diff(np.flatnonzero(np.abs(np.diff(current)) > LEVELS_APART * np.ptp(current)))
+        return np.diff(np.flatnonzero(np.abs(np.diff(current)) > DISTINCT * np.ptp(current)))
 
     def find(_: np.ndarray) -> bool:
         times = np.concatenate([apart(p["current"]) for p in s.as_recorded("current") if p.has("current")])
@@ -172,10 +167,10 @@ def levels(signals: Sequence[Signals]) -> int:
     """
     i = np.sort(np.concatenate([s["current"] for s in signals]))
     span = float(i[-1] - i[0])
-    if span <= 1e-9 * max(abs(float(i[-1])), abs(float(i[0])), 1e-9):
+    if constant(float(i[0]), float(i[-1]), "A"):
         return 1
-    groups = np.split(i, np.flatnonzero(np.diff(i) > LEVELS_APART * span) + 1)
-    return len(groups) if all(np.ptp(g) < LEVELS_APART * span for g in groups) and len(groups) < 0.1 * i.size else 0
+    groups = np.split(i, np.flatnonzero(np.diff(i) > DISTINCT * span) + 1)
+    return len(groups) if all(np.ptp(g) < DISTINCT * span for g in groups) and len(groups) < 0.1 * i.size else 0
 
 
 def later(s: Signals, delay: float) -> np.ndarray:
@@ -264,7 +259,7 @@ def _jump_error(signals: Sequence[Signals]) -> float:
     if any(held(s) for s in signals):
         return signals[0].sample_time / np.sqrt(12)
     edges = [edges_of(s) for s in signals]
-    return signals[0].sample_time * (PLACED if any(e is not None and e.known.any() for e in edges) else BETWEEN)
+    return signals[0].sample_time * (SPACING if any(e is not None and e.known.any() for e in edges) else BETWEEN)
 
 
 class CurrentEffect(GridEffect):
@@ -297,7 +292,7 @@ class CurrentEffect(GridEffect):
         str or None
         """
         largest = max(float(np.abs(s["current"]).max()) for s in signals)
-        if self.of_changes and all(rests(s["current"], largest) for s in signals):
+        if self.of_changes and all(is_constant(s["current"], largest) for s in signals):
             return "the current is constant within every record, except for the noise of its sensor"
         if self.between_two and levels(signals) == 2:
             return f"the current takes two levels only: {self.between_two}"

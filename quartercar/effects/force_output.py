@@ -1,8 +1,11 @@
-"""Force output: the condition that effects on a force share."""
+"""Force output: the condition that effects on a force share, and when one of them is another one's form."""
 
 from __future__ import annotations
 
 from lpvid.diagnosis.baseline import Baseline
+
+SAME_FORM = 0.05
+"""share of a range, or difference of a share or an exponent from 1, within which the form of one effect is another's"""
 
 
 def no_force(baseline: Baseline) -> str | None:

@@ -7,13 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.condition.derivation import REVERSAL
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import no_force
 
-REVERSAL = 2e-3
-"""speed over which the sign of the velocity is smoothed [m/s]"""
+FRICTION = EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,))
+"""force of dry friction, beside the law or behind a spring"""
 SLOW = 0.01
 """share of the root mean square speed at which friction is screened as its reversal speed, where that is less"""
 TURNING = 0.1
@@ -57,7 +58,7 @@ class CoulombFriction(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
+        return (FRICTION,
                 EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
                                 (0.0, 0.5), (0.0, 2e-5, 1e-4)),
                 EffectParameter("turning_speed", "m/s", "eps, over which the friction reverses", REVERSAL,
@@ -118,7 +119,7 @@ def direction(s: Signals, deflection: float, turn: float = REVERSAL) -> np.ndarr
         velocity, out = np.ascontiguousarray(s["velocity"]), np.empty(s.n_samples)
         goal = np.tanh(velocity / turn)
         bristles(velocity, s.sample_time, deflection, turn, NODES, 0.0, out)
-        start = goal[0] * min(max(float(out @ goal) / max(float(goal @ goal), 1e-300), 0.0), 1.0)
+        start = goal[0] * min(max(float(out @ goal) / max(float(goal @ goal), np.finfo(float).tiny), 0.0), 1.0)
         bristles(velocity, s.sample_time, deflection, turn, NODES, start, out)
         return out
 
@@ -149,7 +150,7 @@ class InnerFriction(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
+        return (FRICTION,
                 EffectParameter("turning_speed", "m/s", "eps, over which the friction reverses", REVERSAL, (1e-4, 0.05),
                                 (1e-6, 1.0), (REVERSAL,)))
 

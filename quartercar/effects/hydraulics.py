@@ -12,8 +12,9 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.force_output import no_force
+from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies
+from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
 from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
 
@@ -21,8 +22,6 @@ UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share does not change the force [m/s]"""
 DRY = 0.02
 """share of the top speed up to which the force of a law counts as dry friction"""
-ALL_OF_IT = 0.05
-"""difference from 1 below which the share of the force that passes a valve counts as 1"""
 ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
 """quantiles of the speed at which the onset of an orifice is screened"""
 
@@ -145,7 +144,8 @@ class ReliefValve(HydraulicEffect):
         shares = (0.3, 0.55, 0.75, 0.9)
         by_slope = [measured_slope(signals) * v for v in speed_quantiles(signals, shares)]
         by_force = np.quantile(np.abs(np.concatenate([s.output for s in signals])), shares)
-        return [np.array([r, max(f, 0.1)]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
+        least = self.parameters[1].bounds[0]
+        return [np.array([r, max(f, least)]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         v = s["velocity"]
@@ -230,7 +230,7 @@ class InputNonlinearity(HydraulicEffect):
         """
         speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
         power = speed ** float(values[0])
-        dry, viscous = power.sum() / np.sqrt(speed.size), power @ speed / max(float(np.linalg.norm(speed)), 1e-300)
+        dry, viscous = power.sum() * np.linalg.norm(speed), power @ speed * np.sqrt(speed.size)
         return ("coulomb-friction",) if dry > viscous else ()
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
@@ -326,16 +326,13 @@ class ValveDynamics(HydraulicEffect):
         return [np.array(p) for p in itertools.product(share.grid, found, damping.grid)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
-        from quartercar.effects import _hydraulics_kernels as kernels
-
+        share, frequency, damping = (float(v) for v in values)
         viscous = viscous_slope(s, core, baseline) * s["velocity"]
-        out = np.empty(s.n_samples)
-        kernels.second_order(viscous, 2 * np.pi * float(values[1]) * s.sample_time, float(values[2]), out)
-        return float(values[0]) * (out - viscous)
+        return share * (second_order(viscous, 1 / (2 * np.pi * frequency), damping, s.sample_time) - viscous)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A resonance of the fixture, where all of the viscous force passes the valve."""
-        return ("fixture-resonance",) if abs(float(values[0]) - 1.0) < ALL_OF_IT else ()
+        return ("fixture-resonance",) if abs(float(values[0]) - 1.0) < SAME_FORM else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two more states", order=2)

@@ -11,12 +11,9 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.force_output import no_force
-from quartercar.effects.friction_gas import ParallelForce
+from quartercar.effects.friction_gas import CoulombFriction, ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
 from quartercar.effects.viscous import viscous_slope
-
-TURNED = 0.01
-"""highest plausible speed over which dry friction reverses [m/s], as in `CoulombFriction`"""
 
 
 class CubicSpring(ParallelForce):
@@ -92,7 +89,8 @@ class SaturatingDamping(HydraulicEffect):
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Dry friction, where it saturates within the speeds over which friction reverses."""
-        return ("coulomb-friction",) if float(values[0]) * TURNED >= 1 else ()
+        fastest = CoulombFriction().parameters[2].plausible[1]
+        return ("coulomb-friction",) if float(values[0]) * fastest >= 1 else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))

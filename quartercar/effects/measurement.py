@@ -14,13 +14,14 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.force_output import no_force
-from quartercar.effects.splines import glided
+from quartercar.effects.splines import spline_shifted
 
+DELAY = EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016))
+"""by which a channel is recorded later than another"""
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
 BESSEL = (0.7235, 1.0944)
 """damping of the pair of poles of Bessel's filter of order three, and time constant of the single one over theirs"""
-
 HAIRS = np.geomspace(1e-3, 0.1, 9)
 """widths below the largest force, as shares of it, within which a clipped force may scatter"""
 
@@ -70,8 +71,7 @@ class DisplacementDelay(ChainEffect, LateEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),
-                LAG_SHARE)
+        return DELAY, LAG_SHARE
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay, share = (float(v) for v in values)
@@ -81,7 +81,7 @@ class DisplacementDelay(ChainEffect, LateEffect):
         def corrected(s: Signals) -> Signals:
             lag = share * delay if s.n_samples >= SHORT else 0.0
             sharp = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
-            late = {m: glided(c, (delay - lag) / s.sample_time) for m, c in sharp.items()}
+            late = {m: spline_shifted(c, (delay - lag) / s.sample_time) for m, c in sharp.items()}
             return weighed_alike(s.replace(**late), s)
 
         return lambda s: core(s.remembered("prompt", (delay, share), lambda: corrected(s)))
@@ -104,7 +104,7 @@ class ForceDelay(ChainEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),)
+        return (DELAY,)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay = float(values[0])

@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.effect import MOST_POINTS, Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import NO_BEND, CurrentEffect
 from quartercar.effects.force_output import no_force
-from quartercar.effects.structure import swung
+from quartercar.effects.structure import resonance_filtered
 
-MODES, SCANNED = 10, 7
-"""number of slow cosines in an unlogged modulation, and of the slowest of them, with which it is screened"""
+MODES = 10
+"""number of slow cosines in an unlogged modulation"""
 
 
 class SchedulingDegree(CurrentEffect):
@@ -86,7 +86,9 @@ class MissingScheduling(Effect):
                      for name, description in named)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
+        """The slowest cosines alone, either sign, as many as an effect has points."""
+        sizes = self.parameters[0].grid[::-1]
+        return [size * mode for mode in np.eye(MODES + 2)[: MOST_POINTS // 2] for size in sizes]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return no_force(baseline)
@@ -163,7 +165,7 @@ class ModelOrder(GridEffect):
 
         def run(s: Signals) -> np.ndarray:
             force = core(s)
-            return force + share * (swung(core, s, period, damping, baseline) - force)
+            return force + share * (resonance_filtered(core, s, period, damping, baseline) - force)
 
         return run
 

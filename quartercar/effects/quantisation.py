@@ -17,8 +17,6 @@ COARSE = 2e-3
 """share of its range from which a channel's step counts as coarse"""
 DITHER = 0.15
 """standard deviation of the noise before the rounding, in steps, which smooths the mean rounded force"""
-ROOM = 1.1
-"""power that may be removed from a channel, in powers of a rounding error"""
 
 
 class Quantisation(Effect):
@@ -149,7 +147,7 @@ def smoothed_within(values: np.ndarray, step: float) -> np.ndarray:
     spectrum = np.fft.rfft(odd)
     power = 2 * np.abs(spectrum) ** 2 / odd.size**2
     above = np.cumsum(power[::-1])[::-1]
-    allowed = ROOM * step**2 / 12 * (1 - np.arange(power.size) / power.size)
+    allowed = step**2 / 12 * (1 - np.arange(power.size) / power.size)
     quiet = np.flatnonzero(above <= allowed)
     corner = int(quiet[0]) if quiet.size else power.size
     spectrum[corner:] = 0.0

@@ -17,8 +17,9 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
     "road": ("road",), "actuator": ("actuator",), "motion": MOTION,
     "current": ("current",)}
 """Sensors of inputs, and the channels that each of them feeds."""
-SMALL = (-1e-6, 1e-6)
-"""relative changes at which a gain or a parameter of a car is screened: so small that their effect is the derivative"""
+SMALL = tuple(float(sign * np.cbrt(np.finfo(float).eps)) for sign in (-1, 1))
+"""relative changes at which a gain or a parameter of a car is screened: so small that their effect is the derivative
+(by the step that balances curvature and rounding in a central difference)"""
 LAST = len(SENSORS) - 1.0
 CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, LAST), (0.0, LAST), (0.0,), tuple(SENSORS))
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.condition.constancy import DISTINCT
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import held
 
@@ -17,14 +18,11 @@ FINE = 0.01
 """speed below which they are evenly spaced, in the same unit"""
 SEEN = 48
 """number of samples at which a law is tabulated, evenly in time"""
-JUMP, RAMP = 0.02, 0.1
-"""shares of the current's range that are a jump of a held current, and a steep change of another one; smaller changes
-are noise, or nearly linear"""
+RAMP = 0.1
+"""share of the current's range that is a steep change of one that is not held; smaller ones are nearly linear"""
 RANK = 1e-5
 """largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
-NONE, HUGE = 1e-200, 1e100
-"""squared size of a law below which it is zero; size above which it diverges"""
-SAME = 1e-9
+SAME = float(np.sqrt(np.finfo(float).eps))
 """relative difference below which the output of a core does not depend on the other samples: it has no memory"""
 PROBE = 0.02
 """speed difference for the local slope of a core with memory, in root mean squares of the speed"""
@@ -96,7 +94,7 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
         if not np.array_equal(core(moved), here):  # the law depends on the position
             turned = core(_at_speeds(moved, speeds)).reshape(table.shape)
     size = float(np.abs(table).max())
-    if not size < HUGE or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
+    if not size < np.sqrt(np.finfo(float).max / table.size) or np.diff(table, axis=0).min() < -SAME * size:
         return with_memory(core, s, rigid)
     return replace(_combined(core, s, speeds, table, turned, deflection), rest=force_at_rest(core, s))
 
@@ -166,7 +164,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     v, speeds = s["velocity"], _nodes_of(s)
     change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
-    least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), 1e-300)
+    least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), np.finfo(float).tiny)
     slope = np.maximum(slope, max(least, 1e-9))
     rows = np.column_stack([rigid - slope * v, slope])
     shapes = np.column_stack([np.ones(speeds.size), speeds])
@@ -199,13 +197,13 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if picks and not sizes[k] > RANK**2 * largest:
             break
         picks.append(k)
-        direction = rest[k] / max(float(np.sqrt(sizes[k])), 1e-300)
+        direction = rest[k] / max(float(np.sqrt(sizes[k])), np.finfo(float).tiny)
         along = rest @ direction
         rest -= np.multiply.outer(along, direction)
         rest[k] = 0.0
         parts.append(along)
     weights = np.column_stack(parts)
-    if not largest > NONE:  # a law that is zero everywhere
+    if not largest > np.finfo(float).tiny:  # a law that is zero everywhere
         return np.array(picks), np.zeros_like(weights)
     lower, shapes = weights[picks], weights
     for k in range(len(picks) - 1, -1, -1):  # shapes @ lower = weights, without BLAS, which starts threads
@@ -214,10 +212,14 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(picks), shapes
 
 
+def _top_speed(s: Signals) -> float:
+    """Largest speed [m/s]; 1 mm/s where there is no motion."""
+    return s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
+
+
 def _nodes_of(s: Signals) -> np.ndarray:
     """(G,) speeds at which a law is tabulated along these signals, evenly in asinh(w/w_0)."""
-    top = s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
-    return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
+    return FINE * _top_speed(s) * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
 
 
 def _table_samples(s: Signals) -> np.ndarray:
@@ -246,7 +248,7 @@ def _current_changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
     if s.has("current"):
         change = np.abs(np.diff(s["current"]))
         if held(s):
-            jumps[1:] = change > JUMP * np.ptp(s["current"])
+            jumps[1:] = change > DISTINCT * np.ptp(s["current"])
             steep[1:] = jumps[:-1]
         else:
             steep[1:] = change > RAMP * np.ptp(s["current"])

@@ -9,15 +9,12 @@ import numpy as np
 from lpvid.diagnosis.signals import Core, Remembered, Signals
 from lpvid.toolkit import checks
 from quartercar.effects.corners import corners
+from quartercar.effects.friction_gas import POLYTROPIC
 from quartercar.effects.series_law import Law, read_law
 
 STEEP = 3
 """steps of the march per sampling interval with air, play or cavitation, after a jump of the current and along a steep
 change of it; elsewhere 1"""
-CORNER = 6
-"""steps over an interval with a corner of the velocity, where the rule is not of order two"""
-LAWS = 4
-"""laws kept along signals, for the derivative after a run"""
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ class Elements:
         (n,) array
         """
         size = np.abs(force)
-        air = self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / 1.3))
+        air = self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / POLYTROPIC))
         return np.sign(force) * (self.compliance * size + self.play / 2 + air)
 
 
@@ -93,7 +90,7 @@ class SeriesMarch:
     static: bool = field(default=True)
 
     def law(self, s: Signals, rigid: np.ndarray) -> Law:
-        """The law of the core, given its simulation along the signals; the last `LAWS` are kept.
+        """The law of the core, given its simulation along the signals; the last ones are kept.
 
         Parameters
         ----------
@@ -110,7 +107,7 @@ class SeriesMarch:
 
         if not isinstance(self.core, Remembered):
             return read()
-        return s.remembered("laws", (self.core.key, self.elements, self.static), read, LAWS)
+        return s.remembered("laws", (self.core.key, self.elements, self.static), read)
 
     def steps(self, s: Signals, law: Law) -> tuple[np.ndarray, np.ndarray]:
         """(n,) steps up to each sample, and whether a short one precedes it.
@@ -128,7 +125,8 @@ class SeriesMarch:
         """
         sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
         parts = np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1)
-        return np.where(corners(s).sharp, CORNER, parts), law.jumps | sudden
+        # as many on either side of a corner, across which the rule is not of order two
+        return np.where(corners(s).sharp, 2 * STEEP, parts), law.jumps | sudden
 
     def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
         """(n,) force; `trace`, of one row per stage of the march, is filled by the kernel unless it is empty.

@@ -8,16 +8,12 @@ from functools import cache, partial
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Core, Remembered, Signals
+from lpvid.diagnosis.signals import REPLACED, Core, Remembered, Signals
 from lpvid.toolkit import found_once
-from quartercar.effects.series_law import SAME, Law, force_at_rest, with_memory
+from quartercar.effects.series_law import SAME, SEEN, Law, force_at_rest, with_memory
 from quartercar.effects.series_march import SeriesMarch
 
-RUNS = 4
-"""signals along which changes are kept: an effect around the series may run it along several"""
-PROBED, FASTER = 32, 3.0
-"""stages at which the dependence of a core on other stages is tested, and the ratio of the speeds of those others"""
-AT_ONCE = 16384
+CHUNK = 16384
 """stages at which a core is evaluated together: its intermediate results fit the processor's cache"""
 
 
@@ -68,7 +64,7 @@ class _SeriesRuns:
                 return out, changes
         out, changes = changed(self.own, s, self.others) if s.coarse is None else self._refined(s, s.coarse)
         self.kept.append((s, out, changes))
-        del self.kept[:-RUNS]
+        del self.kept[:-REPLACED]  # an effect around the series may run it along several signals
         return out, changes
 
     def _refined(self, s: Signals, coarse: Signals) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -130,7 +126,7 @@ def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.nd
     first = 0
     while first < s.n_samples:
         begin = int(behind[first - 1]) if first else 0
-        until = max(int(np.searchsorted(behind, begin + AT_ONCE, side="right")), first + 1)
+        until = max(int(np.searchsorted(behind, begin + CHUNK, side="right")), first + 1)
         which = slice(begin, int(behind[until - 1]))
         part = cache(partial(stages.part, which))
         direct, softer = np.zeros((2, len(found), which.stop - begin))
@@ -230,12 +226,12 @@ class MarchStages:
 
     @found_once
     def _probes(self) -> tuple[Signals, Signals]:
-        """Some of the first stages alone, and the same followed by those with other speeds."""
-        first = self.part(slice(0, min(AT_ONCE, self.last.size)))
-        probed = np.linspace(0, first.n_samples - 1, min(PROBED, first.n_samples)).astype(int)
+        """Some of the first stages alone, and the same followed by those at twice the speed."""
+        first = self.part(slice(0, min(CHUNK, self.last.size)))
+        probed = np.linspace(0, first.n_samples - 1, min(SEEN, first.n_samples)).astype(int)
         few = self._signals({role: c[probed] for role, c in first.channels.items()}, first.places[probed])
         among = {role: np.tile(c, 2) for role, c in few.channels.items()}
-        among["velocity"][probed.size:] *= FASTER
+        among["velocity"][probed.size:] *= 2.0
         return few, self._signals(among, np.tile(few.places, 2))
 
     def _signals(self, channels: Mapping[str, np.ndarray], at: np.ndarray) -> Signals:

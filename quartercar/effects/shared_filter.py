@@ -11,7 +11,7 @@ from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed, weighed_alike
 from quartercar.effects.between_samples import times_as_fast
-from quartercar.effects.current_edges import Edges, current_before, edges_of, is_sharp
+from quartercar.effects.current_edges import LEAST_DAMPED, Edges, current_before, edges_of, is_sharp
 from quartercar.effects.measurement import ChainEffect
 
 
@@ -37,7 +37,7 @@ class SharedFilter(ChainEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("time_constant", "s", "T = 1/(2 pi corner frequency)", 0.0, (0.0, 0.01), (0.0, 0.05),
                                 (5e-4, 1e-3, 3e-3)),
-                EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.7071,)))
+                EffectParameter("damping", "", "zeta", 0.7071, (LEAST_DAMPED, 1.2), (0.3, 2.0), (0.7071,)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         for s in signals if "current" in baseline.channels else ():

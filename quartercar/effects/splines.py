@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-END = 12
-"""samples added to both ends of a channel, over which the effect of an end on the spline decays (0.27 per sample)"""
+END = int(np.ceil(np.log(np.finfo(float).eps) / np.log(2 - np.sqrt(3))))
+"""samples added to both ends of a channel, over which the effect of an end on the spline, 2 − √3 of it per sample,
+is lost in the last digit"""
 
 
-def glided(values: np.ndarray, samples: float) -> np.ndarray:
+def spline_shifted(values: np.ndarray, samples: float) -> np.ndarray:
     """Values, (n,), of a smooth signal read `samples` later, interpolated by cubic splines, the ends held.
 
     Linear interpolation would reduce the amplitude at a frequency f by cos(π f T) half-way between samples.
@@ -26,7 +27,7 @@ def glided(values: np.ndarray, samples: float) -> np.ndarray:
 
     Examples
     --------
-    >>> glided(np.array([0.0, 1.0, 4.0, 9.0, 16.0]), 2.0).round(6)
+    >>> spline_shifted(np.array([0.0, 1.0, 4.0, 9.0, 16.0]), 2.0).round(6)
     array([ 4.,  9., 16., 16., 16.])
     """
     whole = int(np.clip(np.floor(samples), -values.size, values.size))
@@ -36,7 +37,7 @@ def glided(values: np.ndarray, samples: float) -> np.ndarray:
     return _between(weights[begun - 1: begun + values.size + 2], samples - np.floor(samples))
 
 
-def spread(values: np.ndarray, finer: int) -> np.ndarray:
+def spline_resampled(values: np.ndarray, finer: int) -> np.ndarray:
     """(n finer,) values, (n,), on a clock `finer` times as fast, the last one held.
 
     Parameters
@@ -51,7 +52,7 @@ def spread(values: np.ndarray, finer: int) -> np.ndarray:
 
     Examples
     --------
-    >>> spread(np.array([0.0, 1.0, 2.0]), 2).round(6)
+    >>> spline_resampled(np.array([0.0, 1.0, 2.0]), 2).round(6)
     array([0. , 0.5, 1. , 1.5, 2. , 2. ])
     """
     n = values.size

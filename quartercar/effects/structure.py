@@ -15,17 +15,12 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, derivative
 from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
-from quartercar.effects.force_output import no_force
+from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies
+from quartercar.effects.second_order import second_order
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is defined [m]"""
-LINEAR = 1.05
-"""exponent up to which a stop is linear"""
-NOWHERE = 0.1 * DEPTH
-"""distance from mid stroke below which a stop engages at mid stroke [m]"""
-SHORTEST = 1e-6
-"""share of a sample below which the effect of a resonance is taken as proportional to its period"""
 
 
 class EndStop(Effect):
@@ -50,7 +45,8 @@ class EndStop(Effect):
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
-        return [np.array([3e4, float(np.quantile(reach, q)), 1.0]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
+        stiffness, _, exponent = (p.grid[0] for p in self.parameters)
+        return [np.array([stiffness, float(np.quantile(reach, q)), exponent]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return no_force(baseline)
@@ -70,10 +66,10 @@ class EndStop(Effect):
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A spring for a linear stop at mid stroke, a hardening one for a progressive stop engaged in most samples."""
         position, exponent = float(values[1]), float(values[2])
-        if exponent < LINEAR:
-            return ("gas-stiffness",) if position < NOWHERE else ()
-        middle = float(np.median(np.concatenate([np.abs(s["displacement"]) for s in signals])))
-        return ("cubic-spring",) if position < middle else ()
+        reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
+        if exponent - 1 < SAME_FORM:
+            return ("gas-stiffness",) if position < SAME_FORM * reach.max() else ()
+        return ("cubic-spring",) if position < np.median(reach) else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the displacement too", schedule=("displacement",))
@@ -144,7 +140,7 @@ class FixtureResonance(GridEffect):
         period, damping = float(values[0]), float(values[1])
         if period <= 0:
             return core
-        return lambda s: swung(core, s, period, damping, baseline)
+        return lambda s: resonance_filtered(core, s, period, damping, baseline)
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Delays and filters, where the resonance is above half the sample rate: its effect is a delay of the force."""
@@ -175,7 +171,7 @@ def acceleration(s: Signals) -> np.ndarray:
     return s.fact("velocity", "rate of change", lambda v: derivative(s, "velocity"))
 
 
-def swung(core: Core, s: Signals, period: float, damping: float, baseline: Baseline) -> np.ndarray:
+def resonance_filtered(core: Core, s: Signals, period: float, damping: float, baseline: Baseline) -> np.ndarray:
     """(n,) simulation filtered by 1/(1 + 2ζTs + T²s²), evaluated between the samples too where it has no memory.
 
     Parameters
@@ -206,72 +202,3 @@ def _before_steps(core: Core, s: Signals) -> np.ndarray:
         return replace(s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]])), coarse=s.coarse)
 
     return core(s.cached("signals with the current before each sample", current_of_before))
-
-
-def second_order(values: np.ndarray, period: float, damping: float, step: float,
-                 before: np.ndarray | None = None, seen_after: float = SEEN_AFTER) -> np.ndarray:
-    """Values filtered by 1/(1 + 2ζTs + T²s²), at rest at the first; exact for signals that are linear between samples.
-
-    A signal that jumps at its samples is the sum of a continuous part and of one that is held between jumps, whose
-    response is taken `seen_after` of a step after each sample. As T → 0 the result tends to the values, linearly in T
-    below `SHORTEST` of a step, where the matrix exponential is inaccurate.
-
-    Parameters
-    ----------
-    values : (n,) array
-    period, damping, step : float
-        T [s], ζ, sampling period [s].
-    before : (n,) array, optional
-        Left limits of a signal that jumps at its samples: it runs from values[k] to before[k+1].
-    seen_after : float
-        Share of a step after a jump at which the response to it is taken.
-
-    Returns
-    -------
-    (n,) array
-        In the unit of the values.
-    """
-    shortest = SHORTEST * step
-    if period < shortest:
-        return values + period / shortest * (second_order(values, shortest, damping, step, before, seen_after) - values)
-    if before is None:
-        return _ramped(values, period, damping, step)
-    jumps = np.cumsum(values - before)
-    return _ramped(values - jumps, period, damping, step) + _held(jumps, period, damping, step, seen_after)
-
-
-def _ramped(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
-    """Response to a signal that is linear between samples."""
-    from scipy.signal import lfilter
-
-    f, early, late = _propagated(period, damping, step)
-    b1, b2 = -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
-    both = [late[0], early[0] + f[0, 1] * late[1] - f[1, 1] * late[0], f[0, 1] * early[1] - f[1, 1] * early[0]]
-    return np.asarray(lfilter(both, [1.0, b1, b2], values - values[0])) + values[0]
-
-
-def _held(values: np.ndarray, period: float, damping: float, step: float, seen_after: float) -> np.ndarray:
-    """Response to a signal that is held between samples, taken shortly after each of them."""
-    from scipy.signal import lfilter
-
-    f, early, late = _propagated(period, damping, step)
-    g, seen = early + late, _propagated(period, damping, seen_after * step)[0][0]
-    direct, b1, b2 = 1 - seen[0], -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
-    turned = np.array([f[0, 1] * g[1] - f[1, 1] * g[0], f[1, 0] * g[0] - f[0, 0] * g[1]])
-    above = [direct, direct * b1 + seen @ g, direct * b2 + seen @ turned]
-    return np.asarray(lfilter(above, [1.0, b1, b2], values - values[0])) + values[0]
-
-
-def _propagated(period: float, damping: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """State (q, T q̇) over a step: its transition, and the weights of the input's values at both ends.
-
-    By the matrix exponential of the augmented system (Van Loan 1978).
-    """
-    from scipy.linalg import expm
-
-    omega = 1.0 / period
-    block = np.zeros((4, 4))
-    block[:2, :2] = [[0.0, omega], [-omega, -2 * damping * omega]]
-    block[1, 2], block[2, 3] = omega, 1.0 / step
-    e = expm(block * step)
-    return e[:2, :2], e[:2, 2] - e[:2, 3], e[:2, 3]

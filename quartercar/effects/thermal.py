@@ -141,7 +141,7 @@ class ThermalFade(ThermalEffect):
             return core(s), static_share(s, core, baseline)
 
         def warm(parts: Parts, heat: np.ndarray) -> np.ndarray:
-            return parts[1] + (parts[0] - parts[1]) * np.maximum(1 - fade * heat, 0.05)
+            return parts[1] + (parts[0] - parts[1]) * np.maximum(1 - fade * heat, 0.0)
 
         return heated(cold, warm, cooling)
 

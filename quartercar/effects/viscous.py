@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.signals import REPLACED, Core, Signals
 from lpvid.toolkit import found_once
 
 TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""
 HALF = 0.6
 """share of it that is the lower speed"""
-KEPT = 4
-"""sets of shares kept along signals"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -149,7 +147,7 @@ def _cached_shares(s: Signals, record: Signals, core: Core) -> _Shares:
         found = _Shares(few, core, _top(s), count, rest)
     kept[key] = found
     with suppress(KeyError):  # several threads may share the signals
-        if len(kept) > KEPT:
+        if len(kept) > REPLACED:
             kept.popitem(last=False)
     return found
 
@@ -205,4 +203,4 @@ def _top(s: Signals) -> float:
 def _regressed(v: np.ndarray, force: np.ndarray) -> float:
     """Least-squares slope through force and speed."""
     centred = v - v.mean()
-    return float(centred @ force) / max(float(centred @ centred), 1e-300)
+    return float(centred @ force) / max(float(centred @ centred), np.finfo(float).tiny)

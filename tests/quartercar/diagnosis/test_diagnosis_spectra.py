@@ -9,7 +9,7 @@ from helpers.effect_signals import PERIOD, without_noise
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import _derived, noisier, weighed_alike
 from quartercar.effects.between_samples import between
-from quartercar.effects.splines import glided
+from quartercar.effects.splines import spline_shifted
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def smooth(s: Signals) -> Signals:
 
 def test_what_was_made_of_a_channel_has_its_noise_where_that_has_it(recorded: Signals) -> None:
     made = weighed_alike(smooth(recorded), recorded)
-    again = weighed_alike(made.replace(velocity=glided(made["velocity"], 3.0)), made)
+    again = weighed_alike(made.replace(velocity=spline_shifted(made["velocity"], 3.0)), made)
     inside = slice(1000, -1000)
     expected = np.convolve(without_noise(recorded, "velocity"), [0.25, 0.5, 0.25], mode="same")
     np.testing.assert_allclose(without_noise(made, "velocity")[inside], expected[inside], atol=2e-3)

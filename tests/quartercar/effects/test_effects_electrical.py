@@ -9,9 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from lpvid.diagnosis.signals import Signals, in_turn
-from quartercar.effects.current_edges import at_once, find_edges, is_sharp
+from quartercar.effects.current_edges import SPACING, edges_unfiltered, find_edges, is_sharp
 from quartercar.effects.electrical import (
-    PLACED,
     SEEN_AFTER,
     CoilLag,
     CommandDelay,
@@ -20,6 +19,7 @@ from quartercar.effects.electrical import (
     Remanence,
     RiseFallLag,
     held,
+    is_constant,
     is_held,
     lagged,
     levels,
@@ -121,6 +121,13 @@ class TestLag:
             assert np.abs(got - s["current"]).max() < 1e-4
 
 
+class TestConstant:
+    def test_a_drift_that_no_fit_distinguishes_from_the_sensor(self) -> None:
+        """Two per cent from end to end, as a scheduling variable that is constant over a data set."""
+        assert is_constant(np.linspace(0.99, 1.005, 500), 1.005)
+        assert not is_constant(np.linspace(0.9, 1.0, 500), 1.0)
+
+
 class TestHold:
     def test_is_recognised_under_noise(self, rng: np.random.Generator) -> None:
         current = np.repeat(rng.uniform(0, 2.5, 60), 100) + 2e-3 * rng.standard_normal(6000)
@@ -134,7 +141,7 @@ class TestHold:
         b, a = butter(2, 100.0, fs=512)
         filtered = lfilter(b, a, edges - edges[0]) + edges[0]
         assert is_held(edges) and not is_held(filtered)
-        for current, expected in ((edges, PERIOD / np.sqrt(12)), (filtered, PLACED * PERIOD)):
+        for current, expected in ((edges, PERIOD / np.sqrt(12)), (filtered, SPACING * PERIOD)):
             s = (of(current),)
             assert CoilLag().clock_error(s) == RiseFallLag().clock_error(s) == pytest.approx(expected)
             assert CommandDelay().clock_error(s) == pytest.approx(PERIOD / np.sqrt(12))
@@ -155,7 +162,7 @@ class TestHold:
             edges = np.repeat(rng.uniform(0, 2.5, 60), 100)
             noise = 0.03 * rng.standard_normal(edges.size)
             passed = lfilter([1.02, -0.02], [1.0], edges)
-            through, alone = (at_once([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
+            through, alone = (edges_unfiltered([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
             seen, imagined = seen + (not through), imagined + (not alone)
         assert seen > 16 and imagined == 0
 

@@ -130,3 +130,12 @@ def test_linear_simulates_what_it_did():
     wanted = 10 * s["velocity"] + 5 * signals["displacement"] + 2 * rate_of_change(s) + 1
     assert np.abs(force - wanted).max() < 3e-3 * 2 * np.abs(rate_of_change(s)).max()
     np.testing.assert_array_equal(base.damper.simulate(record).output[:, 0], force)
+
+
+def test_a_loop_is_smooth_about_flanks_that_are_half_straight() -> None:
+    """c = 1 − 2s vanishes at s = ½: a formula that divides by it kept half of the digits there."""
+    s = motion()
+    half = loop(s, 1e-3, 0.5)
+    for share in (0.5 - 1e-8, 0.5 + 1e-8):
+        np.testing.assert_allclose(loop(s, 1e-3, share), half, atol=1e-7)
+        np.testing.assert_allclose(loop(s, 1e-3, share) - half, half - loop(s, 1e-3, 1 - share), atol=1e-13)

@@ -9,9 +9,10 @@ from scipy.signal import bilinear, lfilter, lti
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals
-from quartercar.effects.current_edges import current_before, find_edges, leaps, step_response
+from quartercar.effects.current_edges import current_before, edges_of, find_edges
 from quartercar.effects.electrical import held
 from quartercar.effects.measurement import OneSidedFilter
+from quartercar.effects.second_order import step_response
 from quartercar.effects.shared_filter import SharedFilter
 
 FINE = 16
@@ -112,10 +113,19 @@ def test_around_an_edge_between_levels_that_do_not_last_nothing_is_changed() -> 
 
 
 def test_a_current_without_edges_has_none() -> None:
-    assert leaps(np.repeat([0.0, 1.0, 0.5], 50)) and not leaps(np.full(100, 0.7))
-    assert not leaps(np.sin(np.arange(200) / 20))
-    assert not leaps(0.7 + 1e-4 * (-1.0) ** np.arange(100)), "a sensor's last digit is no current"
+    def some(current: np.ndarray) -> bool:
+        return edges_of(Signals(PERIOD, {"current": current}, np.zeros(current.size))) is not None
+
+    assert some(np.repeat([0.0, 1.0, 0.5], 50)) and not some(np.full(100, 0.7))
+    assert not some(np.sin(np.arange(200) / 20))
+    assert not some(0.7 + 1e-4 * (-1.0) ** np.arange(100)), "a sensor's last digit is no current"
     assert find_edges(np.full(100, 0.7), PERIOD).first.size == 0
+
+
+def test_noise_of_a_long_record_has_no_edges() -> None:
+    """Of n normal steps the largest is about σ √(2 ln n): more than six times the median one where n is large."""
+    noise = np.random.default_rng(0).standard_normal(50_000)
+    assert find_edges(noise, PERIOD).first.size == 0
 
 
 def test_a_current_whose_edges_take_no_time_has_passed_no_filter(rng: np.random.Generator) -> None:

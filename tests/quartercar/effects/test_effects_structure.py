@@ -14,7 +14,8 @@ from quartercar.effects.between_samples import MOST
 from quartercar.effects.electrical import SEEN_AFTER
 from quartercar.effects.hydraulics import ValveDynamics
 from quartercar.effects.model_structure import ModelOrder
-from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration, second_order
+from quartercar.effects.second_order import second_order
+from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration
 
 
 def sine(size: float, frequency: float, n: int = 2048) -> Signals:
@@ -71,6 +72,12 @@ class TestEndStop:
         s = road_like()
         reach = np.abs(s["displacement"]).max()
         assert all(0.1 * reach < p[1] < reach for p in EndStop().points((s,)))
+
+    @pytest.mark.parametrize("amplitude", [2e-3, 0.05])
+    def test_a_linear_stop_at_mid_stroke_is_a_spring_at_any_stroke(self, amplitude: float) -> None:
+        s = (sine(amplitude, 1.0),)
+        assert EndStop().comes_to(np.array([1e5, 0.03 * amplitude, 1.0]), s) == ("gas-stiffness",)
+        assert EndStop().comes_to(np.array([1e5, 0.2 * amplitude, 1.0]), s) == ()
 
     def test_a_progressive_stop_has_its_stiffness_at_a_millimetre(self) -> None:
         depth = np.array([0.0, 5e-4, 1e-3, 2e-3])
@@ -151,20 +158,29 @@ class TestSecondOrder:
 
     @pytest.mark.parametrize("damping", [0.05, 0.7])
     def test_jumps_at_samples_are_exact(self, damping: float, rng: np.random.Generator) -> None:
-        """A ramp and jumps: what is held is seen shortly after each sample, by a solver of twenty times the rate."""
+        """A ramp and jumps: what is held is seen shortly after each sample, by a solver of a hundred times the rate."""
         held, ramp = rng.standard_normal(200), np.linspace(0, 3, 200)
         before = np.concatenate([held[:1], held[:-1]])
-        got = second_order(held + ramp, 0.004, damping, PERIOD, before + ramp)
+        got = second_order(held + ramp, 0.004, damping, PERIOD, before + ramp, SEEN_AFTER)
         t = PERIOD * np.arange(200)
         system = lti([1.0], [0.004**2, 2 * damping * 0.004, 1.0])
-        fine = lsim(system, np.repeat(held - held[0], 20), PERIOD / 20 * np.arange(4000), interp=False)[1]
-        exact = held[0] + fine[round(20 * SEEN_AFTER)::20] + lsim(system, ramp, t)[1]
+        fine = lsim(system, np.repeat(held - held[0], 100), PERIOD / 100 * np.arange(20_000), interp=False)[1]
+        exact = held[0] + fine[round(100 * SEEN_AFTER)::100] + lsim(system, ramp, t)[1]
         np.testing.assert_allclose(got, exact, atol=1e-9)
+
+    @pytest.mark.parametrize("damping", [0.3, 1.0, 1.0 + 1e-9, 2.0])
+    def test_tends_to_the_values_as_the_time_constant_vanishes(self, damping: float, rng: np.random.Generator) -> None:
+        """A signal that is linear between samples comes 2ζT late, however far T is below a sample."""
+        values = np.cumsum(rng.standard_normal(100))
+        late = np.concatenate([[0.0], np.diff(values)]) * 2 * damping / PERIOD
+        for period in (1e-6, 1e-9, 1e-12):
+            got = second_order(values, period, damping, PERIOD)
+            np.testing.assert_allclose(got, values - period * late, atol=1e-12)
 
     def test_step_response_overshoots_as_the_damping_says(self) -> None:
         values = np.concatenate([np.zeros(5), np.ones(2000)])
         before = np.concatenate([np.zeros(6), np.ones(1999)])
-        got = second_order(values, 0.01, 0.3, PERIOD, before)
+        got = second_order(values, 0.01, 0.3, PERIOD, before, SEEN_AFTER)
         assert got.max() - 1 == pytest.approx(np.exp(-np.pi * 0.3 / np.sqrt(1 - 0.09)), rel=1e-2)
         assert got[-1] == pytest.approx(1.0, abs=1e-6)
 
@@ -175,8 +191,8 @@ class TestResonance:
         current = s["current"]
         got = composed(FixtureResonance(), [0.004, 0.1], s, current_itself)
         system = lti([1.0], [0.004**2, 2 * 0.1 * 0.004, 1.0])
-        fine = lsim(system, np.repeat(current - current[0], 20), PERIOD / 20 * np.arange(20 * 1024), interp=False)[1]
-        np.testing.assert_allclose(got, current[0] + fine[round(20 * SEEN_AFTER)::20], atol=1e-9)
+        fine = lsim(system, np.repeat(current - current[0], 100), PERIOD / 100 * np.arange(100 * 1024), interp=False)[1]
+        np.testing.assert_allclose(got, current[0] + fine[round(100 * SEEN_AFTER)::100], atol=1e-9)
 
     @pytest.mark.thinned(2, "seconds")
     @pytest.mark.parametrize("frequency", [40.0, 120.0])
