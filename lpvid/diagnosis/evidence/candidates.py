@@ -141,7 +141,7 @@ def by_predicted_gain(sets: VisitedSets, screening: BaselineScreening, w: Evalua
             share = min(1.0, 1 - max(d.gain, d.unscaled_gain, 0.0) / w.fit.cost)
             remaining[d.effect] = min(remaining.get(d.effect, 1.0), share)
             even = evenly_spaced(sets.data.grid_points[d.effect.name], SCREENED_POINTS)
-            if not w.members or d.effect.path not in LAGGING and any(np.array_equal(d.values, v) for v in even):
+            if not w.members or (d.effect.path not in LAGGING and any(np.array_equal(d.values, v) for v in even)):
                 spread[d.effect] = min(spread.get(d.effect, 1.0), share)
     chosen = dict.fromkeys([*_chosen(sets, w, spread), *_chosen(sets, w, remaining)])
     return {e: remaining[e] * w.fit.cost for e in chosen}
