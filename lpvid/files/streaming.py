@@ -6,12 +6,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.tables import TIME_ROLE, ColumnTable, channel_of, to_record
+from lpvid.condition.recalling import TIME_ROLE, channel_of, readings_of
+from lpvid.condition.tables import ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
@@ -38,6 +39,8 @@ class Chunks:
         Rate [Hz] of files without a time column.
     channels : tuple of str or None
         Names or roles that are read; None for all.
+    readings : tuple of mapping of str to str
+        `Record.reading` of the training data of models, as `read` takes it from ``like``.
     """
 
     sets: tuple[tuple[str, tuple[Path, ...]], ...]
@@ -45,6 +48,7 @@ class Chunks:
     roles: Mapping[str, str] = field(default_factory=dict)
     sample_rate: float | None = None
     channels: tuple[str, ...] | None = None
+    readings: tuple[Mapping[str, str], ...] = ()
 
     def __iter__(self) -> Iterator[Record]:
         return (record for _, record in self.located())
@@ -67,7 +71,7 @@ class Chunks:
     def version(self) -> str:
         """Names, sizes and dates of the files: another text where one of them has changed."""
         stats = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for _, parts in self.sets for p in parts]
-        return repr((stats, dict(self.roles), self.sample_rate))
+        return repr((stats, dict(self.roles), self.sample_rate, *map(dict, self.readings)))
 
     def located(self, place: tuple[int, int, int] = (0, 0, 0)) -> Iterator[tuple[tuple[int, int, int], Record]]:
         """Records from a place on, each with the place behind it: set, file of the set, row of the file.
@@ -123,6 +127,7 @@ class Chunks:
             return None
         named = [c for c in (*self.channels, TIME_ROLE) if c != TIME_ROLE or c in self.roles]
         asked = [self.roles.get(c, c) for c in named]
+        asked += [r[TIME_ROLE] for r in self.readings if TIME_ROLE in r]
         return asked + [channel_of(c, ())[0] for c in asked]
 
     def _record(self, table: ColumnTable, where: str, name: str) -> Record:
@@ -130,11 +135,11 @@ class Chunks:
         read = {c.name.casefold() for c in table.columns}
         roles = {r: c for r, c in self.roles.items()
                  if self.channels is None or channel_of(c, read)[0].casefold() in read or c.casefold() in read}
-        return to_record(table, where, name=name, sample_rate=self.sample_rate, roles=roles)
+        return to_record(table, where, name=name, sample_rate=self.sample_rate, roles=roles, readings=self.readings)
 
 
 def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, roles: Mapping[str, str] | None = None,
-                sample_rate: float | None = None) -> Chunks:
+                sample_rate: float | None = None, like: Any = None) -> Chunks:
     """Read CSV, Parquet and MDF 4 files as records of at most about `rows` samples that continue each other.
 
     The rules are those of `read`: units from the header, SI inside, missing samples NaN, text a fault of its channel.
@@ -150,6 +155,8 @@ def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, r
         Role name to channel name.
     sample_rate : float, optional
         Rate [Hz] of files without a time column.
+    like : model or sequence of models, optional
+        As for `read`.
 
     Returns
     -------
@@ -190,7 +197,8 @@ def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, r
         names = record_names([parts[0] if len(parts) == 1 else parts[0].parent for _, parts in sets])
         sets = [(name, parts) for name, (_, parts) in zip(names, sets, strict=True)]
     rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
-    return Chunks(tuple(sets), _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate)
+    return Chunks(tuple(sets), _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate,
+                  readings=readings_of(like))
 
 
 def read_ahead(items: Iterable[T]) -> Iterator[T]:

@@ -64,16 +64,21 @@ def fit(
     from lpvid.cli.data import asked_rate, split_names
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
+    from lpvid.training_fingerprint import recalled
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
     begun = monotonic()
     results = Results(out, "comparison.json", "report.html")
     with working("reading") as report_progress:
         asked, raw = asked_rate(sample_rate)
-        training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
+        alone = [d for d in map(_alone, parameters or ()) if d is not None]
+        training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked,
+                                              alone)
         rate = common_rate(training) if raw else rate
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
+        for damper in alone:
+            training, kept = (recalled(part, damper.metadata) for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
         read = monotonic()
         settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive,
@@ -106,17 +111,31 @@ def _listed(value: bool) -> None:
 
 
 def _records(data: Sequence[str], held_out: Sequence[str] | None, hold_out: str | None, words: dict,
-             sample_rate: float | None) -> tuple[list[Record], list[Record], float | None, tuple[str, ...]]:
-    """Training and held-out records, the rate to resample to, and what was held out."""
+             sample_rate: float | None, like: Sequence[Damper]
+             ) -> tuple[list[Record], list[Record], float | None, tuple[str, ...]]:
+    """Training and held-out records, the rate to resample to, and what was held out.
+
+    They are read as the training data of the dampers in `like` were.
+    """
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.data import read_parts_clocked
 
     records, kept, clockless = read_parts_clocked(data, held_out, roles=words["role"], flip=words["flip"],
-                                                  sample_rate=sample_rate)
+                                                  sample_rate=sample_rate, like=like)
     share = hold_out or (None if kept else HOLD_OUT)
     training, tail = part(records, share)
     stated = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
     return training, [*tail, *kept], None if clockless else sample_rate, stated
+
+
+def _alone(file: Path) -> Damper | None:
+    """The damper in a file; None where its open settings need the data."""
+    from quartercar.dampers import load_damper
+
+    try:
+        return load_damper(file)
+    except InputError:
+        return None
 
 
 def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Record],
