@@ -30,6 +30,12 @@ class ReadAs(str):
     __slots__ = ()
 
 
+class Repeated(ReadAs):
+    """That rows of one time stamp were read as one."""
+
+    __slots__ = ()
+
+
 class Turned(str):
     """That the sign of a channel was turned."""
 

@@ -9,7 +9,7 @@ from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 
 RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
-    clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
+    clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder, clock.repeated_rows,
     clock.unitless,
     values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
     values.duplicates,

@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvid import _checks, units
 from lpvid.condition.recalling import TIME_ROLE, channel_of, recalled_clock, recalled_units
+from lpvid.condition.repeated_stamps import one_row_per_stamp
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 from lpvid.remark import ReadAs
@@ -131,10 +132,11 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
                              f"the clock is that of {1 / period:.6g} Hz" if period else "") +
                             f": {_lacking_clock(readings)}, that of the model's training data, is not there"))
     try:
-        return Record(channels, sample_time=period, time=time, roles=signal_roles, name=name, notes=tuple(notes),
-                      reading=reading)
+        record = Record(channels, sample_time=period, time=time, roles=signal_roles, name=name, notes=tuple(notes),
+                        reading=reading)
     except InputError as error:
         raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+    return one_row_per_stamp(record)
 
 
 def _lacking_clock(readings: Sequence[Mapping[str, str]]) -> str:
@@ -304,7 +306,7 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
     array([   0., 1000.,  500.])
     """
     if isinstance(data, Record):
-        return [_with_own_units(data, units)]
+        return [one_row_per_stamp(_with_own_units(data, units))]
     if isinstance(data, np.ndarray) and data.ndim == 2 and units is not None:
         data = _named_columns(data, units)
     if hasattr(data, "collect_schema") and not hasattr(data, "to_numpy"):

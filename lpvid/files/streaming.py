@@ -17,6 +17,7 @@ from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
+from lpvid.remark import Repeated
 
 T = TypeVar("T")
 _END = object()
@@ -93,22 +94,18 @@ class Chunks:
     def _set(self, number: int, name: str, parts: Sequence[Path], first: int,
              row: int) -> Iterator[tuple[tuple[int, int, int], Record]]:
         """Records of one set; clocks that a file only states run on, and time must run forward."""
-        before, rows_before = -np.inf, row + sum(_length(p) for p in parts[:first])
+        last: Record | None = None
+        rows_before = row + sum(_length(p) for p in parts[:first])
         for k, after, table in _no_lone_row(self._tables(parts, first, row)):
-            path = parts[k]
+            path, size = parts[k], table.columns[0].values.size
             record = self._record(table, str(path), name)
-            row = after - record.n_samples
             if record.time is None:
                 assert record.sample_time is not None
                 record = replace(record, time=None, start=rows_before * record.sample_time)
-            elif record.time[0] <= before:
-                what = "repeats" if record.time[0] == before else "runs backward"
-                raise InputError(f"{path}: time {what} in row {row + 1}",
-                                 got=f"{record.time[0]:.9g} s after {before:.9g} s",
-                                 mend="sort the rows, or drop the repeated one")
-            rows_before += record.n_samples
-            before = record.times[-1] if record.sample_time is None else (
-                record.start + (record.n_samples - 1) * record.sample_time)
+            elif last is not None:
+                record = _behind(last, record, str(path), after - size)
+            rows_before += size
+            last = record
             yield (number, k, after), record
 
     def _tables(self, parts: Sequence[Path], first: int, row: int) -> Iterator[_Placed]:
@@ -225,6 +222,23 @@ def read_ahead(items: Iterable[T]) -> Iterator[T]:
         while (item := following.result()) is not _END:
             following = reading.submit(next, source, _END)
             yield item  # type: ignore[misc]
+
+
+def _behind(last: Record, record: Record, where: str, row: int) -> Record:
+    """The next part, without its first row where that repeats the last stamp of the part before with no other value."""
+    assert last.time is not None and record.time is not None
+    before, begin = last.time[-1], record.time[0]
+    ends = [(last.channels[n].values[-1], c.values[0]) for n, c in record.channels.items()]
+    alike = all(a == b or np.isnan(a) or np.isnan(b) for a, b in ends)
+    if begin == before and alike and record.n_samples > 2:
+        rest = record.slice(1, record.n_samples)
+        return replace(rest, time=record.time[1:], sample_time=None,
+                       notes=(*rest.notes, Repeated("its first row repeats the last time stamp of the part before with "
+                                                    "no other value: left out")))
+    if begin <= before:
+        raise InputError(f"{where}: time {'repeats' if begin == before else 'runs backward'} in row {row + 1}",
+                         got=f"{begin:.9g} s after {before:.9g} s", mend="sort the rows, or drop the repeated one")
+    return record
 
 
 def _length(path: Path) -> int:
