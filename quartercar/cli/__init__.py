@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 
 def main() -> None:
     """Entry point of the `quartercar` command."""
+    from lpvid.cli.leaving import run_program
+
+    run_program(_app, "quartercar")
+
+
+def _app() -> Callable[..., object]:
     from quartercar.cli.app import app
 
-    app(prog_name="quartercar")
+    return app
 
 
 __all__ = ["main"]
