@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from lpvid.cli.leaving import run_program
+
 
 def main() -> None:
     """Entry point of the `lpvid` command."""
-    from lpvid.cli.leaving import run_program
-
     run_program(_app, "lpvid")
 
 
