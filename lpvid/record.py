@@ -388,4 +388,5 @@ class Record(ReadOnlyState, Shown):
     def __repr__(self) -> str:
         clock = f"{1 / self.sample_time:.6g} Hz" if self.sample_time else "time stamps"
         signals = ", ".join(f"{k} [{c.unit or '1'}]" for k, c in self.channels.items())
-        return f"Record '{self.name}': {self.n_samples} samples, {clock}, {signals}"
+        count = f"{self.n_samples} sample{'s' * (self.n_samples != 1)}"
+        return f"Record '{self.name}': {count}, {clock}, {signals}"

@@ -155,6 +155,6 @@ def losses(records: Sequence[Record]) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Record and note, in the order of the records.
+        Record (not its piece) and note, in the order of the records.
     """
-    return of_records(((r.name, r.notes) for r in records), (Cut, Turned, ReadAs))
+    return of_records(((r.name.rpartition("#")[0] or r.name, r.notes) for r in records), (Cut, Turned, ReadAs))

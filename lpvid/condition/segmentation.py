@@ -236,8 +236,10 @@ def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[Cut]
     notes = []
     gaps = len(record.time_base.gaps)
     if len(pieces) > 1:
-        beside = f" and {gaps} time gap(s)" if gaps else ""
-        notes.append(Cut(f"cut into {len(pieces)} pieces at missing samples{beside}"))
+        between = f"{gaps} time gap{'s' * (gaps > 1)}"
+        places = "missing samples" if not gaps else between if len(pieces) == gaps + 1 else (
+            f"missing samples and {between}")
+        notes.append(Cut(f"cut into {len(pieces)} pieces at {places}"))
     short = [piece for piece in pieces if piece.n_samples < minimum]
     if short:
         spans = ", ".join(f"{piece.n_samples} samples from {piece.start:.6g} s" for piece in short[:5])
