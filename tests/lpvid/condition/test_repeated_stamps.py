@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.condition import segments
+from lpvid.condition import segments, with_derived
 from lpvid.condition.repeated_stamps import one_row_per_stamp
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import read_chunks
 from lpvid.record import Record
@@ -46,7 +47,7 @@ def test_a_row_that_is_written_twice_counts_once(rows, tmp_path):
     table = columns()
     once, = lpv.read(write(tmp_path / "once.csv", table))
     twice, = lpv.read(write(tmp_path / "twice.csv", repeated(table, rows)))
-    for record in (twice, *segments(lpv.condition.tables.as_records(repeated(table, rows)), ["velocity", "force"])):
+    for record in (twice, *segments(as_records(repeated(table, rows)), ["velocity", "force"])):
         assert record.sample_time == pytest.approx(PERIOD)
         np.testing.assert_array_equal(record["force"], once["force"])
         note, = (n for n in record.notes if isinstance(n, Repeated))
@@ -107,19 +108,19 @@ def test_a_channel_that_is_not_in_use_decides_nothing(tmp_path):
 def test_a_velocity_is_derived_as_without_the_repetitions(tmp_path):
     t = PERIOD * np.arange(N)
     table = {"time [s]": t, "displacement [m]": 0.01 * np.sin(9 * t), "force [N]": 90 * np.cos(9 * t) + np.sin(40 * t)}
-    once, = segments(lpv.condition.with_derived(lpv.read(write(tmp_path / "a.csv", table)), ["velocity"]), "velocity")
+    once, = segments(with_derived(lpv.read(write(tmp_path / "a.csv", table)), ["velocity"]), "velocity")
     more = repeated({**table, "counter": np.zeros(N)}, [50, 300])
     more["counter"][51] = 1.0  # keeps the rows apart on reading
-    raw, = lpv.condition.with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
+    raw, = with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
     piece, = segments(raw, ["velocity", "force"])
     np.testing.assert_array_equal(piece["velocity"], once["velocity"])
     more["force [N]"][51] += 1.0
-    raw, = lpv.condition.with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
+    raw, = with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
     with pytest.raises(InputError, match="another value of 'force'"):
         segments(raw, ["velocity", "force"])
     more["displacement [m]"][51] += 1e-3
     with pytest.raises(InputError, match="another value of 'displacement'"):
-        lpv.condition.with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
+        with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
 
 
 def test_a_clock_that_also_runs_backward_keeps_its_rows():
