@@ -108,6 +108,9 @@ class Record(ReadOnlyState, Shown):
         Time of the first sample [s] when `sample_time` is given.
     notes : tuple of str
         What the reader or a conversion notes on these data.
+    reading : mapping of str to str, optional
+        What roles stated that the file's header leaves open: ``{"time": "Zeit", "displacement": "s [mm]"}``, a clock
+        under another name, a unit. A model keeps it, so that further files are read alike.
 
     Raises
     ------
@@ -130,6 +133,7 @@ class Record(ReadOnlyState, Shown):
     name: str = "record"
     start: float = 0.0
     notes: tuple[str, ...] = ()
+    reading: Mapping[str, str] = field(default_factory=dict)
     time_base: TimeBase = field(init=False)
 
     def __post_init__(self) -> None:
@@ -169,6 +173,7 @@ class Record(ReadOnlyState, Shown):
             _checks.known_name(channel, list(channels), "channel", f"--role {shlex.quote(role + '=CHANNEL')}",
                                f"record '{self.name}'")
         set_(self, "roles", MappingProxyType(dict(self.roles)))
+        set_(self, "reading", MappingProxyType(dict(self.reading)))
 
     # -- looking ------------------------------------------------------------------------------------------------
     @property
@@ -383,4 +388,5 @@ class Record(ReadOnlyState, Shown):
     def __repr__(self) -> str:
         clock = f"{1 / self.sample_time:.6g} Hz" if self.sample_time else "time stamps"
         signals = ", ".join(f"{k} [{c.unit or '1'}]" for k, c in self.channels.items())
-        return f"Record '{self.name}': {self.n_samples} samples, {clock}, {signals}"
+        count = f"{self.n_samples} sample{'s' * (self.n_samples != 1)}"
+        return f"Record '{self.name}': {count}, {clock}, {signals}"

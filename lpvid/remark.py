@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 
 class Cut(str):
     """What a record lost at gaps and missing samples.
@@ -18,6 +20,18 @@ class Cut(str):
 
 class LeftOut(Cut):
     """That a record was left out as a whole; it names the record itself, since another one carries it."""
+
+    __slots__ = ()
+
+
+class ReadAs(str):
+    """How a file was read where it leaves that open: its clock, a unit, rows of one time stamp."""
+
+    __slots__ = ()
+
+
+class Repeated(ReadAs):
+    """That rows of one time stamp were read as one."""
 
     __slots__ = ()
 
@@ -50,3 +64,34 @@ class OutOfTime(str):
     """Why something was not done: the budget of time was spent."""
 
     __slots__ = ()
+
+
+def of_records(notes: Iterable[tuple[str, Sequence[str]]], kinds: type[str] | tuple[type[str], ...]) -> tuple[str, ...]:
+    """The notes of some kinds, each once and with the record that it is about; how files were read, by all of them.
+
+    Parameters
+    ----------
+    notes : iterable of (str, sequence of str)
+        Name and notes of every record.
+    kinds : type or tuple of types
+        Of this module.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> of_records([("a", [ReadAs("in mm"), "other"]), ("b", [ReadAs("in mm")]), ("b", [Cut("cut")])], (Cut, ReadAs))
+    ("records 'a', 'b': in mm", "record 'b': cut")
+    """
+    found = dict.fromkeys((name, n) for name, listed in notes for n in listed if isinstance(n, kinds))
+    alike: dict[str, list[str]] = {}
+    for name, note in found:
+        alike.setdefault(note if isinstance(note, (LeftOut, ReadAs)) else f"record '{name}': {note}", []).append(name)
+    return tuple(_headed(note, names) if isinstance(note, ReadAs) else str(note) for note, names in alike.items())
+
+
+def _headed(note: str, names: Sequence[str]) -> str:
+    listed = ", ".join(f"'{n}'" for n in names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    return f"record{'s' * (len(names) > 1)} {listed}: {note}"

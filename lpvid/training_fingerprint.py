@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from lpvid.caveat import Caveat
 from lpvid.condition.preparing import STAND_IN
+from lpvid.condition.recalling import READING, TIME_ROLE, channel_of
 from lpvid.record import Record
 
 SAMPLES = 32
@@ -331,6 +332,55 @@ def roles(record: Record, names: Sequence[str]) -> dict[str, str]:
     if STAND_IN in read and "current" not in found and not record.has("current"):
         found["current"] = STAND_IN
     return found
+
+
+def of_files(record: Record, names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """What a model keeps of the files of its training data: ``roles``, and ``reading`` where roles stated more.
+
+    Parameters
+    ----------
+    record, names
+        As for `roles`.
+
+    Returns
+    -------
+    dict of str to dict of str to str
+        Entries of the metadata; of ``reading`` the clock, and the units of the channels that the model reads.
+
+    Examples
+    --------
+    >>> run = Record({"s": [0.0, 1.0], "F": [0.0, 1.0]}, 0.1, reading={"time": "Zeit", "displacement": "s [mm]"})
+    >>> of_files(run, ["s"])["reading"], of_files(run, ["F"])["reading"]
+    ({'time': 'Zeit', 'displacement': 's [mm]'}, {'time': 'Zeit'})
+    """
+    found = roles(record, names)
+    read = set(found.values())
+    reading = {role: text for role, text in record.reading.items()
+               if role == TIME_ROLE or channel_of(text, record.channels)[0] in read}
+    return {"roles": found, **({READING: reading} if reading else {})}
+
+
+def with_sources(names: Sequence[str], metadata: Mapping) -> tuple[str, ...]:
+    """Names with the channels that they had in a model's training data: what to read of files that may have either.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Channels or roles.
+    metadata : mapping
+        The model's.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> with_sources(["velocity", "force"], {"roles": {"velocity": "v", "force": "force"}})
+    ('velocity', 'force', 'v')
+    """
+    known = metadata.get("roles", {})
+    return tuple(dict.fromkeys((*names, *(str(known[n]) for n in names if n in known))))
 
 
 def recalled(records: Sequence[Record], metadata: Mapping) -> list[Record]:

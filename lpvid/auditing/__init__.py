@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from lpvid import _checks
 from lpvid.auditing import coherence, feedback, motion, resting, values
-from lpvid.auditing.checks import DATA_SET_CHECKS, RECORD_CHECKS
+from lpvid.auditing.checks import CLOCKED_CHECKS, DATA_SET_CHECKS, RECORD_CHECKS
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.force import polarity, turned_apart
+from lpvid.auditing.resampled import mended, on_steady_clock
 from lpvid.auditing.streamed import audit_stream
-from lpvid.auditing.view import check_names, view
+from lpvid.auditing.view import View, check_names, view
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
@@ -19,7 +21,8 @@ __all__ = ["Audit", "Finding", "audit", "record_remarks"]
 
 
 def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[str] | None = None,
-          inputs: Sequence[str] = (), outputs: Sequence[str] = (), units: Mapping[str, str] | None = None) -> Audit:
+          inputs: Sequence[str] = (), outputs: Sequence[str] = (), units: Mapping[str, str] | None = None,
+          sample_rate: float | None = None) -> Audit:
     """Examine measured records before any model is fitted; nothing is changed.
 
     Parameters
@@ -34,6 +37,9 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
         Names or roles of its outputs; where the excitation repeats it is checked whether an input follows one of them.
     units : mapping of str to str, optional
         Of columns whose name states none, where the data are no Records; of a plain array, its columns in order.
+    sample_rate : float, optional
+        Rate [Hz] to which the data will be resampled: what that mends is a note, and a record whose stamps jitter is
+        examined on a uniform clock as well.
 
     Returns
     -------
@@ -43,7 +49,8 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     Raises
     ------
     InputError
-        No records; an input, output or scheduling variable that no record has and no channel gives.
+        No records; an input, output or scheduling variable that no record has and no channel gives; a rate for a
+        stream, which keeps its own.
 
     Examples
     --------
@@ -55,7 +62,10 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     >>> [f.mend for f in audit(record).of("reversed-polarity")]
     ['--flip force']
     """
+    rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
     if isinstance(records, Chunks):
+        if rate is not None:
+            raise InputError("a stream keeps its own rate", got=f"{rate:g} Hz", mend="resample the files before")
         return audit_stream(records, scheduling=scheduling, inputs=inputs, outputs=outputs)
     listed = as_records(records, units=units)
     if not listed:
@@ -63,10 +73,15 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     check_names(listed, (*inputs, *outputs))
     views = [view(record, scheduling) for record in listed]
     found = [finding for one in views for check in RECORD_CHECKS for finding in check(one)]
+    if rate is not None:
+        raw, views = views, [_steadied(one, scheduling) for one in views]
+        found += [finding for one, old in zip(views, raw, strict=True) if one is not old
+                  for check in CLOCKED_CHECKS for finding in check(one)]
     found += [finding for check in DATA_SET_CHECKS for finding in check(views)]
     found += coherence.coherent_inputs(views, inputs)
     found += feedback.feedback(views, inputs, outputs)
     names = tuple(record.name for record in listed)
+    found = list(dict.fromkeys(found if rate is None else mended(found, rate)))
     return Audit(ordered(turned_apart(found), names), tuple(repr(record) for record in listed), names)
 
 
@@ -82,7 +97,13 @@ def reversed_polarity(records: Sequence[Record]) -> bool:
     -------
     bool
     """
-    return any(f.name == "reversed-polarity" for r in records for f in polarity(view(r, None)))
+    return any(f.name == "reversed-polarity" for r in records for f in polarity(view(on_steady_clock(r), None)))
+
+
+def _steadied(one: View, scheduling: Sequence[str] | None) -> View:
+    """The view of the record on a uniform clock; itself where it is on one, or cannot be brought onto one."""
+    record = on_steady_clock(one.record)
+    return one if record is one.record else view(record, scheduling)
 
 
 def record_remarks(records: Sequence[Record]) -> tuple[str, ...]:
@@ -100,7 +121,7 @@ def record_remarks(records: Sequence[Record]) -> tuple[str, ...]:
     tuple of str
         With record, channel and mend; a unit of velocity or displacement that is wrong shows in their scale.
     """
-    views = [view(r, None) for r in records]
+    views = [view(on_steady_clock(r), None) for r in records]
     found = [f for v in views for f in motion.velocity_against_displacement(v)]
     found += [f for v in views for check in (values.clipped, resting.flat_peaks) for f in check(v)
               if f.channel == v.force]

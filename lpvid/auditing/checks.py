@@ -8,14 +8,18 @@ from lpvid.auditing import clock, excitation, force, gains, motion, naming, rest
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 
-RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
-    clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
-    clock.unitless,
-    values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
-    values.duplicates,
+CLOCKED_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     motion.velocity_against_displacement, motion.hum, resting.rests, resting.flat_peaks,
     force.polarity, force.offset, force.drift,
-    excitation.repeated, spectrum.moving_average, naming.nominal,
+    excitation.repeated, spectrum.moving_average,
+)
+"""Checks of one record that need a rate."""
+
+RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
+    clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder, clock.repeated_rows,
+    clock.unitless,
+    values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
+    values.duplicates, *CLOCKED_CHECKS, naming.nominal,
 )
 """Checks of one record at a time."""
 

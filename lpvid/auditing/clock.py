@@ -6,8 +6,10 @@ from collections.abc import Iterator, Sequence
 
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
+from lpvid.condition.repeated_stamps import contradictions
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import NO_TIME_UNIT
+from lpvid.remark import Repeated
 from lpvid.timebase import JITTER_LIMIT
 
 
@@ -75,6 +77,30 @@ def gaps(view: View) -> Iterator[Finding]:
                       "nothing: the record is cut there", float(lost))
 
 
+def repeated_rows(view: View) -> Iterator[Finding]:
+    """Rows of one stamp that were read as one, since they nowhere contradict each other.
+
+    Parameters
+    ----------
+    view : View
+        One record.
+
+    Yields
+    ------
+    Finding
+        ``repeated-rows``, a note.
+    """
+    for note in view.record.notes:
+        if isinstance(note, Repeated):
+            yield Finding("repeated-rows", view.name, "", "note", str(note), "nothing, or have each row written once")
+
+
+def _with_others(view: View) -> str:
+    """Which channels have two values at one time, in words; empty where none has."""
+    names = list(contradictions(view.record, list(view.record.channels))) if view.record.time_base.duplicates else []
+    return f" with other values of {', '.join(names[:3])}{' and more' * (len(names) > 3)}" if names else ""
+
+
 def disorder(view: View) -> Iterator[Finding]:
     """Duplicate, backward and invalid stamps.
 
@@ -86,11 +112,13 @@ def disorder(view: View) -> Iterator[Finding]:
     Yields
     ------
     Finding
-        ``duplicate-time``, ``backward-time`` and ``invalid-time``, all faults; their values count the rows.
+        ``duplicate-time`` (with other values, or it would have been read as one row), ``backward-time`` and
+        ``invalid-time``, all faults; their values count the rows.
     """
     base = view.record.time_base
     for rows, name, what, mend in (
-        (base.duplicates, "duplicate-time", "time repeats", "drop the repeated rows or print more digits"),
+        (base.duplicates, "duplicate-time", f"time repeats{_with_others(view)}", "drop the wrong rows, or print the "
+         "time with more digits"),
         (base.backward, "backward-time", "time runs backward", "sort the rows or cut the file there"),
         (base.invalid, "invalid-time", "time is not a finite number", "drop the rows or restore their stamps"),
     ):

@@ -48,7 +48,8 @@ def compare(
     with_roles = with_roles_of(named)
     with working("reading") as report_progress:
         loaded = {name: load(file) for name, file in zip(labels(models), models, strict=True)}
-        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given,
+                                          like=list(loaded.values()))
         report_progress("simulating")
         found = compare_models(loaded, records, sample_rate=models_rate(records, given, raw, clockless),
                                label="training" if training else "held-out", fitted=with_roles)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from fnmatch import fnmatch
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
@@ -287,13 +288,15 @@ def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
 
 
 def read_clocked(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
-                 sample_rate: float | None = None) -> tuple[list[Record], bool]:
+                 sample_rate: float | None = None, like: Any = None) -> tuple[list[Record], bool]:
     """As `read_records`, and whether some file had no clock, so that `sample_rate` was its own rate.
 
     Parameters
     ----------
     paths, roles, flip, sample_rate
         As for `read_records`.
+    like : model or sequence of models, optional
+        Whose training data these files are read like, as for `lpvid.read`.
 
     Returns
     -------
@@ -309,11 +312,11 @@ def read_clocked(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
     records: list[Record] = []
     for file, label in zip(files, record_names(files), strict=True):
         try:
-            records += read(file, name=label, roles=mapping)
+            records += read(file, name=label, roles=mapping, like=like)
         except InputError:
             if sample_rate is None:
                 raise
-            records += read(file, name=label, roles=mapping, sample_rate=sample_rate)
+            records += read(file, name=label, roles=mapping, sample_rate=sample_rate, like=like)
             without = True
     return _flipped(records, files, split_names(flip)), without
 
@@ -348,14 +351,16 @@ def read_parts(training: Sequence[str], held_out: Sequence[str] | None, *, roles
 
 
 def read_parts_clocked(training: Sequence[str], held_out: Sequence[str] | None, *, roles: Sequence[str] | None = None,
-                       flip: Sequence[str] | None = None,
-                       sample_rate: float | None = None) -> tuple[list[Record], list[Record], bool]:
+                       flip: Sequence[str] | None = None, sample_rate: float | None = None,
+                       like: Any = None) -> tuple[list[Record], list[Record], bool]:
     """As `read_parts`, and whether some file had no clock, so that `sample_rate` was its own rate.
 
     Parameters
     ----------
     training, held_out, roles, flip, sample_rate
         As for `read_parts`.
+    like : model or sequence of models, optional
+        As for `read_clocked`.
 
     Returns
     -------
@@ -376,7 +381,7 @@ def read_parts_clocked(training: Sequence[str], held_out: Sequence[str] | None, 
     if held_out:
         _no_shared_files(training, held_out)
     paths = [*training, *(held_out or ())]
-    records, without = read_clocked(paths, roles=roles, flip=flip, sample_rate=sample_rate)
+    records, without = read_clocked(paths, roles=roles, flip=flip, sample_rate=sample_rate, like=like)
     count = len(find(training))
     return records[:count], records[count:], without
 

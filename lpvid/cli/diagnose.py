@@ -63,7 +63,8 @@ def diagnose(
     named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
     with working("reading") as report_progress:
         start, is_model = _starting_point(baseline)
-        training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
+        training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate,
+                                                       like=start)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
         task = prepare_task(
             training,

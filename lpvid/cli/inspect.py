@@ -25,7 +25,7 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
 
             report_progress("auditing")
             found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input),
-                          outputs=split_names(output))
+                          outputs=split_names(output), sample_rate=sample_rate)
         else:
             from lpvid.auditing.streamed import audit_stream
             from lpvid.cli.streamed import beginning, parts

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from lpvid.simulation import Model
     from lpvid.validation.comparing import ModelComparison
 
-RESAMPLED = ("mixed-rates", "jitter")
-"""findings of the audit whose mend is --sample-rate"""
 LEAK_SAMPLES = 200_000
 """Training samples up to which held-out stretches are sought among them."""
 
@@ -229,7 +227,8 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         raise InputError("--refit needs held-out data", why="without them the fit uses all data anyway",
                          mend="add --hold-out 1/3, or leave --refit out")
     report_progress("auditing the data")
-    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input, outputs=request.output)
+    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input, outputs=request.output,
+                    sample_rate=request.sample_rate)
     choice, notes = None, ()
     if request.automatic:
         choice, found = choose(request, training, held_out, report_progress, request.budget or BUDGET, request.begun)
@@ -244,8 +243,6 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     elif bare is not None:
         report_progress("fitting without the scheduling filter, to compare")
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
-    if request.sample_rate is not None:  # what their mend asks for was done, and a note states the resampling
-        audited = replace(audited, findings=tuple(f for f in audited.findings if f.name not in RESAMPLED))
     derived = with_derived(training, structure.channels)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)

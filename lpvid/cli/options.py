@@ -16,7 +16,8 @@ Outputs = Annotated[list[str] | None, typer.Option("--output", metavar="NAME", h
 Schedule = Annotated[list[str] | None, typer.Option("--schedule", metavar="NAME", help="Scheduling variable.")]
 Role = Annotated[list[str] | None, typer.Option("--role", metavar="ROLE=CHANNEL", help="Let a role stand for a "
                                                 "channel of another name, e.g. force=F_cell or time=Zeit; with a unit "
-                                                "where the file states none: 'force=F_cell [kN]'.")]
+                                                "where the file states none: 'force=F_cell [kN]'. A model "
+                                                "file remembers those of its training data.")]
 Flip = Annotated[list[str] | None, typer.Option("--flip", metavar="CHANNEL[@FILES]", help="Turn the sign of a channel, "
                                               "in every file or in those whose name matches, e.g. force@run7*.")]
 SampleRate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Resample to this rate, "

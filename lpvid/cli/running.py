@@ -19,6 +19,7 @@ import typer
 
 from lpvid._threads import showing_progress
 from lpvid.cli.invocation import Invocation
+from lpvid.cli.leaving import INTERRUPTED, NOTHING_WRITTEN, command_begins
 from lpvid.errors import InputError, LpvError
 from lpvid.files.own_results import is_own, listed, note_written
 
@@ -33,8 +34,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 SHORTFALL = 3
 """Exit code of a numerical outcome short of the request."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, whether a partial result was kept or none."""
 PATIENCE = 3.0
 """Seconds before progress is written to a pipe."""
 
@@ -89,6 +88,7 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        command_begins()
         RUNNING.set(f"{function.__module__.partition('.')[0]} {function.__name__}")
         ASKED.set(Invocation(RUNNING.get(), function, kwargs))
         try:
@@ -97,7 +97,7 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
             typer.echo(f"error: {' '.join(str(error).split())}", err=True)
             raise typer.Exit(error.exit_code) from None
         except KeyboardInterrupt:
-            typer.echo("interrupted: nothing was written", err=True)
+            typer.echo(NOTHING_WRITTEN, err=True)
             raise typer.Exit(INTERRUPTED) from None
         except BrokenPipeError:
             raise  # the reader of the output left, as `head` does: no fault of the input

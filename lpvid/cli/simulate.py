@@ -41,7 +41,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
     given, raw = asked_rate(sample_rate)
     with working("reading") as report_progress:
         loaded = load(model)
-        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given, like=loaded)
         acting = acting_model(loaded, records, given)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         records = [r.with_roles(parts(acting, named)) for r in records]

@@ -23,7 +23,7 @@ STATE = "stream-state.npz"
 
 
 def parts(data: Sequence[str], rows: int, *, roles: Sequence[str] | None, flip: Sequence[str] | None,
-          sample_rate: float | None) -> Chunks:
+          sample_rate: float | None, like: Any = None) -> Chunks:
     """DATA in parts, with roles applied.
 
     Parameters
@@ -38,6 +38,8 @@ def parts(data: Sequence[str], rows: int, *, roles: Sequence[str] | None, flip: 
         Must be empty or None.
     sample_rate : float or None
         Rate [Hz] of files without a time column.
+    like : model or sequence of models, optional
+        As for `lpvid.read`.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def parts(data: Sequence[str], rows: int, *, roles: Sequence[str] | None, flip: 
     if flip:
         raise InputError("--chunk reads files as they are", got="--flip", mend="turn the sign where the files are "
                          "written, or leave --chunk out")
-    return read_chunks(data, rows, roles=parse_roles(roles), sample_rate=sample_rate)
+    return read_chunks(data, rows, roles=parse_roles(roles), sample_rate=sample_rate, like=like)
 
 
 def beginning(chunks: Chunks) -> Record:

@@ -47,7 +47,8 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
             _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": given}, chunk,
                       "training" if training else "held-out", json, report_progress)
             return
-        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given,
+                                          like=[loaded, *others.values()])
         loaded = acting_model(loaded, records, given)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         measured, records = records, [r.with_roles(parts(loaded, named)) for r in records]
@@ -78,14 +79,14 @@ def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, 
               json: bool, report_progress: Callable[[str], None]) -> None:
     """The same for data that are read in parts."""
     from lpvid.cli.streamed import beginning, first_samples, parts
-    from lpvid.training_fingerprint import unstated_of
+    from lpvid.training_fingerprint import unstated_of, with_sources
     from lpvid.validation.report import acting_model
     from lpvid.validation.streamed import validate_stream
 
-    chunks = parts(data, rows, **how)
+    chunks = parts(data, rows, like=model, **how)
     head = beginning(chunks)
     acts = acting_model(model, [head])
-    used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
+    used = with_sources([*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names], acts.metadata)
     found = validate_stream(acts, chunks.only(used), label=label, report_progress=report_progress)
     found = replace(found, notes=(*found.notes, *unstated_of(acts, first_samples(chunks))))
     if results.kept:

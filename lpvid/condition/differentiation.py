@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.repeated_stamps import one_row_per_stamp, refuse_contradictions, stamp_of_rows
 from lpvid.condition.resampling import finite_runs, true_runs
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -95,6 +96,11 @@ def with_velocity(record: Record, method: str = "savitzky-golay") -> Record:
     Record
         Unchanged if it has `velocity` or lacks `displacement`; otherwise with the channel and a note.
 
+    Raises
+    ------
+    InputError
+        Two values of the displacement at one time.
+
     Examples
     --------
     >>> record = with_velocity(Record({"displacement": [0.0, 0.1, 0.2, 0.3]}, sample_time=0.1))
@@ -106,6 +112,12 @@ def with_velocity(record: Record, method: str = "savitzky-golay") -> Record:
     _checks.one_of(method, METHODS, "method")
     channel = record.channel("displacement")
     unit = f"{channel.unit}/s" if channel.unit else "1/s"
+    single = one_row_per_stamp(record, ["displacement"])
+    if single is not record:  # rows of one stamp stay apart here: other channels may contradict each other in them
+        derived = with_velocity(single, method=method)
+        how = next(n for n in derived.notes if isinstance(n, Derivation))
+        return record.with_channel("velocity", derived["velocity"][stamp_of_rows(record)], unit, how)
+    refuse_contradictions(record, ["displacement"])
     base = record.time_base
     if record.sample_time is not None or (base.orderly and base.steady):
         edges = [0, *base.gaps, record.n_samples]

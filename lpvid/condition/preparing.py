@@ -11,7 +11,7 @@ from lpvid.condition.differentiation import with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE, segments
 from lpvid.errors import InputError
 from lpvid.record import Record
-from lpvid.remark import Cut, LeftOut, Turned
+from lpvid.remark import Cut, ReadAs, Turned, of_records
 
 FASTEST = 1024.0
 """common rate [Hz] above which records are decimated: dampers have little above 100 Hz, and fits take longer."""
@@ -145,7 +145,7 @@ def one_clock(cut: Sequence[list[Record]], channels: Sequence[str]) -> list[list
 
 
 def losses(records: Sequence[Record]) -> tuple[str, ...]:
-    """What was cut away from records or turned in them, each thing once.
+    """What was cut away from records or turned in them, and how their files were read, each thing once.
 
     Parameters
     ----------
@@ -155,7 +155,6 @@ def losses(records: Sequence[Record]) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Record and note, in the order of the records.
+        Record (not its piece) and note, in the order of the records.
     """
-    return tuple(dict.fromkeys(n if isinstance(n, LeftOut) else f"record '{r.name}': {n}"
-                               for r in records for n in r.notes if isinstance(n, (Cut, Turned))))
+    return of_records(((r.name.rpartition("#")[0] or r.name, r.notes) for r in records), (Cut, Turned, ReadAs))

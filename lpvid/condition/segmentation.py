@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.repeated_stamps import one_row_per_stamp, refuse_contradictions
 from lpvid.condition.resampling import on_clock, resample, true_runs
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError, TooFewSamples
@@ -63,7 +64,9 @@ def segments(records: Record | Sequence[Record], channels: str | Sequence[str], 
     minimum = max(_checks.count(minimum, "minimum", at_least=1), 1)
     for record in listed:
         _refuse_channels(record, wanted)
-        _refuse_time(record)
+    listed = [one_row_per_stamp(record, wanted) for record in listed]
+    for record in listed:
+        _refuse_time(record, wanted)
     cut = [_pieces(record, wanted, sample_rate) for record in listed]
     if sample_rate is None:
         cut = _one_rate(listed, cut)
@@ -111,21 +114,21 @@ def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:
                              mend=contradiction_mend(channel.unit, expected, name, role, doubt))
 
 
-def _refuse_time(record: Record) -> None:
+def _refuse_time(record: Record, wanted: Sequence[str]) -> None:
     base = record.time_base
     if record.n_samples < 2:
         raise TooFewSamples(f"record '{record.name}' has too few rows", got=record.n_samples,
                             why="two samples are the least")
     times = record.times
     for rows, what, mend in ((base.invalid, "time is not a finite number", "drop the row or restore its stamp"),
-                             (base.backward, "time runs backward", "sort the rows or cut the file there"),
-                             (base.duplicates, "time repeats", "drop the repeated row or print more digits")):
+                             (base.backward, "time runs backward", "sort the rows or cut the file there")):
         if rows:
             row = rows[0]
             after = f" after {times[row - 1]:.9g} s" if row else ""
             more = f" and {len(rows) - 1} more row(s)" if len(rows) > 1 else ""
             raise InputError(f"record '{record.name}': {what} in row {row + 1}", got=f"{times[row]:.9g} s{after}{more}",
                              mend=mend)
+    refuse_contradictions(record, wanted)
 
 
 def _pieces(record: Record, wanted: Sequence[str], sample_rate: float | None) -> list[Record]:
@@ -233,8 +236,10 @@ def _losses(record: Record, pieces: Sequence[Record], minimum: int) -> list[Cut]
     notes = []
     gaps = len(record.time_base.gaps)
     if len(pieces) > 1:
-        beside = f" and {gaps} time gap(s)" if gaps else ""
-        notes.append(Cut(f"cut into {len(pieces)} pieces at missing samples{beside}"))
+        between = f"{gaps} time gap{'s' * (gaps > 1)}"
+        places = "missing samples" if not gaps else between if len(pieces) == gaps + 1 else (
+            f"missing samples and {between}")
+        notes.append(Cut(f"cut into {len(pieces)} pieces at {places}"))
     short = [piece for piece in pieces if piece.n_samples < minimum]
     if short:
         spans = ", ".join(f"{piece.n_samples} samples from {piece.start:.6g} s" for piece in short[:5])

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks, units
+from lpvid.condition.recalling import TIME_ROLE, channel_of, recalled_clock, recalled_units
+from lpvid.condition.repeated_stamps import one_row_per_stamp
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
+from lpvid.remark import ReadAs
 from lpvid.timebase import calendar_seconds
 
 _MEND_TIME = ("add a column 'time [s]', name the time column: --role time={0}, or state the rate: --sample-rate HZ, in "
               "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
-TIME_ROLE = "time"
 NO_TIME_UNIT = "gives no unit: taken as s"
 """How the note of a record ends whose clock has no stated unit."""
 
@@ -61,7 +63,7 @@ class ColumnTable:
 
 
 def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float | None,
-              roles: Mapping[str, str] | None) -> Record:
+              roles: Mapping[str, str] | None, readings: Sequence[Mapping[str, str]] = ()) -> Record:
     """Turn a file's columns into a Record in SI.
 
     Parameters
@@ -76,6 +78,9 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     roles : mapping or None
         Role name to channel name, with a unit where the file states none or one that is refused: ``{"displacement":
         "x [mm]"}``; the role ``time`` names the time column.
+    readings : sequence of mapping of str to str
+        `Record.reading` of the training data of models: their clock and units count where `roles` and the file leave
+        them open.
 
     Returns
     -------
@@ -88,13 +93,18 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     """
     _check_columns(table.columns, where)
     columns, signal_roles, restated = _with_stated_units(table.columns, roles or {}, where)
-    clock = _time_column(columns, signal_roles.pop(TIME_ROLE, None), where)
+    columns, reading, recalled = _with_recalled_units(columns, roles or {}, readings, where)
+    asked = signal_roles.pop(TIME_ROLE, None)
+    named = asked or recalled_clock(readings, [c.name for c in columns], where)
+    clock = _time_column(columns, named, where)
+    if named is not None:
+        reading = {TIME_ROLE: named, **reading}
     signals = [c for c in columns if c is not clock]
     if not signals:
         raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
                          mend="export at least one channel")
     channels: dict[str, Channel] = {}
-    notes = [*table.notes, *restated]
+    notes = [*table.notes, *restated, *recalled]
     for column in signals:
         values, unit, known = units.to_si(column.values, column.unit)
         channels[column.name] = Channel(_checks.owned(values), unit, column.unit, known, column.fault)
@@ -109,13 +119,30 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:
         if sample_rate is None:
+            lacking = _lacking_clock(readings)
             raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals),
+                             why=f"the clock of the model's training data, {lacking}, is not there" if lacking else "",
                              mend=_MEND_TIME.format(_like_time(signals)))
         period = 1.0 / sample_rate
+    own = None if named is None or asked else _time_column(columns, None, where)
+    if own is not None and own is not clock:
+        notes.append(ReadAs(f"column '{named}', not '{own.name}', is the clock, as in the model's training data"))
+    if named is None and _lacking_clock(readings):
+        notes.append(ReadAs((f"column '{clock.name}' is the clock" if clock is not None else
+                             f"the clock is that of {1 / period:.6g} Hz" if period else "") +
+                            f": {_lacking_clock(readings)}, that of the model's training data, is not there"))
     try:
-        return Record(channels, sample_time=period, time=time, roles=signal_roles, name=name, notes=tuple(notes))
+        record = Record(channels, sample_time=period, time=time, roles=signal_roles, name=name, notes=tuple(notes),
+                        reading=reading)
     except InputError as error:
         raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+    return one_row_per_stamp(record)
+
+
+def _lacking_clock(readings: Sequence[Mapping[str, str]]) -> str:
+    """Columns that were the clock of models' training data, in quotes; empty for none."""
+    return " or ".join(f"'{c}'" for c in dict.fromkeys(channel_of(r[TIME_ROLE], ())[0] for r in readings
+                                                       if TIME_ROLE in r))
 
 
 def _check_columns(columns: Sequence[Column], where: str) -> None:
@@ -157,30 +184,6 @@ def is_time_name(name: str) -> bool:
     return name.casefold() in ("time", "t")
 
 
-def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
-    """Channel and unit that the right side of a role states: the unit counts where no channel is named like the whole.
-
-    Parameters
-    ----------
-    text : str
-        ``CHANNEL`` or ``CHANNEL [UNIT]``.
-    names : iterable of str
-        The channels that there are.
-
-    Returns
-    -------
-    str
-    str or None
-        None where no unit is stated.
-
-    Examples
-    --------
-    >>> channel_of("x [mm]", ["t", "x"]), channel_of("force (kN)", ["force (kN)"])
-    (('x', 'mm'), ('force (kN)', None))
-    """
-    return (text, None) if text in set(names) else units.parse_header(text)
-
-
 def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], where: str
                        ) -> tuple[list[Column], dict[str, str], list[str]]:
     """Columns with the units that roles state for them, the roles without those, and which units they replace.
@@ -207,6 +210,31 @@ def _with_stated_units(columns: Sequence[Column], roles: Mapping[str, str], wher
         stated_by.setdefault(column.name, role)
         found[column.name] = replace(column, unit=unit)
     return list(found.values()), plain, notes
+
+
+def _with_recalled_units(columns: Sequence[Column], roles: Mapping[str, str], readings: Sequence[Mapping[str, str]],
+                         where: str) -> tuple[list[Column], dict[str, str], list[str]]:
+    """Columns with the units that a role stated for a model's training data, where neither file nor role states one.
+
+    Returns
+    -------
+    list of Column
+    dict of str to str
+        Role to ``column [unit]`` wherever no header states that unit: a `Record.reading` without its clock.
+    list of str
+        What was recalled.
+    """
+    names = {c.name for c in columns}
+    stated = {column: (role, unit) for role, (column, unit) in
+              ((r, channel_of(text, names)) for r, text in roles.items()) if unit is not None}
+    before = {channel_of(text, names)[0]: role for r in readings for role, text in r.items()}
+    unset = [c.name for c in columns if c.name not in stated and c.name in before
+             and (c.unit is None or not _usable(c, before[c.name]))]
+    recalled = recalled_units(readings, unset, where)
+    found = [replace(c, unit=recalled[c.name][1]) if c.name in recalled else c for c in columns]
+    reading = {role: f"{column} [{unit}]" for column, (role, unit) in {**stated, **recalled}.items()}
+    return found, reading, [ReadAs(f"column '{column}' is read in {unit}, as that of the model's training data")
+                            for column, (_, unit) in recalled.items()]
 
 
 def _usable(column: Column, role: str) -> bool:
@@ -278,7 +306,7 @@ def as_records(data: Any, name: str = "data", units: Mapping[str, str] | None = 
     array([   0., 1000.,  500.])
     """
     if isinstance(data, Record):
-        return [_with_own_units(data, units)]
+        return [one_row_per_stamp(_with_own_units(data, units))]
     if isinstance(data, np.ndarray) and data.ndim == 2 and units is not None:
         data = _named_columns(data, units)
     if hasattr(data, "collect_schema") and not hasattr(data, "to_numpy"):

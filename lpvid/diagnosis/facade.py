@@ -21,7 +21,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
 from lpvid.errors import InputError
 from lpvid.record import Record
-from lpvid.training_fingerprint import recalled, roles
+from lpvid.training_fingerprint import of_files, recalled
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -300,7 +300,7 @@ def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     """The extended model with, in its metadata, the channel of the files for each of its roles."""
     raw = with_current(task.raw[:1])[0][0]
     names = [n for n in (*extended.reads, task.baseline.output) if raw.has(n)]
-    return replace(extended, metadata={**extended.metadata, "roles": roles(raw, names)})
+    return replace(extended, metadata={**extended.metadata, **of_files(raw, names)})
 
 
 def _by_roles(model: Any) -> Any:

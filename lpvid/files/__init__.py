@@ -5,10 +5,12 @@ from __future__ import annotations
 import glob
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from lpvid import _checks
+from lpvid.condition.recalling import readings_of
 from lpvid.condition.tables import ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import csv, mat, mdf4, parquet, tdms
@@ -29,7 +31,7 @@ _EXTENSIONS = tuple(e for extensions, _ in READERS for e in extensions)
 
 
 def read(paths: str | Path | Iterable[str | Path], *, roles: Mapping[str, str] | None = None, name: str | None = None,
-         sample_rate: float | None = None) -> list[Record]:
+         sample_rate: float | None = None, like: Any = None) -> list[Record]:
     """Read measurements; one record per file, SI inside.
 
     Parameters
@@ -43,6 +45,9 @@ def read(paths: str | Path | Iterable[str | Path], *, roles: Mapping[str, str] |
         Name of the record, when there is one file; otherwise the file's stem, with its folder where stems collide.
     sample_rate : float, optional
         Rate [Hz] of files that have no time column and state no rate; it changes nothing for those that do.
+    like : model or sequence of models, optional
+        Read as the training data of these models were: the clock and the units that roles stated there (metadata
+        ``reading``) count where `roles` and the header leave them open.
 
     Returns
     -------
@@ -69,7 +74,8 @@ def read(paths: str | Path | Iterable[str | Path], *, roles: Mapping[str, str] |
                          mend="leave the name out: records are named after their files")
     rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
     names = [name] if name is not None else record_names(files)
-    return [_read_one(path, label, rate, roles) for path, label in zip(files, names, strict=True)]
+    readings = readings_of(like)
+    return [_read_one(path, label, rate, roles, readings) for path, label in zip(files, names, strict=True)]
 
 
 def find(paths: str | Path | Iterable[str | Path]) -> list[Path]:
@@ -188,7 +194,8 @@ def _reader(path: Path) -> Callable[[Path], ColumnTable]:
                      mend=f"{sheet}readable are {', '.join(_EXTENSIONS)}")
 
 
-def _read_one(path: Path, name: str, sample_rate: float | None, roles: Mapping[str, str] | None) -> Record:
+def _read_one(path: Path, name: str, sample_rate: float | None, roles: Mapping[str, str] | None,
+              readings: Sequence[Mapping[str, str]]) -> Record:
     where = str(path)
     try:
         if path.stat().st_size == 0:
@@ -200,7 +207,7 @@ def _read_one(path: Path, name: str, sample_rate: float | None, roles: Mapping[s
         raise _no_access(path, error) from None
     except MemoryError:
         raise InputError(f"{where}: the file does not fit into memory", mend="split it") from None
-    return to_record(table, where, name=name, sample_rate=sample_rate, roles=roles)
+    return to_record(table, where, name=name, sample_rate=sample_rate, roles=roles, readings=readings)
 
 
 def _no_access(path: Path, error: OSError) -> InputError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
@@ -12,6 +13,8 @@ from lpvid.errors import InputError
 
 MISSING = frozenset({"", "nan", "+nan", "-nan", "na", "n/a"})
 """Cells, case folded, that stand for a missing sample."""
+_GROUPED = re.compile(r"([+-]?\d{1,3})((?:([.,'\u2019\u00a0\u202f])\d{3})(?:\3\d{3})*)(?:([.,])(\d+))?")
+"""Digits in groups of three, of one separator, and decimals behind another."""
 SIZE_LIMIT = 4 * 2**30
 """Bytes of samples above which a file is refused."""
 DEFLATE_RATIO = 1100
@@ -63,8 +66,37 @@ def fault_text(cell: str, row: int, n_faults: int, line: int | None = None) -> s
     return f"text '{cell.strip()[:36]}' in {place}" + (f" and in {n_faults - 1} more row(s)" if n_faults > 1 else "")
 
 
+def ungrouped(cell: str) -> str:
+    """A number without its thousands separators and with a decimal point; any other cell as it is.
+
+    Only where it can be read in one way: ``1.024,5`` and ``1,024.5`` hold two separators, ``1.024.735`` cannot be a
+    decimal, and neither an apostrophe nor a hard space separates decimals. ``1.024`` stays as it is.
+
+    Parameters
+    ----------
+    cell : str
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> [ungrouped(c) for c in ("-1.024,5", "1,024.5", "1.024.735", "1'024", "1.024", "12,5", "26.11.2026")]
+    ['-1024.5', '1024.5', '1024735', '1024', '1.024', '12,5', '26.11.2026']
+    """
+    found = _GROUPED.fullmatch(cell.strip())
+    if found is None:
+        return cell
+    head, groups, separator, point, decimals = found.groups()
+    alone = separator in ".," and point is None and groups.count(separator) == 1
+    if alone or point == separator:
+        return cell
+    return head + groups.replace(separator, "") + (f".{decimals}" if decimals else "")
+
+
 def _number(cell: str) -> float | None:
-    text = cell.strip()
+    text = ungrouped(cell).strip()
     if text.casefold() in MISSING:
         return np.nan
     if not text.isascii() or "_" in text:  # float() takes 1_000 and digits of any script

@@ -17,7 +17,7 @@ from lpvid import units
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files._stamps import Midnight, Stamps, instant, stamps
-from lpvid.files._table import MISSING, fault_text, headed, is_number, parse_cells
+from lpvid.files._table import MISSING, fault_text, headed, is_number, parse_cells, ungrouped
 
 EXTENSIONS = (".csv", ".tsv", ".txt")
 _BLOCK = 50_000
@@ -55,7 +55,12 @@ class _Layout:
 
     def data_cells(self, line: str) -> list[str]:
         """Cells of a data line, a decimal comma as a point."""
-        return self.split(line.replace(",", ".") if self.decimal_comma else line)
+        if self.decimal_comma and "," in line:
+            if "." in line or "'" in line:  # dates, or thousands separators
+                return [ungrouped(cell).replace(",", ".") for cell in self.split(line)]
+            line = line.replace(",", ".")
+        quoted = self.delimiter is None or '"' in line
+        return self.split(line) if quoted else line.split(self.delimiter)
 
     def parsed(self, place: int, cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
         """Numbers of one column, seconds since its first stamp where it holds dates or times; places of other text."""
@@ -348,10 +353,8 @@ def _dated(layout: _Layout, place: int) -> str:
 def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[int, list[str]]]:
     wanted, below = len(layout.names), False
     for number, line in _content(stream, layout.data_line):
-        text = line.replace(",", ".") if layout.decimal_comma else line
         try:
-            quoted = layout.delimiter is None or '"' in text
-            cells = layout.split(text) if quoted else text.split(layout.delimiter)
+            cells = layout.data_cells(line)
         except csv.Error as error:
             raise _broken_line(where, number, error) from None
         if len(cells) != wanted:

@@ -6,16 +6,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.tables import TIME_ROLE, ColumnTable, channel_of, to_record
+from lpvid.condition.recalling import TIME_ROLE, channel_of, readings_of
+from lpvid.condition.tables import ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
+from lpvid.remark import Repeated
 
 T = TypeVar("T")
 _END = object()
@@ -38,6 +40,8 @@ class Chunks:
         Rate [Hz] of files without a time column.
     channels : tuple of str or None
         Names or roles that are read; None for all.
+    readings : tuple of mapping of str to str
+        `Record.reading` of the training data of models, as `read` takes it from ``like``.
     """
 
     sets: tuple[tuple[str, tuple[Path, ...]], ...]
@@ -45,6 +49,7 @@ class Chunks:
     roles: Mapping[str, str] = field(default_factory=dict)
     sample_rate: float | None = None
     channels: tuple[str, ...] | None = None
+    readings: tuple[Mapping[str, str], ...] = ()
 
     def __iter__(self) -> Iterator[Record]:
         return (record for _, record in self.located())
@@ -67,7 +72,7 @@ class Chunks:
     def version(self) -> str:
         """Names, sizes and dates of the files: another text where one of them has changed."""
         stats = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for _, parts in self.sets for p in parts]
-        return repr((stats, dict(self.roles), self.sample_rate))
+        return repr((stats, dict(self.roles), self.sample_rate, *map(dict, self.readings)))
 
     def located(self, place: tuple[int, int, int] = (0, 0, 0)) -> Iterator[tuple[tuple[int, int, int], Record]]:
         """Records from a place on, each with the place behind it: set, file of the set, row of the file.
@@ -89,22 +94,18 @@ class Chunks:
     def _set(self, number: int, name: str, parts: Sequence[Path], first: int,
              row: int) -> Iterator[tuple[tuple[int, int, int], Record]]:
         """Records of one set; clocks that a file only states run on, and time must run forward."""
-        before, rows_before = -np.inf, row + sum(_length(p) for p in parts[:first])
+        last: Record | None = None
+        rows_before = row + sum(_length(p) for p in parts[:first])
         for k, after, table in _no_lone_row(self._tables(parts, first, row)):
-            path = parts[k]
+            path, size = parts[k], table.columns[0].values.size
             record = self._record(table, str(path), name)
-            row = after - record.n_samples
             if record.time is None:
                 assert record.sample_time is not None
                 record = replace(record, time=None, start=rows_before * record.sample_time)
-            elif record.time[0] <= before:
-                what = "repeats" if record.time[0] == before else "runs backward"
-                raise InputError(f"{path}: time {what} in row {row + 1}",
-                                 got=f"{record.time[0]:.9g} s after {before:.9g} s",
-                                 mend="sort the rows, or drop the repeated one")
-            rows_before += record.n_samples
-            before = record.times[-1] if record.sample_time is None else (
-                record.start + (record.n_samples - 1) * record.sample_time)
+            elif last is not None:
+                record = _behind(last, record, str(path), after - size)
+            rows_before += size
+            last = record
             yield (number, k, after), record
 
     def _tables(self, parts: Sequence[Path], first: int, row: int) -> Iterator[_Placed]:
@@ -123,6 +124,7 @@ class Chunks:
             return None
         named = [c for c in (*self.channels, TIME_ROLE) if c != TIME_ROLE or c in self.roles]
         asked = [self.roles.get(c, c) for c in named]
+        asked += [r[TIME_ROLE] for r in self.readings if TIME_ROLE in r]
         return asked + [channel_of(c, ())[0] for c in asked]
 
     def _record(self, table: ColumnTable, where: str, name: str) -> Record:
@@ -130,11 +132,11 @@ class Chunks:
         read = {c.name.casefold() for c in table.columns}
         roles = {r: c for r, c in self.roles.items()
                  if self.channels is None or channel_of(c, read)[0].casefold() in read or c.casefold() in read}
-        return to_record(table, where, name=name, sample_rate=self.sample_rate, roles=roles)
+        return to_record(table, where, name=name, sample_rate=self.sample_rate, roles=roles, readings=self.readings)
 
 
 def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, roles: Mapping[str, str] | None = None,
-                sample_rate: float | None = None) -> Chunks:
+                sample_rate: float | None = None, like: Any = None) -> Chunks:
     """Read CSV, Parquet and MDF 4 files as records of at most about `rows` samples that continue each other.
 
     The rules are those of `read`: units from the header, SI inside, missing samples NaN, text a fault of its channel.
@@ -150,6 +152,8 @@ def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, r
         Role name to channel name.
     sample_rate : float, optional
         Rate [Hz] of files without a time column.
+    like : model or sequence of models, optional
+        As for `read`.
 
     Returns
     -------
@@ -190,7 +194,8 @@ def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, r
         names = record_names([parts[0] if len(parts) == 1 else parts[0].parent for _, parts in sets])
         sets = [(name, parts) for name, (_, parts) in zip(names, sets, strict=True)]
     rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
-    return Chunks(tuple(sets), _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate)
+    return Chunks(tuple(sets), _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate,
+                  readings=readings_of(like))
 
 
 def read_ahead(items: Iterable[T]) -> Iterator[T]:
@@ -217,6 +222,23 @@ def read_ahead(items: Iterable[T]) -> Iterator[T]:
         while (item := following.result()) is not _END:
             following = reading.submit(next, source, _END)
             yield item  # type: ignore[misc]
+
+
+def _behind(last: Record, record: Record, where: str, row: int) -> Record:
+    """The next part, without its first row where that repeats the last stamp of the part before with no other value."""
+    assert last.time is not None and record.time is not None
+    before, begin = last.time[-1], record.time[0]
+    ends = [(last.channels[n].values[-1], c.values[0]) for n, c in record.channels.items()]
+    alike = all(a == b or np.isnan(a) or np.isnan(b) for a, b in ends)
+    if begin == before and alike and record.n_samples > 2:
+        rest = record.slice(1, record.n_samples)
+        return replace(rest, time=record.time[1:], sample_time=None,
+                       notes=(*rest.notes, Repeated("its first row repeats the last time stamp of the part before with "
+                                                    "no other value: left out")))
+    if begin <= before:
+        raise InputError(f"{where}: time {'repeats' if begin == before else 'runs backward'} in row {row + 1}",
+                         got=f"{begin:.9g} s after {before:.9g} s", mend="sort the rows, or drop the repeated one")
+    return record
 
 
 def _length(path: Path) -> int:

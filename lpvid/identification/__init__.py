@@ -19,7 +19,7 @@ from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
 from lpvid.record import Record
 from lpvid.simulation import predict
-from lpvid.training_fingerprint import heads, ranges, roles, usual_range
+from lpvid.training_fingerprint import heads, of_files, ranges, usual_range
 from lpvid.validation import figures, validate
 
 COLOURED_LIMIT = 400_000
@@ -135,7 +135,7 @@ def _remember(found: Identification, pieces: Sequence[Record], first: Record) ->
     read = list(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *names)))
     training = {**model.metadata.get("training", {}), "heads": heads(pieces, model.outputs[0].name),
                 "ranges": ranges(pieces, read), "usual": {n: usual_range([r[n] for r in pieces]) for n in names}}
-    metadata = {**model.metadata, "training": training, "roles": roles(first, read)}
+    metadata = {**model.metadata, "training": training, **of_files(first, read)}
     if len(names) > 1:
         metadata["hull"] = Hull.of(names, np.vstack([r.matrix(names) for r in pieces])).to_dict()
     return found.replace(model=model.replace(metadata=metadata))

@@ -490,7 +490,7 @@ def is_constant(name: str, low: float, high: float, unit: str) -> InputError:
         + f", {100 * (high - low) / size:.2g} % of its size")
     return InputError(f"scheduling variable '{name}' is constant over the whole data set", got=moves,
                       why="a dependence on it cannot be identified",
-                      mend="use degree 0, or add records at other levels")
+                      mend="use degree 0, leave the scheduling out (no --schedule), or add records at other levels")
 
 
 def _enough_levels(records: Sequence[Record], bound: Basis) -> None:

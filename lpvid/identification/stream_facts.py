@@ -174,7 +174,7 @@ class Facts:
         dict, dict of arrays
             As a `Checkpoint` saves them.
         """
-        firsts = {name: {"roles": dict(r.roles), "time": r.sample_time, "channels":
+        firsts = {name: {"roles": dict(r.roles), "reading": dict(r.reading), "time": r.sample_time, "channels":
                          {k: [float(c.values[0]), c.unit] for k, c in r.channels.items()}}
                   for name, r in self.firsts.items()}
         return ({"samples": self.samples, "records": self.records, "duration": self.duration, "firsts": firsts,
@@ -196,7 +196,8 @@ class Facts:
         self.power, self.mean = arrays["power"], arrays["mean"]
         self.blocks = [arrays[f"block{k}"] for k in range(meta["blocks"])]
         self.firsts = {name: Record({k: Channel(np.array([v]), unit) for k, (v, unit) in one["channels"].items()},
-                                    sample_time=one["time"], roles=one["roles"], name=name)
+                                    sample_time=one["time"], roles=one["roles"], name=name,
+                                    reading=one["reading"])
                        for name, one in meta["firsts"].items()}
 
 

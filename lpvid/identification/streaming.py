@@ -25,7 +25,7 @@ from lpvid.identification.row_stream import RowStream
 from lpvid.identification.stream_facts import Facts, box_of, located
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Polynomial, Scheduling
-from lpvid.training_fingerprint import roles
+from lpvid.training_fingerprint import of_files
 
 
 def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box: Scheduling | None = None,
@@ -147,7 +147,7 @@ def _remembered(found: Identification, facts: Facts) -> Identification:
     model, first = found.model, facts.named_heads()[0]
     training = {**model.metadata.get("training", {}), "heads": facts.heads, "ranges": facts.ranges,
                 "usual": facts.usual}
-    metadata = {**model.metadata, "training": training, "roles": roles(first, list(facts.ranges))}
+    metadata = {**model.metadata, "training": training, **of_files(first, list(facts.ranges))}
     return found.replace(model=model.replace(metadata=metadata))
 
 

@@ -20,9 +20,9 @@ from lpvid.model.hull import outside_share
 from lpvid.model.lpv_model import LPVModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.remark import Cut, Derivation, LeftOut
+from lpvid.remark import Cut, Derivation, ReadAs, of_records
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import beyond_training, recalled, seen_records, seen_remark, unit_doubt
+from lpvid.training_fingerprint import beyond_training, recalled, seen_records, seen_remark, unit_doubt, with_sources
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
@@ -63,10 +63,8 @@ def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rat
 
 
 def _cuts(pieces: Sequence[Record]) -> tuple[str, ...]:
-    """What records lost at gaps and missing samples, or that they were left out; each record once, by its own name."""
-    found = [(piece.name.rpartition("#")[0] or piece.name, note) for piece in pieces for note in piece.notes]
-    return tuple(dict.fromkeys(note if isinstance(note, LeftOut) else f"record '{name}': {note}"
-                               for name, note in found if isinstance(note, Cut)))
+    """How files were read, what records lost, or that they were left out; each once, by the record's own name."""
+    return of_records(((p.name.rpartition("#")[0] or p.name, p.notes) for p in pieces), (Cut, ReadAs))
 
 
 def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_rate: float | None = None, *,
@@ -160,7 +158,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
             raise InputError("a stream is validated by free run and one step, at its own rate",
                              mend="read the records whole: lpv.read(...)")
         acts = acting_model(model, [next(iter(records))])
-        used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
+        used = with_sources([*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names], acts.metadata)
         return validate_stream(acts, records.only(used), label=label)
     model, pieces, notes = along(model, records, sample_rate)
     seen = seen_records(model.metadata, pieces, model.outputs[0].name)

@@ -15,8 +15,9 @@ from lpvid.model.quasi import SelfScheduled
 from lpvid.model.scheduling_stage import SchedulingStage, memory
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Channel, Record
+from lpvid.remark import ReadAs, of_records
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import SAMPLES, RangeComparison, seen_records, seen_remark
+from lpvid.training_fingerprint import SAMPLES, RangeComparison, recalled, seen_records, seen_remark
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
 from lpvid.validation.residuals import LAGS, OTHER_LAGS, ResidualTest, independence, whiteness
 from lpvid.validation.result import Validation
@@ -319,8 +320,11 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     cutter, seen, outside, familiar_to = Cutter(model.sample_time), 0, 0.0, []
     found: list[tuple[str, int, _Sums, _Sums, float]] = []
     compared = RangeComparison(model.metadata)
+    read_as: dict[tuple[str, tuple[str, ...]], None] = {}
 
-    for chunk in chunks:
+    for raw in chunks:
+        chunk = recalled([raw], model.metadata)[0]
+        read_as[chunk.name, chunk.notes] = None
         for piece, continues in cutter.cut(chunk, runs.channels):
             if not continues:
                 runs.cut()
@@ -350,6 +354,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
         known = list(dict.fromkeys(familiar_to))
         notes += (seen_remark(known),)
         label = "training" if len(familiar_to) == len(kept) else "partly training"
+    notes += of_records(read_as, ReadAs)
     notes += compared.beyond([s.name for s in model.inputs]) + compared.doubts(runs.channels)
     unit, start, several = model.outputs[0].unit, model.start, Counter(row[0] for row in kept)
     numbers: Counter[str] = Counter()

@@ -48,7 +48,8 @@ def with_held_levels(data: RecordPieces, blocks: Sequence[Block]) -> tuple[Recor
     found: list[Block] = []
     for level, own in _levels(holds, resolution, data.levels):
         for block in dict.fromkeys(b for b, _ in own):
-            run = runs.setdefault((id(block.run), level), replace(block.run, level=level, current="constant"))
+            run = runs.setdefault((id(block.run), level), replace(block.run, level=level, current="constant",
+                                                                  held=_time(block.run, own)))
             found.append(_at(run, block, [hold for b, hold in own if b is block]))
     if not found:
         return data, tuple(blocks)
@@ -87,6 +88,11 @@ def _levels(holds: Sequence[tuple[Block, list[int]]], resolution: CurrentResolut
         level = near[int(np.argmin([abs(k - own) for k in near]))] if near else own
         found.setdefault(level, []).extend(holds[n] for _, n in group)
     return list(found.items())
+
+
+def _time(run: RecordPiece, holds: Sequence[tuple[Block, list[int]]]) -> float:
+    """Time of the cycles of these holds that are of one record [s]."""
+    return sum(b.cycles[k].period for b, hold in holds if b.run is run for k in hold)
 
 
 def _at(run: RecordPiece, block: Block, holds: Sequence[list[int]]) -> Block:

@@ -324,16 +324,20 @@ def _tests(found: Readings) -> tuple[Item, ...]:
         what = "; ".join(f"{b.label}, {len(b.cycles)} cycles" for b in own) or "no periodic motion"
         kind = {"varies": "moving", "none": "–"}.get(run.current, amps(run.level, found.data.current_unit))
         rows.append((run.name, run.specimen or "–", kind, f"{1.0 / run.period:.5g}",
-                     f"{run.record.n_samples * run.period:.3g}", what))
+                     f"{run.duration:.3g}", what))
     table = PageTable(("record", "specimen", "current", "rate [Hz]", "length [s]", "what it holds"), tuple(rows),
                   "Records as used.", (3, 4), folded=f"{len(rows)} records" if len(rows) > OPEN else "")
-    lines = (*found.data.notes, *found.notes, *_conventions())
+    lines = (*found.data.notes, *found.notes, *_conventions(any(r.held is not None for r in found.data.runs)))
     return table, Notes(tuple(lines))
 
 
-def _conventions() -> tuple[str, ...]:
+def _conventions(held: bool) -> tuple[str, ...]:
+    stepped = ("Where a record holds several levels of the current, the first cycle after a step of the current is "
+               "left out of means too, if the level lasts for more than two cycles: the force is still on its way. The "
+               "length of such a row is that of the cycles at its level.",)
     return ("A cycle goes from one upward passage of mid stroke to the next; three or more in a row with period and "
             "amplitude within 5 % make a test, and its first cycle is left out of means.",
             "Along a sine, velocity is the derivative of the Fourier series of the displacement, so that no sensor or "
             "filter delays it against the displacement.",
+            *(stepped if held else ()),
             "Displacement is positive in extension (rebound), force in tension; the force of the gas pushes outwards.")

@@ -44,6 +44,8 @@ class RecordPiece:
     polarity : {1, −1}
     source : str
         Name of the record as read, of which this may be one of several pieces.
+    held : float or None
+        Time of the cycles at this level [s], where the record holds several levels; None otherwise.
     """
 
     record: Record
@@ -54,6 +56,12 @@ class RecordPiece:
     integrated: bool
     polarity: int
     source: str
+    held: float | None = None
+
+    @property
+    def duration(self) -> float:
+        """Time of the samples that count [s]: of the record, or of the cycles at one of its levels."""
+        return self.record.n_samples * self.period if self.held is None else self.held
 
     @property
     def name(self) -> str:

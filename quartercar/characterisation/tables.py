@@ -176,7 +176,7 @@ def to_dict(found: Readings) -> dict[str, Any]:
         "positive in tension; direction 1 rebound, -1 compression", "caveats": list(found.data.caveats),
         "current_unit": found.data.current_unit, "currents": list(found.data.levels),
         "records": [{"name": r.name, "specimen": r.specimen, "current": r.level, "current_kind": r.current,
-                     "sample_rate": 1.0 / r.period, "duration": r.record.n_samples * r.period}
+                     "sample_rate": 1.0 / r.period, "duration": r.duration}
                     for r in found.data.runs],
         "blocks": [{"record": b.run.name, "kind": b.kind, "frequency": b.frequency, "amplitude": b.amplitude,
                     "peak_speed": b.peak, "cycles": len(b.cycles), "distortion": b.distortion} for b in found.blocks],

@@ -52,6 +52,7 @@ def characterise(
     """
     from lpvid.cli.data import asked_rate, read_clocked, split_names
     from lpvid.cli.parts import damper_parts
+    from lpvid.training_fingerprint import recalled
     from quartercar.characterisation import Tolerance
     from quartercar.characterisation import characterise as characterised
     from quartercar.dampers import load_damper
@@ -61,9 +62,9 @@ def characterise(
     band = _band(tolerance, nominal, Tolerance)
     model: Damper | None = None if damper is None else load_damper(damper)
     with working("reading") as report_progress:
-        records, _ = read_clocked(data, roles=role, flip=flip, sample_rate=settings.sample_rate)
+        records, _ = read_clocked(data, roles=role, flip=flip, sample_rate=settings.sample_rate, like=model)
         named = (split_names(input), split_names(output), split_names(schedule))
-        records = [damper_parts(r, *named) for r in records]
+        records = recalled([damper_parts(r, *named) for r in records], {} if model is None else model.metadata)
         found = characterised(records, settings, damper=model, tolerance=band, report_progress=report_progress)
         _deliver(results, found, report_progress)
     conclude(results, found.to_dict(), str(found), json)

@@ -11,7 +11,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, working
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 
 if TYPE_CHECKING:
     from lpvid.record import Record
@@ -61,27 +61,40 @@ def fit(
     free run of every fitted model on its training data diverges or is no better than their mean.
     """
     from lpvid.auditing import record_remarks
-    from lpvid.cli.data import asked_rate, split_names
+    from lpvid.cli.data import asked_rate, read_parts_clocked, split_names, with_cause
+    from lpvid.cli.data import hold_out as part_of
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
+    from lpvid.training_fingerprint import recalled
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
     begun = monotonic()
     results = Results(out, "comparison.json", "report.html")
     with working("reading") as report_progress:
         asked, raw = asked_rate(sample_rate)
-        training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
-        rate = common_rate(training) if raw else rate
+        alone = [d for d in map(_alone, parameters or ()) if d is not None]
+        whole, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=asked,
+                                                    like=alone)
+        share = hold_out or (None if kept else HOLD_OUT)
+        training, tail = part_of(whole, share)
+        kept = [*tail, *kept]
+        rate = common_rate(training) if raw else None if clockless else asked
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
+        for damper in alone:
+            training, kept = (recalled(part, damper.metadata) for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
         read = monotonic()
         settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive,
                                    workers=workers, budget=budget)
-        found = compare(
-            training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, report_progress
-        )
+        try:
+            found = compare(
+                training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, report_progress
+            )
+        except TooFewSamples as error:
+            raise with_cause(error, whole, training, share, rate) from None
         fitted = monotonic()
+        notes = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
         found = found.with_notes((*notes, *record_remarks([*training, *kept])))
         _deliver(results, found, report_progress)
     if not found.complete:
@@ -105,18 +118,14 @@ def _listed(value: bool) -> None:
         raise typer.Exit
 
 
-def _records(data: Sequence[str], held_out: Sequence[str] | None, hold_out: str | None, words: dict,
-             sample_rate: float | None) -> tuple[list[Record], list[Record], float | None, tuple[str, ...]]:
-    """Training and held-out records, the rate to resample to, and what was held out."""
-    from lpvid.cli.data import hold_out as part
-    from lpvid.cli.data import read_parts_clocked
+def _alone(file: Path) -> Damper | None:
+    """The damper in a file; None where its open settings need the data."""
+    from quartercar.dampers import load_damper
 
-    records, kept, clockless = read_parts_clocked(data, held_out, roles=words["role"], flip=words["flip"],
-                                                  sample_rate=sample_rate)
-    share = hold_out or (None if kept else HOLD_OUT)
-    training, tail = part(records, share)
-    stated = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
-    return training, [*tail, *kept], None if clockless else sample_rate, stated
+    try:
+        return load_damper(file)
+    except InputError:
+        return None
 
 
 def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Record],

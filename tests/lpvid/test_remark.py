@@ -50,6 +50,7 @@ def test_losses_have_their_kind_and_name_their_record_once():
     stated = losses(pieces)
     assert "record 'empty' left out: no row has all channels in use" in stated
     assert sum("'empty'" in line for line in stated) == 1
+    assert any(line.startswith(f"record '{broken.name}': cut into 2 pieces") for line in stated)
     assert any("cut into 2 pieces" in line for line in stated) and any("turned on request" in line for line in stated)
 
 

@@ -105,6 +105,7 @@ class Identified(SampledDamper):
         metadata = {"training": {**kept, "sample_time": model.sample_time, "ranges": ranges,
                                  **({"usual_currents": usual["current"]} if "current" in usual else {})},
                     "roles": {**model.metadata.get("roles", {}), **_channels(model, named)},
+                    **({"reading": model.metadata["reading"]} if "reading" in model.metadata else {}),
                     "model": type(model).__name__}
         held = Held(inner, layout_of(inner))
         return cls(stored=held.to_dict(), metadata=metadata, polarity=polarity, centre=centre,

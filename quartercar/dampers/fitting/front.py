@@ -15,7 +15,7 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
-from lpvid.training_fingerprint import heads, ranges, roles, usual_range
+from lpvid.training_fingerprint import heads, of_files, ranges, usual_range
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import check_passivity
 from quartercar.dampers.evaluation.scoring import Score, score
@@ -195,4 +195,4 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
     training["ranges"] = ranges(records, seen)
     if "current" in damper.reads:
         training["usual_currents"] = usual_range([r["current"] for r in records])
-    return damper.replace(metadata={**damper.metadata, "training": training, "roles": roles(records[0], seen)})
+    return damper.replace(metadata={**damper.metadata, "training": training, **of_files(records[0], seen)})

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfilt
 
-from lpvid.auditing import Audit, audit, record_remarks
+from lpvid.auditing import Audit, audit, record_remarks, reversed_polarity
 from lpvid.auditing.coherence import input_coherence
 from lpvid.auditing.spectrum import follows
 from lpvid.auditing.view import view
@@ -104,6 +104,39 @@ def test_clock_faults() -> None:
         found = audit(restamped(stamps))
         assert only(found, name) == ("fault", "")
         assert "row 1001" in found.of(name)[0].evidence
+
+
+def test_what_resampling_mends_is_a_note_and_the_rest_is_found_on_a_uniform_clock() -> None:
+    jittered = PERIOD * np.arange(N) + np.random.default_rng(2).uniform(-0.1, 0.1, N) * PERIOD
+    jittered[2000:] += 0.5
+    record = restamped(jittered)
+    turned = change(record, "force", lambda force: -force)
+    assert not audit(turned).of("reversed-polarity")
+    found = audit(turned, sample_rate=100.0)
+    assert only(found, "jitter")[0] == "note"
+    assert found.of("jitter")[0].mend == "mended: a uniform clock by --sample-rate 100"
+    assert only(found, "time-gaps")[0] == "warning"
+    assert only(found, "reversed-polarity") == ("warning", "force")
+    assert not [f for f in audit(record, sample_rate=100.0).findings if f.severity == "fault"]
+    assert len(found.findings) == len(set(found.findings))
+    with pytest.raises(InputError, match="sample_rate"):
+        audit(record, sample_rate=-1.0)
+
+
+def test_a_jittered_record_of_reversed_polarity_is_marked() -> None:
+    jittered = PERIOD * np.arange(N) + np.random.default_rng(2).uniform(-0.1, 0.1, N) * PERIOD
+    record = restamped(jittered)
+    assert not reversed_polarity([record])
+    assert reversed_polarity([change(record, "force", lambda force: -force)])
+
+
+def test_oversampled_is_mended_by_a_rate_as_low_as_it_asks_for() -> None:
+    fast = clean(period=1 / 3000, n=30000)
+    plain, = audit(fast).of("oversampled")
+    wanted = float(plain.mend.removeprefix("--sample-rate "))
+    for rate, is_mended in ((wanted, True), (0.8 * wanted, True), (2 * wanted, False)):
+        found, = audit(fast, sample_rate=rate).of("oversampled")
+        assert found.mend.startswith("mended") is is_mended
 
 
 def test_a_clock_that_cannot_be_told_yields_no_figures() -> None:

@@ -90,8 +90,10 @@ def test_a_rate_that_was_given_is_not_advised_again(folder, tmp_path):
     slow = tmp_path / "slow.csv"
     slow.write_text("\n".join([rows[0], *rows[1::2]]) + "\n")
     described = run("identify", folder / "run.csv", slow, *IO, "--sample-rate", 100).output
-    assert "mixed-rates" not in described and "resampled from 200 Hz to 100 Hz" in described
-    assert "mixed-rates" in run("inspect", folder / "run.csv", slow).output
+    assert "warning mixed-rates" not in described and "resampled from 200 Hz to 100 Hz" in described
+    assert "warning mixed-rates" in run("inspect", folder / "run.csv", slow).output
+    stated = run("inspect", folder / "run.csv", slow, "--sample-rate", 100).output
+    assert "note mixed-rates" in stated and "mended: one rate by --sample-rate 100" in stated
 
 
 def test_jitter_is_no_fault_once_the_rate_was_given(folder, tmp_path):

@@ -400,3 +400,13 @@ def test_a_rate_above_the_recorded_one_gains_nothing_and_the_note_says_so(rng: n
     faster, slower = resample(record, 20_000.0), resample(record, 500.0)
     assert "nothing was recorded above 500 Hz, 20 samples stand for one that was measured" in faster.notes[-1]
     assert "nothing was recorded" not in slower.notes[-1]
+
+
+def test_a_cut_names_what_it_was_made_at() -> None:
+    time = np.where(np.arange(60) < 30, 0.01 * np.arange(60), 0.01 * np.arange(60) + 1.0)
+    whole, holed = np.arange(60.0), np.arange(60.0)
+    holed[10] = NAN
+    for values, stamps, stated in ((whole, time, "2 pieces at 1 time gap"), (holed, time, "3 pieces at missing samples "
+                                   "and 1 time gap"), (holed, 0.01 * np.arange(60), "2 pieces at missing samples")):
+        first, *_ = segments(Record({"u": values}, time=stamps), "u")
+        assert f"cut into {stated}" in first.notes

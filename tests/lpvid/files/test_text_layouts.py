@@ -314,3 +314,30 @@ def test_a_symbol_of_a_unit_in_a_header_is_a_name(tmp_path, header, above, names
     record, = lpv.read(path)
     assert list(record.channels) == names
     assert record.sample_time == pytest.approx(1 / 500, rel=1e-9)
+
+
+@pytest.mark.parametrize(("delimiter", "written", "expected"), [
+    (";", ["-1.024,735", "998,5", "12.345.678,25"], [-1024.735, 998.5, 12345678.25]),
+    (";", ["1.024.735", "998", "-2.000.000"], [1024735.0, 998.0, -2e6]),
+    ("\t", ["1,024.5", "998.5", "-1,000,000.5"], [1024.5, 998.5, -1000000.5]),
+    (",", ['"1,024.5"', "998.5", '"-2,000,000"'], [1024.5, 998.5, -2e6]),
+    (";", ["1'024,5", "998,5", "1\u202f024,5"], [1024.5, 998.5, 1024.5]),
+])
+def test_thousands_separators_are_read_where_they_have_one_meaning(delimiter, written, expected, tmp_path):
+    path = tmp_path / "run.csv"
+    point = "," if delimiter == ";" else "."
+    rows = [delimiter.join(["time [s]", "force [N]"])]
+    rows += [delimiter.join([f"{0.1 * k:.1f}".replace(".", point), cell]) for k, cell in enumerate(written)]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    record, = lpv.read(path)
+    assert record.channel("force").fault is None
+    assert record["force"].tolist() == expected
+    assert [r for c in read_chunks(path, 2) for r in c["force"].tolist()] == expected
+
+
+def test_what_thousands_separators_leave_open_stays_as_it_was(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time [s];force [N]\n0,0;1.024\n0,1;2,048\n0,2;1.02.4\n")
+    record, = lpv.read(path)
+    assert record["force"].tolist()[:2] == [1.024, 2.048]
+    assert "'1.02.4' in row 3" in str(record.channel("force").fault)

@@ -7,6 +7,7 @@ import pytest
 
 import lpvid as lpv
 import quartercar as qc
+from lpvid.report import render
 from quartercar.characterisation import CharacteriseSettings
 from quartercar.characterisation.page import characterisation_page
 
@@ -60,6 +61,20 @@ def test_one_record_of_three_levels_is_read_like_three_records(rng):
     assert len(together.spreads) == len(apart.spreads)
     assert "1 record, 3 currents" in together.verdict
     assert characterisation_page(together)
+
+
+def test_a_level_has_the_time_of_its_own_cycles_and_the_page_names_what_is_left_out(rng):
+    found = qc.characterise([driven(np.concatenate([held((0,), 4.0), held((1.0,), 8.0)]), "two", rng)], SETTINGS)
+    rows = {r["current"]: r["duration"] for r in found.to_dict()["records"]}
+    assert rows[None] == pytest.approx(6.0)
+    assert [rows[k] for k in sorted(k for k in rows if k is not None)] == pytest.approx([2.0, 4.0], abs=1 / FREQUENCY)
+    for run in found.data.runs:
+        if run.held is not None:
+            assert run.duration == pytest.approx(sum(c.period for b in found.blocks if b.run is run for c in b.cycles))
+    shown = render(characterisation_page(found, ()))
+    assert "the first cycle after a step of the current is left out of means too" in shown
+    alone = qc.characterise([driven(held((1.0,), 8.0), "one", rng)], SETTINGS)
+    assert "after a step of the current" not in render(characterisation_page(alone, ()))
 
 
 def test_a_held_level_is_the_one_of_a_record_at_constant_current(rng):

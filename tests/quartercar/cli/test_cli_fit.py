@@ -282,3 +282,9 @@ def test_the_next_step_is_one_that_the_model_can_take(columns, sign, stated, abs
         tmp_path / "out")
     page = re.sub("<[^>]+>", "", (tmp_path / "out" / "report.html").read_text().partition("<h2>Ranking")[0])
     assert stated in page and absent not in page
+
+
+def test_a_record_that_the_held_out_share_makes_too_short_names_that_share(tmp_path):
+    line = run(measured(tmp_path / "short.csv", n=60), "--models", "linear", code=2).stderr
+    assert "got 40 samples in the longest; 50 are needed; --hold-out last-third leaves 40 of 60 samples" in line
+    assert "Mend: hold out a smaller share, or a longer record" in line

@@ -90,6 +90,22 @@ def test_it_is_compared_as_it_is_with_fitted_dampers(folder, tmp_path):
 
 
 @pytest.mark.slow
+def test_the_data_beside_it_are_read_as_its_training_data_were(folder, tmp_path):
+    reading = {"time": "Zeit [ms]", "velocity": "v [mm/s]"}
+    remembers = model("arx")
+    roles = {**remembers.metadata["roles"], "velocity": "v"}
+    lpv.save(remembers.replace(metadata={**remembers.metadata, "reading": reading, "roles": roles}),
+             tmp_path / "m.json")
+    record = run(1)
+    write_table({"Zeit": (1e3 * record.times, ""), "v": (1e3 * record["velocity"], ""),
+                 **{n: (record[n], record.unit(n)) for n in ("displacement", "voltage", "force")}},
+                tmp_path / "run.csv")
+    fitted = call("fit", tmp_path / "run.csv", "--parameters", tmp_path / "m.json").output
+    page = call("characterise", tmp_path / "run.csv", "--damper", tmp_path / "m.json", "--json").output
+    for printed in (fitted, page):
+        assert "column 'v' is read in mm/s" in printed
+
+
 def test_a_diagnosis_starts_from_it_although_the_channel_has_another_name(folder, tmp_path):
     call("diagnose", folder / "run.csv", "--baseline", folder / "model.json", "--out", tmp_path, of=lpvid_app)
     described = json.loads((tmp_path / "diagnosis.json").read_text())

@@ -1,0 +1,53 @@
+"""Ctrl-C while a program loads its modules: exit code 130 and one line, at any time after its entry point."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+START = """
+import signal
+signal.signal(signal.SIGINT, signal.{handler})  # whatever the shell of the tests set
+from {package}.cli import main
+print("begun", flush=True)
+main()
+"""
+
+
+def interrupted(package: str, delay: float, handler: str = "default_int_handler") -> subprocess.CompletedProcess[str]:
+    """The program with a command that ends with 2, sent SIGINT `delay` seconds [s] after its entry point."""
+    words = {"lpvid": ["identify", "nowhere.csv"], "quartercar": ["fit", "nowhere.csv"]}[package]
+    code = START.format(package=package, handler=handler)
+    with subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(delay)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
+
+
+@pytest.mark.parametrize("package", ["lpvid", "quartercar"])
+@pytest.mark.parametrize("delay", [0.005, 0.02, 0.05, 0.08, 0.12])
+def test_ctrl_c_among_the_imports_ends_with_130_and_one_line(package, delay):
+    done = interrupted(package, delay)
+    assert (done.returncode, done.stderr, done.stdout) == (130, "interrupted: nothing was written\n", "")
+
+
+@pytest.mark.parametrize("delay", [0.2, 0.3, 0.45])
+def test_ctrl_c_near_the_command_never_ends_with_a_traceback(delay):
+    done = interrupted("lpvid", delay)
+    assert done.returncode in (130, 2, -signal.SIGINT)  # the last two where the command was done before
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_a_program_in_the_background_ignores_it():
+    done = interrupted("lpvid", 0.05, "SIG_IGN")
+    assert done.returncode == 2
+    assert "there is no such file" in done.stderr

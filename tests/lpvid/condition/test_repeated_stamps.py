@@ -1,0 +1,144 @@
+"""Rows of one time stamp: one row where they nowhere contradict each other, one line where they do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lpvid as lpv
+from lpvid.condition import segments, with_derived
+from lpvid.condition.repeated_stamps import one_row_per_stamp
+from lpvid.condition.tables import as_records
+from lpvid.errors import InputError
+from lpvid.files.streaming import read_chunks
+from lpvid.record import Record
+from lpvid.remark import Repeated
+
+N, PERIOD = 600, 0.005
+NAN = float("nan")
+
+
+def columns(seed: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    v = np.convolve(rng.standard_normal(N + 20), np.ones(20) / 60, "valid")[:N]
+    force = np.zeros(N)
+    for k in range(1, N):
+        force[k] = 0.4 * force[k - 1] + 400 * v[k]
+    return {"time [s]": PERIOD * np.arange(N), "velocity [m/s]": v, "force [N]": force + rng.standard_normal(N),
+            "temperature [K]": np.full(N, 300.0)}
+
+
+def repeated(table: dict[str, np.ndarray], rows: list[int]) -> dict[str, np.ndarray]:
+    """The table with these rows once more behind themselves."""
+    order = np.sort(np.concatenate([np.arange(N), rows]))
+    return {n: v[order] for n, v in table.items()}
+
+
+def write(path: Path, table: dict[str, np.ndarray]) -> Path:
+    np.savetxt(path, np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments="",
+               fmt="%.17g")
+    return path
+
+
+@pytest.mark.parametrize("rows", [[7], [7, 7, 300], list(range(0, N, 2)), list(range(N))])
+def test_a_row_that_is_written_twice_counts_once(rows, tmp_path):
+    table = columns()
+    once, = lpv.read(write(tmp_path / "once.csv", table))
+    twice, = lpv.read(write(tmp_path / "twice.csv", repeated(table, rows)))
+    for record in (twice, *segments(as_records(repeated(table, rows)), ["velocity", "force"])):
+        assert record.sample_time == pytest.approx(PERIOD)
+        np.testing.assert_array_equal(record["force"], once["force"])
+        note, = (n for n in record.notes if isinstance(n, Repeated))
+        assert note.startswith(f"{len(rows)} row")
+        assert f"first row {min(rows) + 2}" in note
+    assert lpv.audit(twice).of("repeated-rows")[0].severity == "note"
+    assert not lpv.audit(twice).of("duplicate-time")
+
+
+def test_the_model_is_that_of_the_record_without_repetitions(tmp_path):
+    structure = lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")
+    clean, = lpv.read(write(tmp_path / "once.csv", columns()))
+    twice, = lpv.read(write(tmp_path / "twice.csv", repeated(columns(), [7, 90, 91, 400])))
+    one, other = (lpv.identify(r, structure) for r in (clean, twice))
+    np.testing.assert_array_equal(one.model.a, other.model.a)
+    assert any("4 rows repeat a time stamp" in n for n in other.notes)
+    assert any("record 'twice': 4 rows repeat" in n for n in lpv.validate(one.model, twice).notes)
+    stamps = np.append(clean.times, clean.times[-1])
+    by_hand = Record({n: np.append(c.values, c.values[-1]) for n, c in clean.channels.items()}, time=stamps)
+    assert lpv.audit([by_hand]).of("repeated-rows")
+
+
+def test_rows_of_a_bus_that_complete_each_other_are_one():
+    record = Record({"v": [0.0, 1.0, NAN, 2.0, 3.0], "F": [0.0, NAN, 5.0, 9.0, NAN]},
+                    time=np.array([0.0, 0.1, 0.1, 0.2, 0.3]))
+    found = one_row_per_stamp(record)
+    assert found["v"].tolist() == [0.0, 1.0, 2.0, 3.0]
+    np.testing.assert_array_equal(found["F"], [0.0, 5.0, 9.0, NAN])
+    assert one_row_per_stamp(found) is found
+
+
+def test_two_values_at_one_time_are_refused_with_both(tmp_path):
+    table = repeated(columns(), [50, 51, 52, 53, 300])
+    table["force [N]"][51] += 1.0
+    record, = lpv.read(write(tmp_path / "run.csv", table))
+    with pytest.raises(InputError) as caught:
+        lpv.identify(record, lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force"))
+    line = str(caught.value)
+    values = table["force [N]"][[50, 51]]
+    assert "time repeats in row 52 with another value of 'force'" in line
+    assert f"got {values[0]:.6g} and {values[1]:.6g} N at 0.25 s; 5 row(s) in all" in line
+    fault, = lpv.audit(record).of("duplicate-time")
+    assert fault.severity == "fault"
+    assert "with other values of force" in fault.evidence
+
+
+def test_a_channel_that_is_not_in_use_decides_nothing(tmp_path):
+    table = repeated(columns(), [50, 51, 52, 53, 300])
+    table["temperature [K]"][51] += 1.0
+    record, = lpv.read(write(tmp_path / "run.csv", table))
+    piece, = segments(record, ["velocity", "force"])
+    assert piece.n_samples == N
+    assert any("no other value of the channels in use" in n for n in piece.notes)
+    with pytest.raises(InputError, match="another value of 'temperature'"):
+        segments(record, ["force", "temperature"])
+
+
+def test_a_velocity_is_derived_as_without_the_repetitions(tmp_path):
+    t = PERIOD * np.arange(N)
+    table = {"time [s]": t, "displacement [m]": 0.01 * np.sin(9 * t), "force [N]": 90 * np.cos(9 * t) + np.sin(40 * t)}
+    once, = segments(with_derived(lpv.read(write(tmp_path / "a.csv", table)), ["velocity"]), "velocity")
+    more = repeated({**table, "counter": np.zeros(N)}, [50, 300])
+    more["counter"][51] = 1.0  # keeps the rows apart on reading
+    raw, = with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
+    piece, = segments(raw, ["velocity", "force"])
+    np.testing.assert_array_equal(piece["velocity"], once["velocity"])
+    more["force [N]"][51] += 1.0
+    raw, = with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
+    with pytest.raises(InputError, match="another value of 'force'"):
+        segments(raw, ["velocity", "force"])
+    more["displacement [m]"][51] += 1e-3
+    with pytest.raises(InputError, match="another value of 'displacement'"):
+        with_derived(lpv.read(write(tmp_path / "b.csv", more)), ["velocity"])
+
+
+def test_a_clock_that_also_runs_backward_keeps_its_rows():
+    record = Record({"u": np.arange(5.0)}, time=np.array([0.0, 0.1, 0.1, 0.05, 0.3]))
+    assert one_row_per_stamp(record) is record
+
+
+@pytest.mark.parametrize("row", [149, 150, 151, 80])
+def test_parts_of_a_file_follow_the_same_rule(row, tmp_path):
+    path = write(tmp_path / "run.csv", repeated(columns(), [row]))
+    parts = list(read_chunks(path, 151))
+    assert sum(p.n_samples for p in parts) == N
+    whole, = lpv.read(path)
+    np.testing.assert_array_equal(np.concatenate([p["force"] for p in parts]), whole["force"])
+    found = lpv.identify_stream(read_chunks(path, 151), lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force"))
+    assert found.training is None or found.training.overall.free_run.n_samples == N - 1
+    bad = repeated(columns(), [row])
+    bad["force [N]"][row + 1] += 1.0
+    with pytest.raises(InputError, match="time repeats in row"):
+        lpv.identify_stream(read_chunks(write(path, bad), 151),
+                            lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force"))
