@@ -71,7 +71,7 @@ def verdict(result: Synthesis, plant: GeneralizedPlant) -> str:
     """
     stated = f"{result.verdict.capitalize()}: {result.why or result.method}."
     if result.gamma_verified is not None:
-        where = "on the whole scheduling box" if result.between_grid else "at the points of a grid only"
+        where = f"on the whole scheduling {result.region}" if result.between_grid else "at the points of a grid only"
         moving = " while the scheduling moves" if plant.box.names else ""
         stated = (f"{result.verdict.capitalize()}: the weighted gain from {', '.join(plant.disturbances)} to "
                 f"{', '.join(plant.performance)} is at most {number(result.gamma_verified, 4)}{moving}, "
