@@ -75,6 +75,30 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Loo
                   is_affine(loop.basis) or proven, own)
 
 
+def searched_figure(channel: str, loop: LPVStateSpace, promised: float, polytope: Polytope) -> Figure | None:
+    """The least gain that an analysis certifies on a polytope; None where it certifies none.
+
+    Parameters
+    ----------
+    channel : str
+        From what to what, for the figure.
+    loop : LPVStateSpace
+        Closed loop w → z, affine in the scheduling.
+    promised : float
+        Bound that the design gave.
+    polytope : Polytope
+
+    Returns
+    -------
+    Figure or None
+    """
+    found = polytope.searched(loop)
+    if found is None:
+        return None
+    held = frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete)
+    return Figure("H-infinity", channel, promised, found.gamma, held, True, found, "polytope")
+
+
 def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage,
                     criterion: CovarianceCriterion, polytope: Polytope | None = None) -> Figure | None:
     """The bound of the H2 norm, rms of z while w is white noise of unit intensity, at every instant of any trajectory.

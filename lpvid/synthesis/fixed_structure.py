@@ -156,6 +156,9 @@ class FixedStructure:
                                  "bounds the gain while it moves",
                              mend="rate bounds with lyapunov=…, a narrower box, or a richer structure")
         gain, promised, controller, loop = best
+        if self.hull is not None:
+            polytope = Polytope.of(self.hull, plant.box)
+            controller, loop = polytope.marked(controller), polytope.marked(loop)
         notes = [f"largest frozen gain of {len(tried)} starts: {', '.join(f'{v:.4g}' for _, v in tried[:4])}, …"]
         if full is not None:
             notes.append(f"full order reaches {full:.4g} {'' if self.start is not None else 'at the middle of the box'}"

@@ -15,10 +15,11 @@ from lpvid.scheduling import Basis, Scheduling
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.criteria import HInfinity, Region
 from lpvid.synthesis.design_grid import check_rates, design_axes, moving_basis, tensor
+from lpvid.synthesis.fast_states import too_fast
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.moving_feedback import lowest, moving_feedback
 from lpvid.synthesis.multiobjective import MultiObjective
-from lpvid.synthesis.output_feedback_search import SOLVED, kept_near
+from lpvid.synthesis.output_feedback_search import SOLVED, STEPS, kept_near
 from lpvid.synthesis.polytope import refuse_beside_hull
 from lpvid.synthesis.projected_feedback import FeedbackGrid, inspected, projected_feedback, remarked
 from lpvid.synthesis.result import Synthesis
@@ -135,8 +136,8 @@ class OutputFeedback:
             basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
             found = projected_feedback(plant, grid, Variations(basis, self.varying, plant.box),
                                        strictly_proper=self.strictly_proper, bound=self.bound, back_off=self.back_off)
-            if self.hull is not None and found.verdict in ("numerical", "backed-off"):
-                found = _nearer(found, self._shaped(plant, (), started))
+            if self.hull is not None and _farther(found, self.bound, self.back_off):
+                found = self._affine(plant, grid.points, found)
         return remarked(found, grid, notes, started)
 
     def _moving(self, plant: GeneralizedPlant, axes: tuple[np.ndarray, ...]) -> Synthesis:
@@ -160,6 +161,27 @@ class OutputFeedback:
             return FeedbackGrid(design_axes(plant.box, self.points, False))
         return FeedbackGrid.moving(plant, self.lyapunov, self.points)
 
+    def _affine(self, plant: GeneralizedPlant, vertices: np.ndarray, projected: Synthesis) -> Synthesis:
+        """On a hull: affine unknowns in the change of variables, for a projected answer whose controller is not affine.
+
+        Of the steps of the back-off the first whose controller is not far faster than the plant and the projected
+        answer's controller; every step lies below the gain that the affine part of this keeps.
+        """
+        fast = projected
+        for step in STEPS:
+            if step * self.back_off >= (projected.gamma_verified or np.inf) / (projected.infimum or np.inf) - 1:
+                break
+            design = MultiObjective(HInfinity(bound=self.bound), (), not self.strictly_proper, self.points,
+                                    1 + step * self.back_off, hull=self.hull)
+            found = design.by_change_of_variables(plant)
+            if found.controller is None or not too_fast(plant, found.controller, vertices,
+                                                              beside=projected.controller):
+                return _nearer(projected, found)
+            fast = _nearer(fast, found)
+            if self.bound is not None:
+                break
+        return fast if projected.controller is None else projected
+
     def _shaped(self, plant: GeneralizedPlant, notes: tuple[str, ...], started: float) -> Synthesis:
         """Pole regions, no feedthrough in discrete time, and a controller that is affine where the projected answer's
         is not, need the change of variables."""
@@ -167,6 +189,14 @@ class OutputFeedback:
                                 1 + self.back_off, hull=self.hull)
         found = design.solve(plant) if self.hull is None else design.by_change_of_variables(plant)
         return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
+
+
+def _farther(found: Synthesis, bound: float | None, back_off: float) -> bool:
+    """Whether a controller on a hull is beyond the first step of the back-off: another affine one may be nearer."""
+    if found.controller is None:
+        return found.verdict == "numerical"
+    least = 0.5 * sum(STEPS[:2]) * back_off
+    return bound is None and (found.gamma_verified or np.inf) > (1 + least) * (found.infimum or 0.0)
 
 
 def _nearer(projected: Synthesis, shaped: Synthesis) -> Synthesis:

@@ -143,6 +143,8 @@ class FeedbackProblem:
         """What a Lyapunov matrix with more freedom would need; empty where nothing moves."""
         if not self.plant.plant.box.half_width.any():
             return ""
+        if self.polytope is not None:
+            return ", or design for a smaller hull"
         if self.variations.basis is None:
             return ", or give rate bounds and a Lyapunov basis (lyapunov=)"
         return ", or a richer Lyapunov basis (a higher degree, more of the variables), or lower rate bounds"
@@ -227,7 +229,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
     projected = problem.projected
     best = _least(projected, problem.solvers, known)
     if best is None or best.status == ROOMY:
-        verdict, why, mend = obstacle(problem.plant.plant, projected)
+        verdict, why, mend = obstacle(problem.plant.plant, projected, on_hull=problem.polytope is not None)
         if verdict == "infeasible":
             return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     if best is None or best.status in (ROOMY, RICCATI):
@@ -274,7 +276,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             break
     if rapid is not None:
         return rapid
-    verdict, why, mend = obstacle(problem.plant.plant, projected)
+    verdict, why, mend = obstacle(problem.plant.plant, projected, on_hull=problem.polytope is not None)
     if verdict == "infeasible" or best.status == ROOMY:  # the bound was that of an answer which keeps no inequality
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "

@@ -273,6 +273,6 @@ def affine_controller(formula: FeedbackLaw, polytope: Polytope) -> LPVStateSpace
     plant = formula.plant.plant
     basis = Polynomial(plant.box.names, 1).bound(plant.box)
     inverse = np.linalg.pinv(columns(plant.box, basis, polytope.vertices))
-    k = (np.tensordot(inverse, m, axes=1) for m in formula.at(polytope.vertices)[0])
-    return LPVStateSpace(*k, basis, plant.sample_time, plant.box.part(basis.names),
+    a, b, c, d = (np.tensordot(inverse, m, axes=1) for m in formula.at(polytope.vertices)[0])
+    return LPVStateSpace(a, b, c, d, basis, plant.sample_time, plant.box.part(basis.names),
                          inputs=named(plant, plant.measurements), outputs=named(plant, plant.controls))

@@ -18,13 +18,13 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
-from lpvid.synthesis.block_proof import gain_figure, variance_figure
+from lpvid.synthesis.block_proof import gain_figure, searched_figure, variance_figure
 from lpvid.synthesis.criteria import CovarianceCriterion, Criterion, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.infeasibility import BEYOND
 from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.loop_check import LoopStorage, frozen_gain
+from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.polytope import Polytope, affine_in
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.rated_figures import RatedLoop
@@ -328,21 +328,23 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
     for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
         part = channel(loop, *criterion.indices(problem.plant))
         found = _figure_by_blocks(criterion, problem, blocks, part, promised, polytope)
+        if isinstance(criterion, HInfinity) and not _kept_to(found, criterion.bound):
+            found = searched_figure(criterion.description(problem.plant), part, promised, polytope) or found
         if found is None or (isinstance(criterion, HInfinity) and found.certificate is None):
             return None
         figures.append(found)
     bounded = _bounded(problem)
-    if bounded is None:
-        own = polytope.searched(loop)
-        if own is None:
-            return None
-        gain = Figure("H-infinity", HInfinity().description(problem.plant), np.inf, own.gamma,
-                      frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete), True, own,
-                      "polytope")
-    else:
-        gain = figures[bounded]
+    gain = (searched_figure(HInfinity().description(problem.plant), loop, np.inf, polytope) if bounded is None
+            else figures[bounded])
+    if gain is None:
+        return None
     return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, ()), back_off,
                    started, most)
+
+
+def _kept_to(found: Figure | None, bound: float | None) -> bool:
+    """Whether a gain has a certificate, and one that keeps a requested bound to the last digit."""
+    return found is not None and found.certificate is not None and (bound is None or found.verified <= bound)
 
 
 def _by_rates(problem: ShapedProblem, shaped: Shaped, controller: LPVStateSpace, loop: LPVStateSpace, back_off: float,
