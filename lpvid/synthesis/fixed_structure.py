@@ -26,7 +26,7 @@ from lpvid.synthesis.frozen_descent import FrozenLoops, shortlist
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.output_feedback import OutputFeedback, Rate, _rated
-from lpvid.synthesis.polytope import Polytope
+from lpvid.synthesis.polytope import Polytope, refuse_beside_hull
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import SignalCoordinates
@@ -104,9 +104,7 @@ class FixedStructure:
         if self.start is not None and not isinstance(self.start, Synthesis | LPVStateSpace):
             raise InputError("a start is a Synthesis or a controller", got=type(self.start).__name__)
         moving_basis(self.lyapunov)
-        if self.hull is not None and self.lyapunov is not None:
-            raise InputError("a hull needs a constant storage function", got="hull and lyapunov",
-                             mend="leave one of the two out")
+        refuse_beside_hull(self.hull, self.lyapunov)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gains for a plant, with what its closed loop was shown to do.

@@ -218,8 +218,8 @@ class Polytope:
         return found if isinstance(found, HullCertificate) else None
 
 
-def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Sequence) -> None:
-    """Refuse a hull together with a Lyapunov matrix that moves, or with pole regions.
+def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Sequence = ()) -> None:
+    """Refuse what is no hull, and one together with a Lyapunov matrix that moves, or with pole regions.
 
     Parameters
     ----------
@@ -230,13 +230,18 @@ def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Seque
     Raises
     ------
     InputError
-        Either beside a hull.
+        Either beside a hull, or another object in its place.
     """
-    if hull is None or (lyapunov is None and not regions):
+    if hull is None:
         return
-    raise InputError("a hull needs constant Lyapunov matrices and no pole regions",
-                     got="hull and " + ("lyapunov" if lyapunov is not None else "regions"),
-                     mend="leave one of the two out; an angle whose rate is bounded has a Fourier basis over its box")
+    if not isinstance(hull, Hull):
+        raise InputError("`hull` is a set of scheduling values", got=type(hull).__name__,
+                         mend="lpv.Hull.of(names, samples), or lpv.Hull.disc(names) for cos and sin of an angle")
+    if lyapunov is not None or regions:
+        raise InputError("a hull needs constant Lyapunov matrices and no pole regions",
+                         got="hull and " + ("lyapunov" if lyapunov is not None else "regions"),
+                         mend="leave one of the two out; an angle whose rate is bounded has a Fourier basis over its "
+                              "box")
 
 
 def affine_in(basis: Basis) -> bool:

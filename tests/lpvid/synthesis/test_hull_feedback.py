@@ -198,6 +198,9 @@ def test_lifted_angle_without_rate_bound_is_infeasible():
 def test_bad_input_in_one_line():
     with pytest.raises(lpv.InputError, match="names other variables than the plant: got c, q; the plant has c, s"):
         lpv.synthesize(turning(), lpv.OutputFeedback(hull=lpv.Hull.disc(("c", "q"))))
+    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.FixedStructure):
+        with pytest.raises(lpv.InputError, match=r"got str.*lpv\.Hull\.of"):
+            design(hull="disc")
     for design in (lpv.OutputFeedback, lpv.MultiObjective):
         with pytest.raises(lpv.InputError, match="constant Lyapunov matrices and no pole regions"):
             design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
