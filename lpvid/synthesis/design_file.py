@@ -29,7 +29,7 @@ from lpvid.tables import kind_of, known_keys, tables_of, texts_of, to_si
 DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "output-feedback": (OutputFeedback, ("lyapunov_degree", "varying", "strictly_proper", "regions", "bound",
                                          "back_off", "points", "hull")),
-    "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
+    "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points", "hull")),
     "dissipative-feedback": (DissipativeFeedback, ("back_off", "points")),
     "multi-objective": (MultiObjective, ("criteria", "regions", "lyapunov_degree", "varying", "feedthrough", "back_off",
                                          "points", "hull")),

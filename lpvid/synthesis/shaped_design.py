@@ -323,7 +323,7 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
     """A synthesis for a scheduling set that is no box: figures by the design's own storage function at its vertices."""
     blocks = problem.blocks_of(shaped)
     if blocks is None or not affine_in(loop.basis) or not polytope.stable(loop):
-        return None
+        return None  # one without a storage function of its own has no designs on polytopes
     figures = []
     for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
         part = channel(loop, *criterion.indices(problem.plant))

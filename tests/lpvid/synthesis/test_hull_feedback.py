@@ -157,6 +157,33 @@ def test_h2_beside_a_gain():
     assert 0.4 * found.h2_verified < max(held) <= found.h2_verified
 
 
+def measured(sample_time=None):
+    """The turning resonance with both states measured without noise."""
+    whole = turning(sample_time, moving=True).system
+    c, d = np.zeros((3, 4, 2)), np.zeros((3, 4, 3))
+    c[:, :2], d[:, :2], c[0, 2:] = whole.C[:, :2], whole.D[:, :2], np.eye(2)
+    system = lpv.LPVStateSpace(whole.A, whole.B, c, d, whole.basis, sample_time, whole.box, inputs=whole.inputs,
+                               outputs=("z1", "z2", "x1", "x2"))
+    return lpv.GeneralizedPlant(system, ["u1"], ["x1", "x2"])
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.05])
+@pytest.mark.parametrize("criterion", [lpv.HInfinity(), lpv.H2()])
+def test_state_feedback(sample_time, criterion):
+    """Four sides give the box's figure, sixteen less; with the controller a constant gain at every frozen point."""
+    def figure(hull):
+        found = lpv.synthesize(measured(sample_time), lpv.StateFeedback(criterion, hull=hull))
+        assert found.verdict == "solved" and found.between_grid
+        assert lpv.verify(found.certificate, found.closed_loop).holds
+        return found, found.gamma_verified if found.h2_verified is None else found.h2_verified
+
+    (box, _), (square, _), (disc, _) = [figure(h)[::-1] for h in (None, lpv.Hull.disc(NAMES, sides=4), DISC)]
+    assert square == pytest.approx(box, rel=2e-3) and disc < 0.87 * box
+    loop = figure(DISC)[0]
+    assert loop.controller.order == 0 and loop.controller.basis.degree == 1
+    assert _largest_frozen(loop.closed_loop, _polar(12, 3)) <= loop.gamma_verified
+
+
 def test_h2_alone_has_a_gain_with_a_certificate():
     found = lpv.synthesize(turning(), lpv.MultiObjective(lpv.H2(), feedthrough=False, hull=DISC))
     assert found.solved and found.region == "polytope"
@@ -198,14 +225,16 @@ def test_lifted_angle_without_rate_bound_is_infeasible():
 def test_bad_input_in_one_line():
     with pytest.raises(lpv.InputError, match="names other variables than the plant: got c, q; the plant has c, s"):
         lpv.synthesize(turning(), lpv.OutputFeedback(hull=lpv.Hull.disc(("c", "q"))))
-    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.FixedStructure):
+    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.FixedStructure, lpv.StateFeedback):
         with pytest.raises(lpv.InputError, match=r"got str.*lpv\.Hull\.of"):
             design(hull="disc")
-    for design in (lpv.OutputFeedback, lpv.MultiObjective):
+    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.StateFeedback):
         with pytest.raises(lpv.InputError, match="constant Lyapunov matrices and no pole regions"):
             design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
         with pytest.raises(lpv.InputError, match="constant Lyapunov matrices and no pole regions"):
             design(hull=DISC, regions=lpv.HalfPlane(0.1))
+    with pytest.raises(lpv.InputError, match="a gain of degree one"):
+        lpv.StateFeedback(hull=DISC, gain=lpv.Polynomial(NAMES, 2))
     bent = wu(None)
     with pytest.raises(lpv.InputError, match=r"affine in its scheduling variables.*lpv\.lift"):
         lpv.synthesize(bent, lpv.OutputFeedback(hull=lpv.Hull.of(("rho",), np.array([[-1.0], [1.0]]))))
