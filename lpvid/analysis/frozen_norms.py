@@ -12,6 +12,13 @@ from lpvid.scheduling import Scheduling
 
 POINTS = {0: 1, 1: 41, 2: 9, 3: 5, 4: 3}
 STEPS = 40
+DECADE = 10
+"""frequencies per decade that are looked at first, from a tenth of the slowest pole to ten times the fastest"""
+PEAKS = 3
+"""local maxima that are refined"""
+ZOOMS, PARTS = 6, 8
+"""Refinements of a maximum, and the parts into which the interval around it is divided: each leaves two of them, six
+3e-4 of the first interval, in which a smooth maximum is flat to 1e-7."""
 
 
 def h_infinity_norm(system: Matrices, discrete: bool = False) -> tuple[float, float]:
@@ -20,6 +27,11 @@ def h_infinity_norm(system: Matrices, discrete: bool = False) -> tuple[float, fl
     The largest gain found so far is γ; eigenvalues of the Hamiltonian matrix of γ on the imaginary axis are the
     frequencies where a singular value equals γ, and between two of them the gain is larger (Bruinsma & Steinbuch,
     Systems & Control Letters 14 (1990) 287-293). What is returned is the gain at a frequency, never more.
+
+    Where paths inside the system all but cancel (a controller with fast weights inside: Hankel singular values of 1e6
+    beside a gain of 0.15), these eigenvalues lose the axis in any coordinates, and a maximum would be missed. So the
+    search begins on a grid of frequencies, and where the eigenvalues show nothing above it the highest maxima are
+    refined by gains alone.
 
     Parameters
     ----------
@@ -45,23 +57,51 @@ def h_infinity_norm(system: Matrices, discrete: bool = False) -> tuple[float, fl
     def tidy(omega: float) -> float:
         return 2 * math.atan(omega) if discrete else omega
 
-    gains = _gains((a, b, c, d), start := _guesses(a))
+    poles = _poles(a)
+    tried = np.union1d(_guesses(poles), _around(poles))
+    gains = _gains((a, b, c, d), tried)
     best = int(gains.argmax())
-    level, where = float(gains[best]), float(start[best])
-    if not len(a) or not level:
+    level, where = float(gains[best]), float(tried[best])
+    if not len(a) or not 0 < level < math.inf:
         return level, tidy(where)
+    settled = False  # one step that raises the level leaves 2e-6 of it, also with paths of 1e7 times the gain inside
     for _ in range(STEPS):
         crossings = _crossings((a, b, c, d), level * (1 + 1e-9))
         if not len(crossings):
             break
         edges = np.concatenate([[0.0], crossings, [2 * crossings[-1]]])
-        tried = np.concatenate([0.5 * (edges[1:] + edges[:-1]), crossings])
-        gains = _gains((a, b, c, d), tried)
-        best = int(gains.argmax())
-        if not gains[best] > level * (1 + 1e-10):
+        points = np.concatenate([0.5 * (edges[1:] + edges[:-1]), crossings])
+        raised = _gains((a, b, c, d), points)
+        best = int(raised.argmax())
+        if not raised[best] > level * (1 + 1e-10):
             break
-        level, where = float(gains[best]), float(tried[best])
+        level, where, settled = float(raised[best]), float(points[best]), True
+    if not settled:
+        refined, at = _refined((a, b, c, d), tried, gains)
+        if refined > level:
+            level, where = refined, at
     return level, tidy(where)
+
+
+def _refined(system: Matrices, frequencies: np.ndarray, gains: np.ndarray) -> tuple[float, float]:
+    """The largest gain near the highest local maxima of known ones, and its frequency."""
+    finite = np.isfinite(frequencies)
+    omega, first = np.unique(frequencies[finite], return_index=True)
+    at = gains[finite][first]
+    padded = np.concatenate([[-math.inf], at, [-math.inf]])
+    tops = np.flatnonzero((at >= padded[:-2]) & (at >= padded[2:]))
+    tops = tops[np.argsort(-at[tops], kind="stable")[:PEAKS]]
+    low, high = omega[np.maximum(tops - 1, 0)], omega[np.minimum(tops + 1, len(omega) - 1)]
+    best = float(at[tops[0]]), float(omega[tops[0]])
+    for _ in range(ZOOMS):
+        points = np.linspace(low, high, PARTS + 1, axis=1)
+        found = _gains(system, points.ravel()).reshape(points.shape)
+        k, rows = found.argmax(axis=1), np.arange(len(points))
+        top = int(found[rows, k].argmax())
+        if found[top, k[top]] > best[0]:
+            best = float(found[top, k[top]]), float(points[top, k[top]])
+        low, high = points[rows, np.maximum(k - 1, 0)], points[rows, np.minimum(k + 1, PARTS)]
+    return best
 
 
 def to_continuous(system: Matrices, sign: float = 1.0) -> Matrices:
@@ -85,10 +125,23 @@ def to_continuous(system: Matrices, sign: float = 1.0) -> Matrices:
     return inverse @ (a - eye), sign * np.sqrt(2) * inverse @ b, np.sqrt(2) * c @ inverse, d - c @ inverse @ b
 
 
-def _guesses(a: np.ndarray) -> np.ndarray:
-    poles = np.linalg.eigvals(a) if len(a) else np.zeros(0)
-    resonant = np.sqrt(np.maximum(poles.imag**2 - poles.real**2, 0.0))
-    return np.unique(np.concatenate([[0.0, math.inf], np.abs(poles), np.abs(poles.imag), resonant]))
+def _poles(a: np.ndarray) -> np.ndarray:
+    return np.linalg.eigvals(a) if len(a) else np.zeros(0)
+
+
+def _guesses(poles: np.ndarray) -> np.ndarray:
+    """Ends of the axis, and the frequencies of the poles."""
+    resonant = np.sqrt(np.maximum(np.imag(poles)**2 - np.real(poles)**2, 0.0))
+    return np.unique(np.concatenate([[0.0, math.inf], np.abs(poles), np.abs(np.imag(poles)), resonant]))
+
+
+def _around(poles: np.ndarray) -> np.ndarray:
+    """A grid of frequencies around the poles, those that are zero but for rounding apart."""
+    moving = np.abs(poles)[np.abs(poles) > 1e-12 * np.abs(poles).max(initial=0.0)]
+    if not len(moving):
+        return moving
+    low, high = moving.min() / 10, 10 * moving.max()
+    return np.geomspace(low, high, 1 + math.ceil(DECADE * math.log10(high / low)))
 
 
 def _gains(system: Matrices, frequencies: np.ndarray) -> np.ndarray:
@@ -171,7 +224,7 @@ def _rough(system: Driven, points: np.ndarray) -> np.ndarray:
     for k in range(len(points)):
         parts = (a[k], b[k], c[k], d[k])
         plain = to_continuous(parts) if discrete else parts
-        found[k] = _gains(plain, _guesses(plain[0])).max()
+        found[k] = _gains(plain, _guesses(_poles(plain[0]))).max()
     return found
 
 

@@ -28,7 +28,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Selection": ("auto", "budget", "ridge", "fdr"),
     "Stability": ("rate", "range", "largest_range", "largest_rate", "gain", "draws"),
     "Plant and control": ("car", "damper", "plant", "design", "controller", "measurements", "road", "tune", "bound",
-                          "bound_seeds", "seeds", "preview", "certificate"),
+                          "bound_seeds", "seeds", "preview", "road_ahead", "certificate"),
     "Characterisation": ("speeds", "rebound", "tolerance", "nominal", "specimen", "delay"),
     "Export": ("to", "name", "precision", "clamp", "at", "limit", "anti_windup", "format"),
     "Output": ("out", "json", "horizon", "plan_experiment", "list_models", "schema"),

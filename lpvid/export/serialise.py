@@ -121,6 +121,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gain-certificate", 1, tuple((kind, "lpvid.lmi.gain_certificate", "GainCertificate")
                                       for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
     Kind("rated-gain-certificate", 1, (("rated", "lpvid.analysis.rated_certificate", "RatedGainCertificate"),)),
+    Kind("hull-certificate", 1, (("", "lpvid.lmi.hull_certificate", "HullCertificate"),)),
     Kind("robust-certificate", 1, (("", "lpvid.analysis.robust_certificate", "RobustCertificate"),)),
     Kind("bound-certificate", 1, tuple((kind, "lpvid.lmi.bound_certificate", "BoundCertificate")
                                        for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),

@@ -269,6 +269,28 @@ def hull_of(model: Model) -> Hull | None:
     return Hull.from_dict(data) if isinstance(data, Mapping) else None
 
 
+def corners_of(model: Model, most: int) -> np.ndarray:
+    """Corners of a model's box, or of the hull that its metadata describe.
+
+    Parameters
+    ----------
+    model : model
+        Any kind with a box.
+    most : int
+        So many of them at most: the first of a box, evenly spread ones of a hull.
+
+    Returns
+    -------
+    (N, n_scheduling) array
+        In the order of the box's variables, and their units; (1, 0) without scheduling.
+    """
+    hull, names = hull_of(model), model.box.names
+    if hull is None or len(names) < 2 or not set(names) <= set(hull.names):
+        return model.box.grid(2)[:most] if names else np.zeros((1, 0))
+    corners = np.unique(hull.vertices()[:, [hull.names.index(n) for n in names]], axis=0)
+    return corners[np.unique(np.linspace(0, len(corners) - 1, most).astype(int))]
+
+
 def inside(model: Model, p: np.ndarray) -> np.ndarray:
     """(n,) bool: samples of `p` (n, n_scheduling) in the training box and, where the model has one, the hull.
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lpvid.model.hull import corners_of, hull_of, inside
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, VERMILION
 from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades
@@ -153,8 +154,8 @@ def step_responses(loop: LPVStateSpace, ax: Ax = None) -> Drawn:
 
 
 def _corners(loop: LPVStateSpace) -> np.ndarray:
-    """Corners of the box; a line across it for one variable."""
-    return loop.box.grid(2)[:MOST] if len(loop.box.names) > 1 else line_of(loop)
+    """Corners of the box, or of the hull of the design; a line across it for one variable."""
+    return corners_of(loop, MOST) if len(loop.box.names) > 1 else line_of(loop)
 
 
 def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.ndarray:
@@ -165,6 +166,8 @@ def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.n
 
 def line_of(loop: LPVStateSpace) -> np.ndarray:
     """Points across the box: the first variable swept, the others swept with it from corner to corner.
+
+    Those inside, where the metadata name the hull of a design.
 
     Parameters
     ----------
@@ -180,7 +183,8 @@ def line_of(loop: LPVStateSpace) -> np.ndarray:
     if not box.names:
         return np.empty((1, 0))
     share = np.linspace(0, 1, CURVES)[:, None]
-    return np.array(box.lower) * (1 - share) + np.array(box.upper) * share
+    points = np.array(box.lower) * (1 - share) + np.array(box.upper) * share
+    return points if hull_of(loop) is None else points[inside(loop, points)]
 
 
 def _speeds(loop: LPVStateSpace) -> np.ndarray:

@@ -10,6 +10,7 @@ from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
 from lpvid.lmi.driven import driven
 from lpvid.lmi.readings import box_of
+from lpvid.model.hull import corners_of, hull_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.controllers import controller_gains
 from lpvid.plot.controllers import worst_trajectory as trajectory
@@ -71,7 +72,7 @@ def verdict(result: Synthesis, plant: GeneralizedPlant) -> str:
     """
     stated = f"{result.verdict.capitalize()}: {result.why or result.method}."
     if result.gamma_verified is not None:
-        where = "on the whole scheduling box" if result.between_grid else "at the points of a grid only"
+        where = f"on the whole scheduling {result.region}" if result.between_grid else "at the points of a grid only"
         moving = " while the scheduling moves" if plant.box.names else ""
         stated = (f"{result.verdict.capitalize()}: the weighted gain from {', '.join(plant.disturbances)} to "
                 f"{', '.join(plant.performance)} is at most {number(result.gamma_verified, 4)}{moving}, "
@@ -217,8 +218,8 @@ def gains_item(controller: LPVStateSpace) -> Item:
 
 
 def _worst(loop: LPVStateSpace) -> WorstCase | None:
-    """Of moving schedulings and held ones; None where nothing moves."""
-    if not loop.box.half_width.any():
+    """Of moving schedulings and held ones; None where nothing moves, or on a hull: the search is over boxes."""
+    if not loop.box.half_width.any() or hull_of(loop) is not None:
         return None
     system = driven(loop)
     box = box_of(system.readings, loop.box)
@@ -243,7 +244,7 @@ def _controller(result: Synthesis) -> list[Item]:
     k = result.controller
     assert k is not None
     rows = []
-    for p in k.box.grid(2)[:4]:
+    for p in corners_of(k, 4):
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(k.box.names, p, strict=True)) or "–"
         rows.append((where, "; ".join(modes(k.frozen_poles(p), k.sample_time)) or "no states"))
     return [

@@ -18,7 +18,8 @@ from lpvid.synthesis.criteria import CovarianceCriterion
 from lpvid.synthesis.design_grid import is_affine
 from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.loop_check import SAFETY, LoopStorage, gain_bounds
+from lpvid.synthesis.loop_check import SAFETY, LoopStorage, frozen_gain, gain_bounds
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.scaling import Matrices
 
 GRID = {0: 1, 1: 33, 2: 9}
@@ -31,7 +32,8 @@ DIGITS = 1.002
 """share up to which a storage function written as one matrix may prove less than its two blocks do: rounding"""
 
 
-def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage) -> Figure | None:
+def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage,
+                polytope: Polytope | None = None) -> Figure | None:
     """The bound of the induced gain; None where the storage function proves none.
 
     Parameters
@@ -44,16 +46,25 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Loo
         Bound that the design gave.
     storage : LoopStorage
         One constant storage function, (1, …) blocks.
+    polytope : Polytope, optional
+        The scheduling set where that is no box; the loop is affine in it.
 
     Returns
     -------
     Figure or None
         With the larger of the frozen H-infinity norms as lower bound.
     """
-    at, many = _corners(loop)
+    at, many = _corners(loop, polytope)
     bound = float(gain_bounds(at, _repeated(storage, many), 0, discrete=loop.is_discrete).max())
     if not np.isfinite(bound):
         return None
+    if polytope is not None:
+        held = frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete)
+        proof = polytope.proof(loop, storage.matrices()[0], bound)
+        if not held <= bound * (1 + 1e-6):
+            return None
+        return Figure("H-infinity", channel, promised, bound if proof is None else proof.gamma, held, True, proof,
+                      "polytope")
     lower, whole = largest_frozen_norm(driven(loop), loop.box)[0], storage.matrices()[0]
     if not lower <= bound * (1 + 1e-6):
         return None
@@ -64,8 +75,32 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Loo
                   is_affine(loop.basis) or proven, own)
 
 
+def searched_figure(channel: str, loop: LPVStateSpace, promised: float, polytope: Polytope) -> Figure | None:
+    """The least gain that an analysis certifies on a polytope; None where it certifies none.
+
+    Parameters
+    ----------
+    channel : str
+        From what to what, for the figure.
+    loop : LPVStateSpace
+        Closed loop w → z, affine in the scheduling.
+    promised : float
+        Bound that the design gave.
+    polytope : Polytope
+
+    Returns
+    -------
+    Figure or None
+    """
+    found = polytope.searched(loop)
+    if found is None:
+        return None
+    held = frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete)
+    return Figure("H-infinity", channel, promised, found.gamma, held, True, found, "polytope")
+
+
 def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage,
-                    criterion: CovarianceCriterion) -> Figure | None:
+                    criterion: CovarianceCriterion, polytope: Polytope | None = None) -> Figure | None:
     """The bound of the H2 norm, rms of z while w is white noise of unit intensity, at every instant of any trajectory.
 
     Of the generalised one: the peak of z for a w of unit energy.
@@ -86,13 +121,15 @@ def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage:
         One constant storage function, (1, …) blocks.
     criterion : CovarianceCriterion
         Trace of the output's covariance, or its peak.
+    polytope : Polytope, optional
+        The scheduling set where that is no box; the loop is affine in it.
 
     Returns
     -------
     Figure or None
         None where P shows no decay at some point of the box.
     """
-    (a, b, c, d), _ = _corners(loop)
+    (a, b, c, d), _ = _corners(loop, polytope)
     into = storage.mix @ diagonal(*(np.linalg.inv(np.linalg.cholesky(p[0]).T) for p in (storage.first, storage.second)))
     out = np.linalg.inv(into)
     a, b, c = out @ a @ into, out @ b, c @ into
@@ -103,7 +140,8 @@ def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage:
     output = share * (c @ c.swapaxes(1, 2)) + d @ d.swapaxes(1, 2)
     square = np.linalg.eigvalsh(output)[:, -1] if criterion.peak else np.trace(output, axis1=1, axis2=2)
     bound = float(np.sqrt(square.max())) * (1 + SAFETY)
-    return Figure(criterion.kind, channel, promised, bound, None, is_affine(loop.basis))
+    return Figure(criterion.kind, channel, promised, bound, None, is_affine(loop.basis),
+                  region="box" if polytope is None else "polytope")
 
 
 def still_bound(loop: LPVStateSpace, states: np.ndarray, reached: float) -> float:
@@ -145,8 +183,10 @@ def still_bound(loop: LPVStateSpace, states: np.ndarray, reached: float) -> floa
     return np.inf
 
 
-def _corners(loop: LPVStateSpace) -> tuple[Matrices, int]:
+def _corners(loop: LPVStateSpace, polytope: Polytope | None) -> tuple[Matrices, int]:
     """The loop where it must be looked at, and at how many points."""
+    if polytope is not None:
+        return polytope.over(loop, polytope.vertices), len(polytope.vertices)
     points = loop.box.grid(2 if is_affine(loop.basis) else GRID.get(len(loop.box.names), 4))
     a, b, c, d = (np.array(m) for m in zip(*(loop.frozen(p) for p in points), strict=True))
     return (a, b, c, d), len(points)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from lpvid import _checks
 from lpvid.codec import decode
 from lpvid.errors import InputError
+from lpvid.model.hull import Hull
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
 from lpvid.synthesis.criteria import H2, Cone, Criterion, Disc, GeneralizedH2, HalfPlane, HInfinity, Region
@@ -25,15 +28,16 @@ from lpvid.tables import kind_of, known_keys, tables_of, texts_of, to_si
 
 DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "output-feedback": (OutputFeedback, ("lyapunov_degree", "varying", "strictly_proper", "regions", "bound",
-                                         "back_off", "points")),
-    "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
+                                         "back_off", "points", "hull")),
+    "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points", "hull")),
     "dissipative-feedback": (DissipativeFeedback, ("back_off", "points")),
     "multi-objective": (MultiObjective, ("criteria", "regions", "lyapunov_degree", "varying", "feedthrough", "back_off",
-                                         "points")),
+                                         "points", "hull")),
     "observer": (Observer, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "filter": (Filter, ("criteria", "regions", "feedthrough", "back_off", "points")),
     "lft": (LFTFeedback, ("back_off",)),
-    "fixed-structure": (FixedStructure, ("structure", "order", "filter", "gain_degree", "lyapunov_degree", "points")),
+    "fixed-structure": (FixedStructure, ("structure", "order", "filter", "gain_degree", "lyapunov_degree", "points",
+                                         "hull")),
 }
 """Designs by their name in a file, with the settings they take."""
 CRITERIA = {"h-infinity": HInfinity, "h2": H2, "generalized-h2": GeneralizedH2}
@@ -83,6 +87,8 @@ def design_of(table: Mapping[str, Any], plant: GeneralizedPlant) -> Design:
             given["gain"] = Polynomial(plant.box.names, _checks.count(value, key))
         elif key in ("structure", "order", "filter"):
             given["structure"] = _structure(settings)
+        elif key == "hull":
+            given[key] = _hull(value, plant)
         elif key == "points":
             given[key] = _checks.count(value, key, at_least=2)
         elif key == "varying":
@@ -103,6 +109,18 @@ def _lyapunov(degree: int, plant: GeneralizedPlant) -> Polynomial | None:
                          got=", ".join(box.names) or "no scheduling variable",
                          mend="give scheduling.NAME.rate, or leave lyapunov_degree out")
     return Polynomial(names, degree) if degree else None
+
+
+def _hull(rows: Any, plant: GeneralizedPlant) -> Hull:
+    """The convex hull of points over the plant's scheduling variables, in their order."""
+    names = plant.box.names
+    if not isinstance(rows, list) or not rows or not all(isinstance(r, list) and len(r) == len(names) for r in rows):
+        raise InputError("the hull is a list of points over the scheduling variables", got=rows,
+                         why=f"the plant has {', '.join(names) or 'none'}",
+                         mend="hull = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]] for two variables")
+    found = Hull.of(names, np.array([[to_si(v, None, f"hull[{k}]") for v in row] for k, row in enumerate(rows)]))
+    found.vertices()  # refuses points without inside
+    return found
 
 
 def _structure(settings: Mapping[str, Any]) -> Any:
@@ -186,6 +204,7 @@ gain = 0.02
 design = "output-feedback"     # NAMES
 back_off = 0.02                # how far above the least gain to stop, for moderate controller gains
 # lyapunov_degree = 1          # a Lyapunov matrix that moves with the scheduling; in continuous time it needs rates
+# hull = [[1.0], [2.5]]        # points whose convex hull the scheduling stays in, in place of its box
 # structure = "low-order"      # of the design "fixed-structure": STRUCTURES
 # order = 2                    # of low-order; filter = 0.01 (s) adds a derivative to pid; gain_degree = 1
 # strictly_proper = true       # no direct path from measurement to control
@@ -272,6 +291,7 @@ def design_schema() -> dict[str, Any]:
         "varying": {"enum": list(VARYING)}, "strictly_proper": {"type": "boolean"}, "feedthrough": {"type": "boolean"},
         "criteria": {"type": "array", "items": criterion}, "regions": {"type": "array", "items": region},
         "bound": number, "back_off": number, "structure": {"enum": list(STRUCTURES)}, "filter": number,
+        "hull": {"type": "array", "items": {"type": "array", "items": number}},
         "order": {"type": "integer", "minimum": 1}, "gain_degree": {"type": "integer", "minimum": 0}}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "design of lpvid synthesize",
             "oneOf": [{"type": "object", "additionalProperties": False, "required": ["design"], "properties": {

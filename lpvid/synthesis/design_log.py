@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.analysis.frozen_norms import h_infinity_norm, response_at
+from lpvid.model.hull import corners_of, hull_of
 from lpvid.model.state_space import LPVStateSpace
 
 MOST = 9
@@ -72,7 +73,8 @@ class Limit:
 def limits(loop: LPVStateSpace) -> tuple[Limit, ...]:
     """Where and by which signals the gain of a closed loop is reached, at the corners and the middle of its box.
 
-    The scheduling is held still: a moving one may reach more.
+    Of the hull that its metadata name, where it was designed for one. The scheduling is held still: a moving one may
+    reach more.
 
     Parameters
     ----------
@@ -93,9 +95,9 @@ def limits(loop: LPVStateSpace) -> tuple[Limit, ...]:
     >>> print(limits(loop)[0], round(limits(loop)[0].gain, 3))
     comfort at 0 Hz 3.041
     """
-    box = loop.box
-    corners = box.grid(2) if box.names else np.zeros((1, 0))
-    points = np.vstack([corners[: MOST - 1], box.centre[None]]) if box.names else corners
+    points = corners_of(loop, MOST - 1)
+    if loop.box.names:
+        points = np.vstack([points, loop.box.centre if hull_of(loop) is None else points.mean(axis=0)])
     return tuple(sorted((_at(loop, p) for p in points), key=lambda limit: -limit.gain))
 
 

@@ -21,8 +21,10 @@ from scipy.linalg import schur, solve_sylvester
 
 from lpvid.lmi.affine import he
 from lpvid.lmi.program import Program
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop_at
 from lpvid.synthesis.loop_check import LoopStorage, frozen_gain
 from lpvid.synthesis.projected_half import congruent
@@ -140,6 +142,36 @@ def fastest_pole(formula: ControllerFormula, points: np.ndarray) -> float:
     """
     a = formula.plant.plant.at(points).A
     return float(np.abs(np.linalg.eigvals(a)).max(initial=0.0))
+
+
+def too_fast(plant: GeneralizedPlant, controller: LPVStateSpace, points: np.ndarray,
+             beside: LPVStateSpace | None = None) -> bool:
+    """Whether a controller in continuous time has frozen poles `FAST` times faster than every pole of the plant.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    controller : LPVStateSpace
+        Scheduled on some of the plant's variables.
+    points : (N, n_scheduling) array
+        Over the plant's box.
+    beside : LPVStateSpace, optional
+        Another controller of the plant, whose poles count beside the plant's.
+
+    Returns
+    -------
+    bool
+        False in discrete time.
+    """
+    if plant.sample_time is not None or not controller.order:
+        return False
+
+    def fastest(system: LPVStateSpace) -> float:
+        own = points[:, [plant.box.names.index(n) for n in system.basis.names]]
+        return float(np.abs(np.linalg.eigvals(system.at(own)[0])).max(initial=0.0))
+
+    limit = max(fastest(s) for s in (plant.system, beside) if s is not None)
+    return fastest(controller) > FAST * limit > 0
 
 
 def without_fast_states(formula: ControllerFormula, points: np.ndarray, allowed: float, held: float,

@@ -39,9 +39,11 @@ class Figure(Encoded):
     lower : float or None
         A value that the closed loop reaches.
     between_grid : bool
-        `verified` holds on the whole box.
+        `verified` holds on the whole box, or what `region` names.
     certificate : object or None
         What `lpvid.verify` re-checks.
+    region : str
+        The scheduling set: "box" or "polytope".
     """
 
     JSON = ("criterion", "channel", "promised", "verified", "lower", "between_grid")
@@ -53,9 +55,10 @@ class Figure(Encoded):
     lower: float | None
     between_grid: bool
     certificate: Any = None
+    region: str = "box"
 
     def __str__(self) -> str:
-        where = "on the whole box" if self.between_grid else "at the points of a grid only"
+        where = f"on the whole {self.region}" if self.between_grid else "at the points of a grid only"
         return (f"{self.criterion} from {self.channel}: at most {self.verified:.6g} (promised {self.promised:.6g}), "
                 f"{where}")
 

@@ -16,7 +16,7 @@ from lpvid.lmi.driven import driven
 from lpvid.lmi.frame import frame_of
 from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals
 from lpvid.synthesis.bilinear_descent import BilinearDescent
 from lpvid.synthesis.block_proof import still_bound
@@ -26,6 +26,7 @@ from lpvid.synthesis.frozen_descent import FrozenLoops, shortlist
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.output_feedback import OutputFeedback, Rate, _rated
+from lpvid.synthesis.polytope import Polytope, refuse_beside_hull
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import SignalCoordinates
@@ -103,9 +104,7 @@ class FixedStructure:
         if self.start is not None and not isinstance(self.start, Synthesis | LPVStateSpace):
             raise InputError("a start is a Synthesis or a controller", got=type(self.start).__name__)
         moving_basis(self.lyapunov)
-        if self.hull is not None and self.lyapunov is not None:
-            raise InputError("a hull needs a constant storage function", got="hull and lyapunov",
-                             mend="leave one of the two out")
+        refuse_beside_hull(self.hull, self.lyapunov)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gains for a plant, with what its closed loop was shown to do.
@@ -155,6 +154,9 @@ class FixedStructure:
                                  "bounds the gain while it moves",
                              mend="rate bounds with lyapunov=…, a narrower box, or a richer structure")
         gain, promised, controller, loop = best
+        if self.hull is not None:
+            polytope = Polytope.of(self.hull, plant.box)
+            controller, loop = polytope.marked(controller), polytope.marked(loop)
         notes = [f"largest frozen gain of {len(tried)} starts: {', '.join(f'{v:.4g}' for _, v in tried[:4])}, …"]
         if full is not None:
             notes.append(f"full order reaches {full:.4g} {'' if self.start is not None else 'at the middle of the box'}"
@@ -233,7 +235,7 @@ class _Problem:
         check_rates(lyapunov, box, plant.sample_time)
         points = tensor(design_axes(box, design.points, False))
         if design.hull is not None:
-            points = _within(design.hull, box, points)
+            points = Polytope.of(design.hull, box).within(points)
         refuse_dead_signals(plant, plant.at(points))
         attached = design.structure.attach(plant)
         raw = _over(attached.plant, plant, points)
@@ -248,7 +250,7 @@ class _Problem:
         few = points
         if not lyapunov.names and is_affine(gain) and is_affine(attached.plant.system.basis) and not any(
                 varies(x) for x in (raw.B2, raw.D12, raw.C2, raw.D21)):
-            few = tensor(design_axes(box, 2, True)) if design.hull is None else _corners(design.hull, box)
+            few = tensor(design_axes(box, 2, True)) if design.hull is None else Polytope.of(design.hull, box).vertices
         elif design.hull is not None:
             raise InputError(
                 "a hull needs a closed loop that is affine in the scheduling",
@@ -283,21 +285,6 @@ class _Problem:
         """(K, n_v, n_ξ) scaled coefficients closest to physical gains at the points."""
         scaled = table * self.coordinates.measurements / self.coordinates.controls[:, None]
         return np.tensordot(np.linalg.pinv(self.frozen.psi), scaled, axes=1)
-
-
-def _corners(hull: Hull, box: Scheduling) -> np.ndarray:
-    """Vertices of a hull over the variables of a box."""
-    if set(hull.names) != set(box.names):
-        raise InputError("the hull names other variables than the plant", got=", ".join(hull.names),
-                         why=f"the plant has {', '.join(box.names)}")
-    return hull.vertices()[:, [hull.names.index(n) for n in box.names]]
-
-
-def _within(hull: Hull, box: Scheduling, points: np.ndarray) -> np.ndarray:
-    """The vertices of a hull and those points of a grid that lie inside."""
-    corners = _corners(hull, box)
-    inside = hull.contains(points[:, [box.names.index(n) for n in hull.names]])
-    return np.unique(np.vstack([corners, points[inside]]), axis=0)
 
 
 def _over(joined: GeneralizedPlant, plant: GeneralizedPlant, points: np.ndarray) -> PlantMatrices:

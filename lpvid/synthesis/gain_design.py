@@ -22,6 +22,8 @@ from lpvid.synthesis.design_grid import (
     varies,
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.loop_check import LoopStorage
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed
 from lpvid.synthesis.shaped_program import Shaped, SignalCoordinates
@@ -53,8 +55,20 @@ class GainProblem(ShapedProblem):
     coordinates: SignalCoordinates
     matrices: PlantMatrices
 
-    def blocks_of(self, shaped: Shaped) -> None:
-        return None
+    @property
+    def points(self) -> np.ndarray:
+        """(N, n_scheduling) where the inequalities stand."""
+        return tensor(self.axes) if self.polytope is None else self.polytope.vertices
+
+    def blocks_of(self, shaped: Shaped) -> LoopStorage | None:
+        """On a polytope the constant storage function of `storage_of` as one block; None elsewhere."""
+        values = None if self.polytope is None else self.storage_of(shaped)
+        if values is None:
+            return None
+        first = values(self.points[:1])
+        none = np.zeros((1, 0, 0))
+        return LoopStorage(0.5 * (first + first.swapaxes(1, 2)), none, 0 * first[:, None], none[:, None],
+                           np.eye(first.shape[1]))
 
     def summary(self, design: str, letter: str) -> str:
         """The design in a few words.
@@ -70,7 +84,8 @@ class GainProblem(ShapedProblem):
             With the functions of the Lyapunov matrix and the number of points.
         """
         kind = f"{letter} over {', '.join(self.lyapunov.labels)}" if self.lyapunov.names else f"one quadratic {letter}"
-        return f"{design}, {kind}, {len(tensor(self.axes))} points"
+        return f"{design}, {kind}, {len(self.points)} points" + (
+            "" if self.polytope is None else f" on {self.polytope.text}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +136,8 @@ class GainDesign(ABC):
             With its verdict.
         """
 
-    def problem(self, kind: type[P], plant: GeneralizedPlant, beside: Sequence[str], **more: Any) -> P:
+    def problem(self, kind: type[P], plant: GeneralizedPlant, beside: Sequence[str], polytope: Polytope | None = None,
+                **more: Any) -> P:
         """The inequalities of this design for a plant.
 
         Parameters
@@ -132,6 +148,8 @@ class GainDesign(ABC):
             The plant.
         beside : sequence of str
             Names of the blocks that multiply the gain: where they do not vary, corners of the box may be enough.
+        polytope : Polytope, optional
+            The scheduling set where that is no box.
         **more
             Further fields of the problem.
 
@@ -156,8 +174,9 @@ class GainDesign(ABC):
         axes = design_axes(box, self.points, plain)
         if gain is None:
             gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
-        check_criteria(plant, criteria, regions, tensor(axes))
-        raw = plant.at(tensor(axes))
+        points = tensor(axes) if polytope is None else polytope.vertices
+        check_criteria(plant, criteria, regions, points)
+        raw = plant.at(points)
         coordinates = SignalCoordinates.of(raw, plant.sample_time is not None)
         return kind(plant, criteria, regions, self.back_off, lyapunov, gain, axes, coordinates, coordinates.scaled(raw),
-                    **more)
+                    polytope=polytope, **more)

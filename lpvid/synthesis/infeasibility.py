@@ -28,7 +28,8 @@ DECAY = 1e-6
 the accuracy of a solver (1e-8 in rows of size one)."""
 
 
-def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[str, str, str]:
+def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities, *, on_hull: bool = False
+             ) -> tuple[str, str, str]:
     """Verdict, why and mend for a plant on which no solver found a bound at all.
 
     A bound exists as soon as both sides can be stabilised: X ≻ 0 with Nᵀ(He(AX) − Ẋ)N ≺ 0, N spanning the null space
@@ -40,6 +41,8 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
         For the names of signals and scheduling variables.
     problem : ProjectedInequalities
         The inequalities without answer, in balanced units.
+    on_hull : bool
+        They stand at the vertices of a hull, not over the box.
 
     Returns
     -------
@@ -55,6 +58,7 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
     slow = f"; give {scheduled} a narrower range, " + (
         "lower rate bounds, or the design a richer Lyapunov basis (a higher degree, or more of the variables)" if moves
         else "or a rate bound and the design a Lyapunov basis")
+    slow = "; design for a smaller hull" if on_hull else slow
     roots = start_roots(problem)
     for half, root, text, mend in zip(problem.halves, roots, (
             f"even with the whole state measured, {', '.join(plant.controls)} cannot stabilise the plant",
@@ -69,7 +73,8 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
             return "infeasible", why + " (shown by a dual matrix)", mend + (slow if scheduled else "")
     frozen = max((least_gain(problem.plant, k) for k in range(len(problem.plant.A))), default=np.inf)
     held = f"; {frozen:.4g} is the least gain with the scheduling held" if np.isfinite(frozen) and scheduled else ""
-    if plant.sample_time is None and plant.box.names:  # a mode slower than the plant's pace, out of reach in between
+    if plant.sample_time is None and plant.box.names and not on_hull:
+        # a mode slower than the plant's pace, out of reach in between
         points = tensor(convex_axes(plant))
         lost = slow_mode_out_of_reach(plant, points, pace(plant.at(points).A))
         held = f"; {lost}" if lost else held

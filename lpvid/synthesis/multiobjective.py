@@ -12,6 +12,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block, combined
 from lpvid.lmi.program import Program
+from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
@@ -27,6 +28,7 @@ from lpvid.synthesis.moderated import SLACK
 from lpvid.synthesis.moving_feedback import moving_feedback
 from lpvid.synthesis.moving_objectives import moving_objectives
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.polytope import Polytope, refuse_beside_hull
 from lpvid.synthesis.preconditioning import Preconditioned, balancing, preconditioned, unconditioned
 from lpvid.synthesis.projected_feedback import constant_feedback
 from lpvid.synthesis.result import Synthesis
@@ -37,6 +39,10 @@ from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 VARYING = ("both", "controls", "measurements")
+WORTH = 10.0
+"""Times the size that unknowns have at the least level which they may grow by for each unit of distance of the coupling
+from its limit. At 1 the coupling of a plant with moving B1 and C1 stays at the limit, where the controller has a pole
+at 2e8 Hz; at 10, 100 and 1e4 it leaves it, and that pole is at 163, 40 and 43 Hz with the same gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +72,8 @@ class MultiObjective:
         Which matrix moves, X or Y. With "both" in continuous time the controller reads the rates too, as further
         scheduling variables ``<name>_rate``. In discrete time "both" designs with a slack matrix of either side, and
         keeps the lower figures; an H2 criterion there needs "controls".
+    hull : Hull, optional
+        A polytope in which the scheduling stays, in place of its box, as for `OutputFeedback`.
 
     Examples
     --------
@@ -81,6 +89,7 @@ class MultiObjective:
     back_off: float = 1.02
     lyapunov: Basis | None = None
     varying: str = "controls"
+    hull: Hull | None = None
 
     def __post_init__(self) -> None:
         _checks.one_of(self.varying, VARYING, "varying")
@@ -90,6 +99,7 @@ class MultiObjective:
         if self.regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")
+        refuse_beside_hull(self.hull, self.lyapunov, self.regions)  # type: ignore[arg-type]
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
                              mend="1.02 stops 2 % above it")
@@ -108,39 +118,59 @@ class MultiObjective:
             Of several inequalities and coordinates the first that is solved or refuted, else the lowest figures.
         """
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
-        found: list[Synthesis] = []
+        first: list[Synthesis] = []
         if (len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough
                 and self.lyapunov is None):
-            other = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points)
+            other = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points, self.hull)
             if other is not None and (other.controller is None or other.certificate is not None or plant.box.names):
                 return other
-            found += [] if other is None else [other]
-        steady = _steady(plant)
-        axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
-        check_criteria(plant, criteria, regions, tensor(axes))
-        fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes), between=True)
+            first += [] if other is None else [other]
+        return self.by_change_of_variables(plant, first)
+
+    def by_change_of_variables(self, plant: GeneralizedPlant, first: Sequence[Synthesis] = ()) -> Synthesis:
+        """As `solve`, without the projected inequalities for a single bound of the gain.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Continuous or discrete.
+        first : sequence of Synthesis
+            Of the same design, by other inequalities.
+
+        Returns
+        -------
+        Synthesis
+        """
+        criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
+        found = list(first)
+        polytope = None if self.hull is None else Polytope.full_order(self.hull, plant)
+        axes = design_axes(plant.box, self.points, polytope is not None
+                           or (is_affine(plant.system.basis) and _steady(plant)))
+        points = tensor(axes) if polytope is None else polytope.vertices
+        check_criteria(plant, criteria, regions, points)
+        fault = fault_of(plant, plant.at(points), points, between=polytope is None)
         variance = any(isinstance(c, CovarianceCriterion) for c in criteria)
         direct = self.feedthrough and (plant.sample_time is not None or not variance)
         if fault is not None:
-            return settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)), fault)
+            return settle(self._stated(plant, criteria, regions, points, direct, unconditioned(plant)), fault)
         if self.lyapunov is not None:
             return self._moving(plant, criteria, direct)
-        for attempt in self._attempts(plant, criteria, regions, axes, direct):
+        for attempt in self._attempts(plant, criteria, regions, points, direct):
             found.append(attempt())
             if found[-1].verdict in ("solved", "infeasible"):
                 return found[-1]
         return _lowest(found)
 
     def _attempts(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
-                  axes: tuple[np.ndarray, ...], direct: bool) -> Iterator[Callable[[], Synthesis]]:
+                  points: np.ndarray, direct: bool) -> Iterator[Callable[[], Synthesis]]:
         """The same design by several inequalities and in several coordinates, those first that are solved best."""
-        points, variance = tensor(axes), any(isinstance(c, CovarianceCriterion) for c in criteria)
+        variance = any(isinstance(c, CovarianceCriterion) for c in criteria)
         if len(criteria) == 1 and not regions and isinstance(criteria[0], H2) and suits(plant, criteria[0], points):
-            yield lambda: self._by_variance(plant, criteria, axes)
+            yield lambda: self._by_variance(plant, criteria, points)
         for of in (unconditioned, partial(regulated_plant, points=points) if variance else None,
                    partial(preconditioned, points=points)):
             if of is not None:
-                yield lambda of=of: settle(self._stated(plant, criteria, regions, axes, direct, of(plant)))
+                yield lambda of=of: settle(self._stated(plant, criteria, regions, points, direct, of(plant)))
 
     def _moving(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], direct: bool) -> Synthesis:
         """The lowest figures of what may move, and of a constant X and Y."""
@@ -160,28 +190,30 @@ class MultiObjective:
                              mend="varying=\"controls\"")
         return _lowest([*found, replace(self, lyapunov=None).solve(plant)])
 
-    def _by_variance(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], axes: tuple[np.ndarray, ...]
+    def _by_variance(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], points: np.ndarray
                      ) -> Synthesis:
         """One H2 criterion, without the controller's own dynamics among the unknowns."""
         assert isinstance(criteria[0], H2)
-        search = VarianceFeedback(plant, criteria[0], tensor(axes))
-        plain = self._stated(plant, criteria, (), axes, False, unconditioned(plant))
+        search = VarianceFeedback(plant, criteria[0], points)
+        plain = self._stated(plant, criteria, (), points, False, unconditioned(plant))
         return settle(plain, answers=lambda share: (
-            (self._stated(plant, criteria, (), axes, False, ready), shaped) for ready, shaped in search.answers(share)))
+            (self._stated(plant, criteria, (), points, False, ready), shaped)
+            for ready, shaped in search.answers(share)))
 
     def _stated(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
-                axes: tuple[np.ndarray, ...], direct: bool, ready: Preconditioned) -> _MultiobjectiveProblem:
-        raw = ready.plant.at(tensor(axes))
+                points: np.ndarray, direct: bool, ready: Preconditioned) -> _MultiobjectiveProblem:
+        raw = ready.plant.at(points)
         coordinates = SignalCoordinates.of(raw, plant.sample_time is not None, ready.balanced)
-        return _MultiobjectiveProblem(plant, criteria, regions, self.back_off, axes, direct, ready, coordinates,
-                        coordinates.scaled(raw))
+        polytope = None if self.hull is None else Polytope.of(self.hull, plant.box)
+        return _MultiobjectiveProblem(plant, criteria, regions, self.back_off, points, direct, ready, coordinates,
+                                      coordinates.scaled(raw), polytope=polytope)
 
 
 @dataclass(frozen=True, eq=False)
 class _MultiobjectiveProblem(ShapedProblem):
     """One plant with several objectives, in scaled coordinates of a preconditioned plant."""
 
-    axes: tuple[np.ndarray, ...]
+    points: np.ndarray
     direct: bool
     ready: Preconditioned
     coordinates: SignalCoordinates
@@ -189,7 +221,8 @@ class _MultiobjectiveProblem(ShapedProblem):
 
     @property
     def method(self) -> str:
-        return f"output feedback, {len(self.criteria)} criteria and {len(self.regions)} regions under one X and Y"
+        over = "" if self.polytope is None else f" on {self.polytope.text}"
+        return f"output feedback, {len(self.criteria)} criteria and {len(self.regions)} regions under one X and Y{over}"
 
     @property
     def remedy(self) -> str:
@@ -214,7 +247,7 @@ class _MultiobjectiveProblem(ShapedProblem):
         x, y = new.symmetric(n), new.symmetric(n)
         hats = [[new.matrix(*shape) for _ in range(self.basis.size)] for shape in ((n, n), (n, ny), (nu, n))]
         through = [new.matrix(nu, ny) if self.direct else _zero(nu, ny) for _ in range(self.basis.size)]
-        phi = columns(self.plant.box, self.basis, tensor(self.axes))
+        phi = columns(self.plant.box, self.basis, self.points)
         s = np.sqrt(self.ready.sizes)  # X = diag(s) x diag(s), and Y alike: unknowns near the identity
         coupling = np.diag(1 / self.ready.sizes)
         lyapunov, loops, below = block([[x, coupling], [coupling, y]]), [], []
@@ -286,13 +319,13 @@ def _lowest(found: Sequence[Synthesis]) -> Synthesis:
     return next((s for s in found if s.verdict == "infeasible"), found[0])
 
 
-def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int
-                        ) -> Synthesis | None:
+def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int,
+                        hull: Hull | None) -> Synthesis | None:
     """One bound of a gain alone is what the projected inequalities decide with fewer unknowns; None where they fail."""
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
     part = channels_of(plant, criterion.disturbances or plant.disturbances, criterion.performance or plant.performance)
     share = min(max(back_off - 2 * SLACK, 0.0), 1.0)
-    found = constant_feedback(part, criterion.bound, share, points)
+    found = constant_feedback(part, criterion.bound, share, points, hull)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
         return found
     if found.verdict != "solved" or found.gamma_verified is None:
@@ -305,13 +338,14 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
         found.gamma_lower,
         found.between_grid,
         found.certificate,
+        found.region,
     )
     return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
 
 
 def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float
            ) -> Affine:
-    """(1, 1) t/scale − s: small matrices (norms below t), and a coupling [X, sI; sI, Y] ⪰ 0 far from its limit."""
+    """(1, 1) t/(WORTH·scale) − s: small matrices (norms below t), a coupling [X, sI; sI, Y] ⪰ 0 far from its limit."""
     n, t, s = x.shape[0], program.unknowns.scalar(), program.unknowns.scalar()
     program.require(block([[x, s.times(coupling)], [s.times(coupling), y]]))
     program.require(APART - s)
@@ -320,7 +354,7 @@ def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: 
     for matrix in below:
         rows, width = matrix.shape
         program.require(block([[t.times(np.eye(rows)), matrix], [matrix.T, t.times(np.eye(width))]]))
-    return (1.0 / scale) * t - s
+    return (1.0 / (WORTH * scale)) * t - s
 
 
 def _zero(rows: int, width: int) -> Affine:

@@ -10,13 +10,17 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.hull import Hull
 from lpvid.scheduling import Basis, Scheduling
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.criteria import HInfinity, Region
 from lpvid.synthesis.design_grid import check_rates, design_axes, moving_basis, tensor
+from lpvid.synthesis.fast_states import too_fast
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.moving_feedback import lowest, moving_feedback
 from lpvid.synthesis.multiobjective import MultiObjective
+from lpvid.synthesis.output_feedback_search import SOLVED, STEPS, kept_near
+from lpvid.synthesis.polytope import refuse_beside_hull
 from lpvid.synthesis.projected_feedback import FeedbackGrid, inspected, projected_feedback, remarked
 from lpvid.synthesis.result import Synthesis
 
@@ -53,6 +57,11 @@ class OutputFeedback:
         Share by which the bound is raised above the least one, for a controller of moderate gains.
     points : int
         Grid points per scheduling variable, where corners of the box are not enough.
+    hull : Hull, optional
+        A polytope in which the scheduling stays (``lpv.Hull.of`` samples, ``lpv.Hull.disc`` for cos θ and sin θ) in
+        place of its box: the inequalities stand at its vertices, and the certificate is a `HullCertificate`. The plant
+        must be affine in the scheduling with steady gains of controls and measurements, X and Y are constants, and the
+        controller is affine too.
 
     Examples
     --------
@@ -76,6 +85,7 @@ class OutputFeedback:
     bound: float | None = None
     back_off: float = 0.01
     points: int = 7
+    hull: Hull | None = None
 
     def __post_init__(self) -> None:
         _checks.one_of(self.varying, VARYING, "varying")
@@ -90,6 +100,7 @@ class OutputFeedback:
         if regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")
+        refuse_beside_hull(self.hull, self.lyapunov, regions)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with what its closed loop was shown to do.
@@ -125,6 +136,8 @@ class OutputFeedback:
             basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
             found = projected_feedback(plant, grid, Variations(basis, self.varying, plant.box),
                                        strictly_proper=self.strictly_proper, bound=self.bound, back_off=self.back_off)
+            if self.hull is not None and _farther(found, self.bound, self.back_off):
+                found = self._affine(plant, grid.points, found)
         return remarked(found, grid, notes, started)
 
     def _moving(self, plant: GeneralizedPlant, axes: tuple[np.ndarray, ...]) -> Synthesis:
@@ -139,6 +152,8 @@ class OutputFeedback:
 
     def _grid(self, plant: GeneralizedPlant) -> FeedbackGrid:
         """Where the inequalities are imposed."""
+        if self.hull is not None:
+            return FeedbackGrid.over(plant, self.hull)
         if self.lyapunov is None:
             return FeedbackGrid.constant(plant, self.points)
         check_rates(self.lyapunov, plant.box, plant.sample_time)
@@ -146,12 +161,55 @@ class OutputFeedback:
             return FeedbackGrid(design_axes(plant.box, self.points, False))
         return FeedbackGrid.moving(plant, self.lyapunov, self.points)
 
+    def _affine(self, plant: GeneralizedPlant, vertices: np.ndarray, projected: Synthesis) -> Synthesis:
+        """On a hull: affine unknowns in the change of variables, for a projected answer whose controller is not affine.
+
+        Of the steps of the back-off the first whose controller is not far faster than the plant and the projected
+        answer's controller; every step lies below the gain that the affine part of this keeps.
+        """
+        fast = projected
+        for step in STEPS:
+            if step * self.back_off >= (projected.gamma_verified or np.inf) / (projected.infimum or np.inf) - 1:
+                break
+            design = MultiObjective(HInfinity(bound=self.bound), (), not self.strictly_proper, self.points,
+                                    1 + step * self.back_off, hull=self.hull)
+            found = design.by_change_of_variables(plant)
+            if found.controller is None or not too_fast(plant, found.controller, vertices,
+                                                              beside=projected.controller):
+                return _nearer(projected, found)
+            fast = _nearer(fast, found)
+            if self.bound is not None:
+                break
+        return fast if projected.controller is None else projected
+
     def _shaped(self, plant: GeneralizedPlant, notes: tuple[str, ...], started: float) -> Synthesis:
-        """Pole regions, and no feedthrough in discrete time, need the change of variables."""
+        """Pole regions, no feedthrough in discrete time, and a controller that is affine where the projected answer's
+        is not, need the change of variables."""
         design = MultiObjective(HInfinity(bound=self.bound), self.regions, not self.strictly_proper, self.points,
-                                1 + self.back_off)
-        found = design.solve(plant)
+                                1 + self.back_off, hull=self.hull)
+        found = design.solve(plant) if self.hull is None else design.by_change_of_variables(plant)
         return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
+
+
+def _farther(found: Synthesis, bound: float | None, back_off: float) -> bool:
+    """Whether a controller on a hull is beyond the first step of the back-off: another affine one may be nearer."""
+    if found.controller is None:
+        return found.verdict == "numerical"
+    least = 0.5 * sum(STEPS[:2]) * back_off
+    return bound is None and (found.gamma_verified or np.inf) > (1 + least) * (found.infimum or 0.0)
+
+
+def _nearer(projected: Synthesis, shaped: Synthesis) -> Synthesis:
+    """Of two syntheses on one hull the one of lower verified gain, beside the least bound of the projected program.
+
+    The affine controller of the second may keep more than they admit: they let every point have a controller.
+    """
+    if shaped.gamma_verified is None or shaped.gamma_verified >= (projected.gamma_verified or np.inf):
+        return projected
+    least = projected.infimum or shaped.gamma_verified
+    near = shaped.gamma_verified <= (1 + SOLVED) * least
+    return replace(shaped, infimum=min(least, shaped.gamma_verified), verdict="solved" if near else "backed-off",
+                   why=kept_near(shaped.gamma_verified, min(least, shaped.gamma_verified)))
 
 
 def _rated(plant: GeneralizedPlant, rate: Rate) -> GeneralizedPlant:

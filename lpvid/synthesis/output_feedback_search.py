@@ -8,6 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lpvid.analysis.rated_certificate import RatedGainCertificate
+from lpvid.lmi.gain_certificate import GainCertificate
+from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes
@@ -21,6 +24,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
+from lpvid.synthesis.polytope import Polytope, affine_controller
 from lpvid.synthesis.progress import remember, stage, stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, conditioned, least_bound, roomy
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
@@ -48,6 +52,9 @@ MORE, AT_ONCE, APART = 30, 6, 0.15
 """design points that may be added, how many at a time, and how far from each other in half widths of the box."""
 HALVED = 12
 """How often a cell of a controller's table may be halved: to 1/4096 of a twelfth of the box."""
+LOST = 1e-2
+"""share above the bound of the two blocks up to which another storage function may stand in for them: `hull_gain`
+raises a solver's level by so much at most"""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
 """Of the splines in each variable with which a controller is written down, by the number of variables."""
 
@@ -71,6 +78,8 @@ class FeedbackProblem:
     solvers : tuple of str
     linear : mapping of name to array
         Variables along which the values given, those of `axes`, stand for all between them (`linear_axes`).
+    polytope : Polytope, optional
+        The scheduling set where that is no box: its vertices take the place of the grid of `axes`.
     """
 
     plant: BalancedPlant
@@ -81,11 +90,20 @@ class FeedbackProblem:
     extra: np.ndarray
     solvers: tuple[str, ...] = SOLVERS
     linear: Mapping[str, np.ndarray] = field(default_factory=dict)
+    polytope: Polytope | None = None
 
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) design points."""
-        return np.vstack([tensor(self.axes), self.extra])
+        return np.vstack([tensor(self.axes) if self.polytope is None else self.polytope.vertices, self.extra])
+
+    @property
+    def looked(self) -> np.ndarray:
+        """(N, n_scheduling) points at which the frozen closed loop is looked at."""
+        box = self.plant.plant.box
+        if self.polytope is not None:
+            return self.polytope.looked
+        return box.grid({0: 1, 1: 41, 2: 9}.get(len(box.names), 4))
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -125,6 +143,8 @@ class FeedbackProblem:
         """What a Lyapunov matrix with more freedom would need; empty where nothing moves."""
         if not self.plant.plant.box.half_width.any():
             return ""
+        if self.polytope is not None:
+            return ", or design for a smaller hull"
         if self.variations.basis is None:
             return ", or give rate bounds and a Lyapunov basis (lyapunov=)"
         return ", or a richer Lyapunov basis (a higher degree, more of the variables), or lower rate bounds"
@@ -134,7 +154,8 @@ class FeedbackProblem:
         """In a few words."""
         v = self.variations
         kind = "one X and Y" if v.basis is None else f"{v.varying} over {', '.join(v.basis.labels)}"
-        return f"output feedback, {kind}, {len(self.points)} point{'s' if len(self.points) != 1 else ''}"
+        over = "" if self.polytope is None else f" on {self.polytope.text}"
+        return f"output feedback, {kind}, {len(self.points)} point{'s' if len(self.points) != 1 else ''}{over}"
 
 
 def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
@@ -183,10 +204,20 @@ def _better(one: Synthesis, other: Synthesis) -> Synthesis:
     least = min(s.infimum for s in (one, other) if s.infimum is not None)
     verified = best.gamma_verified or np.inf
     return replace(best, infimum=least, verdict="solved" if verified <= (1 + SOLVED) * least else "backed-off",
-                   why=_kept_near(verified, least))
+                   why=kept_near(verified, least))
 
 
-def _kept_near(verified: float, least: float) -> str:
+def kept_near(verified: float, least: float) -> str:
+    """A verified gain beside the least bound, in words.
+
+    Parameters
+    ----------
+    verified, least : float
+
+    Returns
+    -------
+    str
+    """
     return (f"the closed loop keeps {verified:.6g}, {100 * (verified / least - 1):.2g} % above {least:.6g}, the least "
             "bound of any route")
 
@@ -198,7 +229,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
     projected = problem.projected
     best = _least(projected, problem.solvers, known)
     if best is None or best.status == ROOMY:
-        verdict, why, mend = obstacle(problem.plant.plant, projected)
+        verdict, why, mend = obstacle(problem.plant.plant, projected, on_hull=problem.polytope is not None)
         if verdict == "infeasible":
             return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     if best is None or best.status in (ROOMY, RICCATI):
@@ -234,7 +265,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             kept = wanted is not None or verified <= (1 + SOLVED) * target
             found = replace(found, verdict="solved" if kept else "backed-off", infimum=min(best.gamma, verified),
                             solver=best.solver, method=problem.method, notes=(*note, *found.notes),
-                            why=_kept_near(verified, min(target, verified)))
+                            why=kept_near(verified, min(target, verified)))
             too_fast = kept and wanted is None and _rapid(problem, formula, found)
             if rapid is None and not too_fast:
                 return found
@@ -245,7 +276,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             break
     if rapid is not None:
         return rapid
-    verdict, why, mend = obstacle(problem.plant.plant, projected)
+    verdict, why, mend = obstacle(problem.plant.plant, projected, on_hull=problem.polytope is not None)
     if verdict == "infeasible" or best.status == ROOMY:  # the bound was that of an answer which keeps no inequality
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "
@@ -415,8 +446,7 @@ def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | Non
     if found is None:
         return None
     controller, bound = found
-    grid = plant.box.grid({0: 1, 1: 41, 2: 9}.get(len(plant.box.names), 4))
-    reached = frozen_gain(loop_at(plant, controller, grid), discrete=plant.sample_time is not None)
+    reached = frozen_gain(loop_at(plant, controller, problem.looked), discrete=plant.sample_time is not None)
     if not reached <= bound * (1 + 1e-6):
         return None
     loop = close_loop(plant, controller)
@@ -424,13 +454,29 @@ def _written(problem: FeedbackProblem, formula: FeedbackLaw, target: float | Non
     fastest = f"{poles:.3g}" if plant.sample_time is not None else f"at {poles / (2 * np.pi):.3g} Hz"
     note = f"the fastest pole of the controller is {fastest}"
     coupling = _conditioning(formula, problem) if isinstance(formula, ControllerFormula) else ()
-    certificate = certificate_of(formula, loop, bound)
+    certificate = _certificate(problem, formula, loop, bound)
+    if certificate is None and problem.polytope is not None:
+        return None
     proven = certificate is not None and certificate.between_grid
     if certificate is not None:  # what is quoted is what the certificate lets others check
         bound = max(bound, certificate.gamma)
+    if problem.polytope is not None:
+        controller, loop = problem.polytope.marked(controller), problem.polytope.marked(loop)
     return Synthesis("solved", gamma=max(formula.gamma, bound), gamma_verified=bound, gamma_lower=reached,
                      controller=controller, closed_loop=loop, certificate=certificate,
                      between_grid=problem.corners or proven, notes=(note, *coupling))
+
+
+def _certificate(problem: FeedbackProblem, formula: FeedbackLaw, loop: LPVStateSpace, bound: float
+                 ) -> GainCertificate | RatedGainCertificate | HullCertificate | None:
+    """Of the scheduling set: the formula's own storage function, or for a polytope another that keeps as much."""
+    if problem.polytope is None:
+        return certificate_of(formula, loop, bound)
+    own = problem.polytope.proof(loop, formula.storage(problem.points[:1]).matrices()[0], bound)
+    if own is not None:
+        return own
+    other = problem.polytope.searched(loop)
+    return other if other is not None and other.gamma <= bound * (1 + LOST) else None
 
 
 def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
@@ -458,7 +504,8 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
     """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
     target = target or formula.gamma * (1 + SLACK)
     if problem.corners:
-        controller = table(formula, problem.axes, True)
+        controller = (table(formula, problem.axes, True) if problem.polytope is None
+                      else affine_controller(formula, problem.polytope))
         bound = float(bounds_at(formula, problem.points, controller).max())
         return (controller, bound) if bound <= target else None
     for segments in problem.segments:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid.model.hull import Hull
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals, remarks
 from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, linear_axes, varying_signals
@@ -16,6 +17,7 @@ from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.design_grid import design_axes, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback_search import FeedbackProblem, search
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
 
 
@@ -33,12 +35,36 @@ class FeedbackGrid:
         What keeps them from that.
     linear : mapping of name to array
         Variables along which the values of `axes` stand for all between them.
+    polytope : Polytope or None
+        The scheduling set where that is no box: its vertices take the place of `axes`.
     """
 
     axes: tuple[np.ndarray, ...]
     corners: bool = False
     notes: tuple[str, ...] = ()
     linear: Mapping[str, np.ndarray] = field(default_factory=dict)
+    polytope: Polytope | None = None
+
+    @classmethod
+    def over(cls, plant: GeneralizedPlant, hull: Hull) -> FeedbackGrid:
+        """For one X and Y on a scheduling set that is no box: its vertices.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+        hull : Hull
+            Over the plant's scheduling variables.
+
+        Returns
+        -------
+        FeedbackGrid
+
+        Raises
+        ------
+        InputError
+            As `Polytope.full_order`.
+        """
+        return cls(convex_axes(plant), True, polytope=Polytope.full_order(hull, plant))
 
     @classmethod
     def moving(cls, plant: GeneralizedPlant, lyapunov: Basis, points: int) -> FeedbackGrid:
@@ -82,8 +108,8 @@ class FeedbackGrid:
 
     @property
     def points(self) -> np.ndarray:
-        """(N, n_scheduling) all combinations."""
-        return tensor(self.axes)
+        """(N, n_scheduling) all combinations, or the vertices."""
+        return tensor(self.axes) if self.polytope is None else self.polytope.vertices
 
 
 def remarked(found: Synthesis, grid: FeedbackGrid, notes: tuple[str, ...], started: float) -> Synthesis:
@@ -126,7 +152,7 @@ def inspected(plant: GeneralizedPlant, grid: FeedbackGrid) -> Synthesis | tuple[
     """
     at = plant.at(grid.points)
     refuse_dead_signals(plant, at)
-    fault = fault_of(plant, at, grid.points, between=True)
+    fault = fault_of(plant, at, grid.points, between=grid.polytope is None)
     if fault is not None:
         return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method="output feedback")
     return (*grid.notes, *remarks(plant, at))
@@ -154,11 +180,12 @@ def projected_feedback(plant: GeneralizedPlant, grid: FeedbackGrid, variations: 
     """
     points = grid.points
     problem = FeedbackProblem(BalancedPlant.of(plant, points), variations, grid.axes, grid.corners, strictly_proper,
-                              points[:0], linear=grid.linear)
+                              points[:0], linear=grid.linear, polytope=grid.polytope)
     return search(problem, bound, back_off)
 
 
-def constant_feedback(plant: GeneralizedPlant, bound: float | None, back_off: float, points: int) -> Synthesis:
+def constant_feedback(plant: GeneralizedPlant, bound: float | None, back_off: float, points: int,
+                      hull: Hull | None = None) -> Synthesis:
     """One bound of the gain with one X and Y and a feedthrough: what `OutputFeedback` solves without further settings.
 
     Parameters
@@ -170,6 +197,8 @@ def constant_feedback(plant: GeneralizedPlant, bound: float | None, back_off: fl
         Share by which the bound is raised above the least one.
     points : int
         Grid points per scheduling variable, where corners of the box are not enough.
+    hull : Hull, optional
+        The scheduling set where that is no box.
 
     Returns
     -------
@@ -178,10 +207,11 @@ def constant_feedback(plant: GeneralizedPlant, bound: float | None, back_off: fl
     Raises
     ------
     InputError
-        As `inspected`; fewer than two points.
+        As `inspected` and `FeedbackGrid.over`; fewer than two points.
     """
     started = time.perf_counter()
-    grid = FeedbackGrid.constant(plant, _checks.count(points, "points of a design grid", at_least=2))
+    count = _checks.count(points, "points of a design grid", at_least=2)
+    grid = FeedbackGrid.constant(plant, count) if hull is None else FeedbackGrid.over(plant, hull)
     notes = inspected(plant, grid)
     if isinstance(notes, Synthesis):
         return replace(notes, seconds=time.perf_counter() - started)

@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid._shown import Shown
 from lpvid.codec import ADDED, Coded
 from lpvid.errors import InputError, NumericalError
+from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.model.designed import designed
 from lpvid.model.signals import listed_signals
 from lpvid.model.state_space import LPVStateSpace
@@ -53,7 +54,8 @@ class Synthesis(Coded, Shown):
     certificate : object or None
         What `lpvid.verify` re-checks against `closed_loop`.
     between_grid : bool
-        `gamma_verified` is proven on the whole scheduling box, not only at the points of a grid.
+        `gamma_verified` is proven on the whole scheduling box (or the hull of the design), not only at the points of a
+        grid.
     why, mend : str
         What decided the verdict, and what the user can do about it, in physical words.
     notes : tuple of str
@@ -121,6 +123,11 @@ class Synthesis(Coded, Shown):
         """The verified H2 norm of the first H2 criterion; None where there is none."""
         return next((f["verified"] for f in self.figures if f["criterion"] == "H2"), None)
 
+    @property
+    def region(self) -> str:
+        """The scheduling set of the design: "box" or "polytope"."""
+        return "polytope" if isinstance(self.certificate, HullCertificate) else "box"
+
     def required(self) -> LPVStateSpace:
         """The controller.
 
@@ -160,7 +167,7 @@ class Synthesis(Coded, Shown):
     def __repr__(self) -> str:
         lines = [f"{self.verdict}: {self.why or self.method}"]
         if self.gamma_verified is not None and self.closed_loop is not None:
-            where = "on the whole box" if self.between_grid else "at the points of a grid only"
+            where = f"on the whole {self.region}" if self.between_grid else "at the points of a grid only"
             lower = "" if self.gamma_lower is None else f", at least {self.gamma_lower:.6g}"
             loop = self.closed_loop
             lines.append(f"  gain from {listed_signals(loop.inputs)} to {listed_signals(loop.outputs)}: at most "

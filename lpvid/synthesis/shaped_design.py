@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import UnionType
 from typing import TypeVar
 
@@ -18,13 +18,14 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
-from lpvid.synthesis.block_proof import gain_figure, variance_figure
+from lpvid.synthesis.block_proof import gain_figure, searched_figure, variance_figure
 from lpvid.synthesis.criteria import CovarianceCriterion, Criterion, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.infeasibility import BEYOND
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.loop_check import LoopStorage
+from lpvid.synthesis.polytope import Polytope, affine_in
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.rated_figures import RatedLoop
 from lpvid.synthesis.result import Synthesis
@@ -53,12 +54,15 @@ class ShapedProblem(ABC):
     criteria : tuple of HInfinity, H2 or GeneralizedH2
     regions : tuple of Region
     back_off : float
+    polytope : Polytope, optional
+        The scheduling set where that is no box.
     """
 
     plant: GeneralizedPlant
     criteria: tuple[Criterion, ...]
     regions: tuple[Region, ...]
     back_off: float
+    polytope: Polytope | None = field(default=None, kw_only=True)
 
     @property
     def squared(self) -> bool:
@@ -300,6 +304,8 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     loop = problem.close(controller)
     if set(loop.box.names) - set(problem.plant.box.names):
         return _by_rates(problem, shaped, controller, loop, back_off, started, most)
+    if problem.polytope is not None:
+        return _on_polytope(problem, problem.polytope, shaped, controller, loop, back_off, started, most)
     inside, notes = stays_inside(problem.regions, loop)
     if not inside:
         return None
@@ -310,6 +316,35 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     main = HInfinity() if bounded is None else problem.criteria[bounded]
     gain = measure(main, problem.plant, loop, np.inf, problem.storage) if bounded is None else figures[bounded]
     return _stated(problem, shaped, controller, loop, (figures, gain, notes), back_off, started, most)
+
+
+def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
+                 loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
+    """A synthesis for a scheduling set that is no box: figures by the design's own storage function at its vertices."""
+    blocks = problem.blocks_of(shaped)
+    if blocks is None or not affine_in(loop.basis) or not polytope.stable(loop):
+        return None  # one without a storage function of its own has no designs on polytopes
+    figures = []
+    for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
+        part = channel(loop, *criterion.indices(problem.plant))
+        found = _figure_by_blocks(criterion, problem, blocks, part, promised, polytope)
+        if isinstance(criterion, HInfinity) and not _kept_to(found, criterion.bound):
+            found = searched_figure(criterion.description(problem.plant), part, promised, polytope) or found
+        if found is None or (isinstance(criterion, HInfinity) and found.certificate is None):
+            return None
+        figures.append(found)
+    bounded = _bounded(problem)
+    gain = (searched_figure(HInfinity().description(problem.plant), loop, np.inf, polytope) if bounded is None
+            else figures[bounded])
+    if gain is None:
+        return None
+    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, ()), back_off,
+                   started, most)
+
+
+def _kept_to(found: Figure | None, bound: float | None) -> bool:
+    """Whether a gain has a certificate, and one that keeps a requested bound to the last digit."""
+    return found is not None and found.certificate is not None and (bound is None or found.verified <= bound)
 
 
 def _by_rates(problem: ShapedProblem, shaped: Shaped, controller: LPVStateSpace, loop: LPVStateSpace, back_off: float,
@@ -395,17 +430,23 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
 def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: LoopStorage, loop: LPVStateSpace, promised: float,
                most: float) -> Figure | None:
     """The promise by one storage function in two blocks; None where that does not prove it."""
-    part, description = channel(loop, *criterion.indices(problem.plant)), criterion.description(problem.plant)
-    if isinstance(criterion, CovarianceCriterion):
-        found = variance_figure(description, part, promised, blocks, criterion)
-    else:
-        unit = promised if problem.squared else 1.0
-        found = gain_figure(description, part, promised, replace(blocks, first=unit * blocks.first,
-                                                          second=unit * blocks.second))
+    part = channel(loop, *criterion.indices(problem.plant))
+    found = _figure_by_blocks(criterion, problem, blocks, part, promised, None)
     limit = promised if criterion.bound is not None else most * promised
     if found is None or not found.between_grid or found.verified > limit:
         return None
     return found if isinstance(criterion, CovarianceCriterion) or found.certificate is not None else None
+
+
+def _figure_by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: LoopStorage, part: LPVStateSpace,
+                      promised: float, polytope: Polytope | None) -> Figure | None:
+    """What one storage function in two blocks shows of a channel, over the box or a polytope."""
+    description = criterion.description(problem.plant)
+    if isinstance(criterion, CovarianceCriterion):
+        return variance_figure(description, part, promised, blocks, criterion, polytope)
+    unit = promised if problem.squared else 1.0
+    return gain_figure(description, part, promised, replace(blocks, first=unit * blocks.first,
+                                                            second=unit * blocks.second), polytope)
 
 
 def _speed(controller: LPVStateSpace) -> tuple[str, ...]:

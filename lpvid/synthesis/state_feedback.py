@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, combined
 from lpvid.lmi.program import Program
+from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of
@@ -16,13 +17,13 @@ from lpvid.synthesis.design_grid import (
     columns,
     fitted,
     storage_for,
-    tensor,
     varies,
 )
 from lpvid.synthesis.gain_design import GainDesign, GainProblem
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import written
+from lpvid.synthesis.polytope import Polytope, affine_in, refuse_beside_hull
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Values, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, moves
@@ -53,6 +54,8 @@ class StateFeedback(GainDesign):
         scheduling the corners of the box are enough, and are used.
     back_off : float
         Factor above the lowest level at which the gain is then made small and well conditioned.
+    hull : Hull, optional
+        A polytope in which the scheduling stays, in place of its box, as for `OutputFeedback`; the gain is affine.
 
     Raises
     ------
@@ -72,6 +75,15 @@ class StateFeedback(GainDesign):
     (True, True)
     """
 
+    hull: Hull | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_beside_hull(self.hull, self.lyapunov, self.regions)  # type: ignore[arg-type]
+        if self.hull is not None and self.gain is not None and not affine_in(self.gain):
+            raise InputError("a hull needs a gain of degree one", got=", ".join(self.gain.labels),
+                             mend="leave the gain out")
+
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gain for a plant, with the figures of its closed loop.
 
@@ -86,8 +98,9 @@ class StateFeedback(GainDesign):
             The controller has no states.
         """
         reading = state_reading(plant)
-        problem = self.problem(_StateFeedbackProblem, plant, ("B2", "D12"), reading=reading)
-        return settle(problem, fault_of(plant, plant.at(tensor(problem.axes)), tensor(problem.axes)))
+        polytope = None if self.hull is None else Polytope.full_order(self.hull, plant)
+        problem = self.problem(_StateFeedbackProblem, plant, ("B2", "D12"), polytope, reading=reading)
+        return settle(problem, fault_of(plant, plant.at(problem.points), problem.points))
 
 
 def state_reading(plant: GeneralizedPlant) -> np.ndarray:
@@ -153,7 +166,7 @@ class _StateFeedbackProblem(GainProblem):
         x = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
         g = [program.unknowns.matrix(n, n) for _ in x] if discrete else x
         f = [program.unknowns.matrix(len(plant.controls), n) for _ in range(self.gain.size)]
-        points = tensor(self.axes)
+        points = self.points
         psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
         loops: list[ShapedLoop] = []
         for k, point in enumerate(points):

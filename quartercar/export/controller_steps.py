@@ -18,13 +18,18 @@ from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.designed.scheduled import ScheduledController
 from quartercar.controllers.laws.clipped_optimal import STATES, ClippedOptimal, optimal_gain
+from quartercar.controllers.laws.damping import HIGH, LOW
+from quartercar.controllers.laws.horizon import comfort_filter
+from quartercar.controllers.laws.preview_model import LAG, LinearPreview
 from quartercar.parameters import MEGANE
 
 Seen = Mapping[str, Expr]
 REACH = {"suspension_deflection": 0.05, "suspension_velocity": 0.8, "body_acceleration": 5.0, "body_velocity": 0.5,
          "wheel_acceleration": 40.0, "wheel_velocity": 1.0, "tyre_deflection": 0.01, "current": 2.0,
-         "lowest_force": 500.0, "highest_force": 2000.0, "attained": 1000.0}
+         "lowest_force": 500.0, "road_ahead": 0.02, "highest_force": 2000.0, "attained": 1000.0}
 """What the random trajectory of a self-test reaches, in the signal's unit."""
+AHEAD = "road_ahead"
+"""signal of the register, whose samples are inputs `ahead_name`"""
 PERIOD = 1e-3
 """period of a law that runs at any [s]"""
 
@@ -37,7 +42,7 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
     Parameters
     ----------
     controller : Controller
-        With its parameters as they are; one whose `reads` hold nothing of the road ahead.
+        With its parameters as they are.
     options : Options
         A name, and the period of a law that runs at any; that of a scheduled controller is its own.
 
@@ -51,11 +56,11 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
     InputError
         A law that needs its car's parameters, or is to be designed first, with what can be exported instead.
     """
-    refuse_looking_ahead(controller)
+    refuse_searching_ahead(controller)
     if isinstance(controller, (LpvHinf, LpvHinfClipped)):
         raise InputError(f"'{controller.name}' is a design to be made for a car, not yet a controller",
                          mend="export the controller.json of quartercar design, or law.designed(setting)")
-    if isinstance(controller, ClippedOptimal) or controller.name == "pdd":
+    if isinstance(controller, ClippedOptimal | LinearPreview) or controller.name == "pdd":
         raise InputError(f"'{controller.name}' needs the masses and springs of its car",
                          mend="export quartercar.export.loop_steps.LoopLaw(controller, setting, coil)")
     if options.clamp is False and isinstance(controller, ScheduledController) and controller.schedule:
@@ -87,8 +92,8 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
                       lambda n, rng: within(n, *_reach(names), rng), controller)
 
 
-def refuse_looking_ahead(controller: Controller) -> None:
-    """Refuse a law that reads the road ahead, which no step program has an input for.
+def refuse_searching_ahead(controller: Controller) -> None:
+    """Refuse a law that searches over the road ahead: only linear gains over its register have a step.
 
     Parameters
     ----------
@@ -98,12 +103,27 @@ def refuse_looking_ahead(controller: Controller) -> None:
     Raises
     ------
     InputError
-        A law that reads `road_ahead`, with what can be exported instead.
+        Such a law, with what can be exported instead.
     """
-    if "road_ahead" in controller.reads:
+    if AHEAD in controller.reads and not isinstance(controller, LinearPreview):
         raise InputError(f"the law '{controller.name}' has no exported step",
-                         why="it reads a register of the road ahead, and the front axle's estimate is not exported",
-                         mend="export 'clipped-optimal' in a LoopLaw, or 'sh-add'")
+                         why="it searches over the road ahead, and only linear gains over a register have a step",
+                         mend="export 'preview-lpv' or 'clipped-optimal' in a LoopLaw, or 'sh-add'")
+
+
+def ahead_name(sample: int) -> str:
+    """The input of the road's elevation so many samples ahead, less the present one.
+
+    Parameters
+    ----------
+    sample : int
+        1 for the coming one.
+
+    Returns
+    -------
+    str
+    """
+    return f"{AHEAD}_{sample}"
 
 
 def _description(name: str) -> str:
@@ -150,6 +170,8 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
     """
     if isinstance(controller, ScheduledController):
         return _scheduled(b, controller, seen)
+    if isinstance(controller, LinearPreview) and setting is not None:
+        return _previewing(b, controller, seen, setting)
     named = {
         p.name: b.parameter(p.name, controller.values[p.name], p.unit, p.description) for p in controller.parameters
     }
@@ -247,6 +269,55 @@ def _hybrid(b: StepBuilder, n: Seen, s: Seen) -> Expr:
 DIRECT: Mapping[str, Callable[[StepBuilder, Seen, Seen], Expr]] = {
     "passive": lambda b, n, s: n["fixed_current"], "skyhook-linear": _linear_skyhook, "hybrid": _hybrid}
 """Laws without memory, by name."""
+
+
+def _previewing(b: StepBuilder, law: LinearPreview, seen: Seen, setting: Setting) -> Expr:
+    """F = c_nom v_d − K x − Σ_j K_j w(k+j) within c_min and c_max, as `LinearPreviewLaw` has it.
+
+    The sum over rates is written over the elevations r_j of the register, w(k+j) = (r_{j+1} − r_j)/T and r_0 = 0:
+    Σ_j r_j (K_{j−1} − K_j)/T with K_P = 0.
+    """
+    found, car, period = law.preview_gains(
+        {n: np.full(1, value) for n, value in law.values.items()}, setting), setting.parameters, setting.sample_time
+    shape = comfort_filter(period)
+    nf = len(shape) - 1
+    limits = {p.name: b.parameter(p.name, law.values[p.name], p.unit, p.description) for p in law.parameters
+              if p.name in (LOW.name, HIGH.name)}
+    nominal = b.parameter("nominal_damping", float(found.nominal_damping[0]), "N*s/m", "c_nom")
+    left = b.parameter("force_left", float(np.exp(-period / law.values[LAG.name])), "",
+                       "share of a demand that the damper's force has not followed after a sample")
+    gain = b.table("preview_gain", found.gain[0], "", f"K, over {', '.join(STATES)}, lagged force, comfort filter")
+    v, z = seen["suspension_velocity"], seen["suspension_deflection"]
+    base, force = (b.state(n, "N", d) for n, d in (("base_before", "c_nom v_d of the last sample"),
+                                                   ("force_lagged", "force beside c_nom v_d")))
+    filtered = b.states("filtered", np.zeros(nf), "", "states of the comfort filter")
+    had = b.let("had", seen["attained"] - base)
+    b.set(force, had + (force - had) * left)
+    b.set(base, nominal * v)
+    x = vector(b, "x", [*(seen[n] for n in STATES), force, *(filtered[k] for k in range(nf))])
+    wanted = b.sum("wanted")
+    with b.loop("column", len(STATES) + 1 + nf) as k:
+        b.add(wanted, -(gain[k] * x[k]))
+    if setting.preview:
+        rows = (found.ahead[0] - np.append(found.ahead[0, 1:], 0.0)) / period
+        ahead = b.table("preview_ahead", rows, "N/m", "of the elevation of each coming sample")
+        register = vector(b, "register", [seen[ahead_name(j + 1)] for j in range(setting.preview)])
+        with b.loop("coming", setting.preview) as k:
+            b.add(wanted, -(ahead[k] * register[k]))
+    spring = b.parameter("spring_stiffness", car.spring_stiffness, "N/m", "suspension spring")
+    mass = b.parameter("sprung_mass", car.sprung_mass, "kg", "")
+    body = b.let("body", -(spring * z + base + force) / mass)
+    step, into = (b.table(n, m, "", "comfort filter") for n, m in (("comfort_step", shape[:nf, :nf]),
+                                                                   ("comfort_into", shape[:nf, nf])))
+    coming = b.array("filtered_next", nf)
+    with b.loop("row", nf) as i:
+        total = b.sum("filter_total")
+        with b.loop("column", nf) as k:
+            b.add(total, step[i, k] * filtered[k])
+        b.set(coming[i], total + body * into[i])
+    with b.loop("row", nf) as i:
+        b.set(filtered[i], coming[i])
+    return _between(b, base + wanted, limits, v)
 
 
 def _power_driven(b: StepBuilder, n: Seen, s: Seen, setting: Setting) -> Expr:

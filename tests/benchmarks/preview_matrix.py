@@ -58,9 +58,9 @@ def cars(folder: Path) -> dict[str, QuarterCar]:
     return found
 
 
-def roads() -> dict[str, RideRoad]:
-    """By name in the tables; the blocks need the folder LPVID_DATA."""
-    found: dict[str, RideRoad] = {f"ISO {c}": IsoRoad(c, 20.0, 10.0) for c in "ACE"}
+def roads(classes: str) -> dict[str, RideRoad]:
+    """By name in the tables: ISO roads of some classes, bump and blocks; these need the folder LPVID_DATA."""
+    found: dict[str, RideRoad] = {f"ISO {c}": IsoRoad(c, 20.0, 10.0) for c in classes}
     found["bump"] = Bump()
     track = Path(os.environ.get("LPVID_DATA", "")) / "belgian_block_road" / "profiles.csv"
     if track.exists():
@@ -120,6 +120,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--budget", type=int, default=16)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--classes", default="ACE", help="ISO classes, such as ABCDE")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     table: dict[tuple[str, str, str], dict[str, str]] = {}
@@ -130,7 +131,7 @@ def main() -> None:
         laws = laws_of(name, dampers[name], cases, given.budget, given.out)
         mass = MEGANE.sprung_mass * (LOADED if loaded == "loaded" else 1.0)
         driven = replace(dampers[name], parameters=MEGANE.replace(sprung_mass=mass))
-        for road_name, road in roads().items():
+        for road_name, road in roads(given.classes).items():
             condition = name, loaded, road_name
             table[condition] = compared(condition, driven, road, laws, cases, range(given.seeds), given.out)
     print("\n| damper | load | road | " + " | ".join(f"{c.label}: comfort | tyre load" for c in CASES[1:]) + " |")

@@ -7,6 +7,15 @@ and fitted by a cubic of the speed. One Lyapunov matrix holds for every course o
 in the speed. Printed beside the bound: the least gain with a constant speed (central gains of the game Riccati equation
 of the car with its register of delays), without preview, and of the car left at its nominal damping, each with its
 frequency; for H2 the norms of the Riccati solution.
+
+Nominal damping and weights follow from the car on a road whose rate is white, E|a|² and E(F_t/m_s)² with the damper at
+c v_d alone:
+
+- c_nom minimises the product of the two: in the ride's objective comfort and tyre load count by their relative changes.
+- ρ_t = E|a|² / E(F_t/m_s)² at c_nom: half the cost each, as in the objective.
+- r = E|a|² / E(c_nom v_d/m_s)²: a demand as large as the nominal force costs as much as the acceleration.
+- ρ_z = 0: the objective has no stroke, and acceleration and tyre force show every state.
+- τ is the default of the laws, the slowest frozen pole of the embedded damper.
 """
 
 from __future__ import annotations
@@ -15,25 +24,50 @@ import argparse
 import time
 
 import numpy as np
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
+from scipy.optimize import minimize_scalar
 
 import lpvid as lpv
 from lpvid.model.signals import Signal
-from quartercar.controllers.laws.preview_model import PreviewModel
+from quartercar.controllers.laws.preview_model import LAG, PreviewModel
 from quartercar.parameters import MEGANE
 from quartercar.vehicle.linear import LinearCar
 
-PERIOD, WHEELBASE, DAMPING = 1 / 512, 2.7, 1640.0
+PERIOD, WHEELBASE = 1 / 512, 2.7
 UNITS = np.array([3e-3, 0.1, 7e-4, 0.15, 100.0])
 """size of the car's states, for the Riccati equation"""
-TYRE, STROKE, EFFORT, LAG = 0.40, 0.0012, 0.44, 0.0137
-"""weights of the best preview-lqr about a nominal damping that tuning found"""
+
+
+def variances(damping: float) -> tuple[float, float, float]:
+    """Of the body's acceleration, the tyre's force over m_s and the damper's over m_s for a white road rate of unit
+    intensity, each [m²/s⁴]."""
+    parameters = MEGANE.replace(damping=damping)
+    linear = LinearCar(parameters).relative()
+    spread = solve_continuous_lyapunov(linear.A, -np.outer(linear.B[:, 0], linear.B[:, 0]))
+    rows = {name: linear.C[linear.outputs.index(name)] for name in ("body_acceleration", "tyre_force",
+                                                                    "suspension_velocity")}
+    mass = parameters.sprung_mass
+    scaled = rows["body_acceleration"], rows["tyre_force"] / mass, damping * rows["suspension_velocity"] / mass
+    a, tyre, force = (float(row @ spread @ row) for row in scaled)
+    return a, tyre, force
+
+
+def nominal() -> float:
+    """c_nom [N·s/m]: the least product of the first two variances."""
+    found = minimize_scalar(lambda c: np.log(variances(c)[0] * variances(c)[1]), bounds=(300.0, 5000.0),
+                            method="bounded")
+    return float(found.x)
+
+
+DAMPING = nominal()
+EFFORT = variances(DAMPING)[0] / variances(DAMPING)[2]
+TYRE = variances(DAMPING)[0] / variances(DAMPING)[1]
 
 
 def car() -> tuple[np.ndarray, ...]:
     """A, B, E, C, D of the car about its nominal damping; the body's acceleration without W_k."""
     parameters = MEGANE.replace(damping=DAMPING)
-    m = PreviewModel.of(parameters, TYRE, STROKE, LAG, PERIOD)
+    m = PreviewModel.of(parameters, TYRE, 0.0, LAG.default, PERIOD)
     linear = LinearCar(parameters).relative()
     row = linear.outputs.index("body_acceleration")
     c = np.vstack([np.append(linear.C[row], linear.D[row, 1]), m.shown[1:, :5], np.zeros(5)])
@@ -130,6 +164,7 @@ def norms() -> tuple[float, float, float]:
 
 def main() -> None:
     """One design and its yardsticks."""
+    print(f"c_nom {DAMPING:.0f} N*s/m, tyre weight {TYRE:.3f}, effort weight {EFFORT:.2f}, lag {LAG.default:g} s")
     parser = argparse.ArgumentParser(description="LPV state feedback over a transport register.")
     parser.add_argument("--states", type=int, default=8)
     parser.add_argument("--criterion", choices=("hinf", "h2"), default="hinf")

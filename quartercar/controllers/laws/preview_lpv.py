@@ -13,13 +13,13 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.toolkit import checks
-from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
+from quartercar.controllers.contract import Law, Setting, Signals, Values
 from quartercar.controllers.laws.clipped_optimal import STATES
 from quartercar.controllers.laws.damping import HIGH, LOW
 from quartercar.controllers.laws.horizon_uncertainty import sum_of_powers
 from quartercar.controllers.laws.mpc import STROKE, TYRE
 from quartercar.controllers.laws.preview_lqr import EFFORT
-from quartercar.controllers.laws.preview_model import LAG, LinearPreviewLaw, PreviewModel
+from quartercar.controllers.laws.preview_model import LAG, LinearPreview, LinearPreviewLaw, PreviewGains, PreviewModel
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
 
@@ -37,7 +37,7 @@ SLOWEST = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class PreviewStorage(Controller):
+class PreviewStorage(LinearPreview):
     """F = c_nom v_d + u, u the demand that makes the cost to come of the car left at c_nom least, one sample at a time.
 
     ::
@@ -85,13 +85,15 @@ class PreviewStorage(Controller):
                              why="the car left at its nominal damping has no lower bound than its own norm")
 
     def begin(self, values: Values, setting: Setting) -> Law:
+        return _ShareCountingLaw(self.running(values, setting))
+
+    def preview_gains(self, values: Values, setting: Setting) -> PreviewGains:
         names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name, NOMINAL.name)
         rows = zip(*(values[n].tolist() for n in names), strict=True)
         back_off = None if self.criterion == "h2" else self.back_off
         found = [preview_storage(setting.parameters, *row, setting.sample_time, back_off) for row in rows]
         gain, ahead = (np.array(g) for g in zip(*(s.gains(setting.preview) for s in found), strict=True))
-        return _ShareCountingLaw(LinearPreviewLaw(gain, ahead, values["force_lag"], values["nominal_damping"],
-                                                  values["low_damping"], values["high_damping"], setting))
+        return PreviewGains(gain, ahead, values[NOMINAL.name])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,11 @@ from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
-from quartercar.controllers.contract import Controller, Law, Setting, Values
+from quartercar.controllers.contract import Law, Setting, Values
 from quartercar.controllers.laws.clipped_optimal import STATES
 from quartercar.controllers.laws.damping import HIGH, LOW
 from quartercar.controllers.laws.mpc import STROKE, TYRE
-from quartercar.controllers.laws.preview_model import LAG, LinearPreviewLaw, PreviewModel
+from quartercar.controllers.laws.preview_model import LAG, LinearPreview, PreviewGains, PreviewModel
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
 
@@ -25,7 +25,7 @@ EFFORT = Parameter("effort_weight", "", "r, of the demand", 0.3, 1e-2, 10.0, log
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class PreviewQuadratic(Controller):
+class PreviewQuadratic(LinearPreview):
     """u = −K x − Σ_j K_j w(k+j), within what dampings from c_min to c_max can do.
 
     ::
@@ -48,12 +48,14 @@ class PreviewQuadratic(Controller):
     demands: ClassVar[str] = "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
+        return self.running(values, setting)
+
+    def preview_gains(self, values: Values, setting: Setting) -> PreviewGains:
         names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)
         rows = zip(*(values[n].tolist() for n in names), strict=True)
         loops = [preview_loop(setting.parameters, *row, setting.sample_time) for row in rows]
         gain, ahead = np.array([p.gain for p in loops]), np.array([p.ahead(setting.preview) for p in loops])
-        return LinearPreviewLaw(gain, ahead, values["force_lag"], np.zeros(setting.cars), values["low_damping"],
-                                values["high_damping"], setting)
+        return PreviewGains(gain, ahead, np.zeros(setting.cars))
 
 
 @dataclass(frozen=True, eq=False)

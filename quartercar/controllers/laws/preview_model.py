@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from quartercar.controllers.contract import Law, Setting, Signals
+from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
 from quartercar.controllers.laws.clipped_optimal import STATES
-from quartercar.controllers.laws.damping import between
+from quartercar.controllers.laws.damping import HIGH, LOW, between
 from quartercar.controllers.laws.horizon import comfort_filter
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
@@ -85,6 +86,66 @@ class PreviewModel:
         c[1, :5] = np.sqrt(tyre_weight) / mass * tyre
         c[2, 0] = np.sqrt(stroke_weight) * parameters.spring_stiffness / mass
         return cls(a, b, e, c, sample_time)
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewGains:
+    """u = −K x − Σ_j K_j w(k+j) about a nominal damping, for many cars.
+
+    Attributes
+    ----------
+    gain : (cars, n) array
+        K over `PreviewModel`'s x.
+    ahead : (cars, P) array
+        K_j, j = 0 … P − 1 [N·s/m].
+    nominal_damping : (cars,) array
+        c_nom [N·s/m].
+    """
+
+    gain: np.ndarray
+    ahead: np.ndarray
+    nominal_damping: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LinearPreview(Controller):
+    """A law with linear gains over the car and a register of the road ahead: `LinearPreviewLaw`, and its export.
+
+    Its parameters hold `LAG`, `LOW` and `HIGH`.
+    """
+
+    @abstractmethod
+    def preview_gains(self, values: Values, setting: Setting) -> PreviewGains:
+        """The gains for (cars,) values of every parameter.
+
+        Parameters
+        ----------
+        values : mapping of (cars,) arrays
+            Every parameter by name, SI.
+        setting : Setting
+            Car, period, and how many samples of the road are known ahead.
+
+        Returns
+        -------
+        PreviewGains
+        """
+
+    def running(self, values: Values, setting: Setting) -> LinearPreviewLaw:
+        """The law at rest.
+
+        Parameters
+        ----------
+        values : mapping of (cars,) arrays
+            Every parameter by name, SI.
+        setting : Setting
+
+        Returns
+        -------
+        LinearPreviewLaw
+        """
+        found = self.preview_gains(values, setting)
+        return LinearPreviewLaw(found.gain, found.ahead, values[LAG.name], found.nominal_damping, values[LOW.name],
+                                values[HIGH.name], setting)
 
 
 class LinearPreviewLaw(Law):

@@ -96,7 +96,7 @@ class KalmanObserver:
     @property
     def matrices(self) -> ObserverMatrices:
         """What one step computes with."""
-        return ObserverMatrices(self._names, self._step, self._drive, self._c, self._d, self.gain)
+        return ObserverMatrices(self._names, self._step, self._drive, self._c, self._d, self.gain, self._road)
 
     def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray, force: np.ndarray,
                  road_rate: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -123,13 +123,15 @@ class KalmanObserver:
 
 @dataclass(frozen=True, eq=False)
 class ObserverMatrices:
-    """x ← step x + drive F, then x ← x + gain (y − output x − through F).
+    """x ← step x + drive F + road ż_r, then x ← x + gain (y − output x − through F).
 
     Attributes
     ----------
     names : tuple of str
         Readings, in the order of y.
     step, drive, output, through, gain : (n, n), (n,), (r, n), (r,), (n, r) arrays
+    road : (n,) array
+        What is known of the road's rate over the last sample interval to states.
     """
 
     names: tuple[str, ...]
@@ -138,6 +140,7 @@ class ObserverMatrices:
     output: np.ndarray
     through: np.ndarray
     gain: np.ndarray
+    road: np.ndarray
 
 
 def times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:

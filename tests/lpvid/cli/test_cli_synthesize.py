@@ -221,3 +221,51 @@ def test_a_quoted_gain_below_the_certified_one_does_not_hold(tmp_path):
     assert found.exit_code == 3 and "is quoted" in found.output
     refused = run("verify", out / "controller.json")
     assert refused.exit_code == 2 and "holds no certificate" in refused.output
+
+
+TURNING = """
+inputs = ["push", "noise", "force"]
+outputs = ["angle", "effort", "sensor"]
+controls = ["force"]
+measurements = ["sensor"]
+[scheduling.c]
+range = [-1.0, 1.0]
+[scheduling.s]
+range = [-1.0, 1.0]
+[matrices.1]
+A = [[0, 1], [-1, -0.4]]
+B = [[0, 0, 0], [1, 0, 1]]
+C = [[1, 0], [0, 0], [1, 0]]
+D = [[0, 0, 0], [0, 0, 0.3], [0, 0.1, 0]]
+[matrices.c]
+A = [[0, 0], [0.8, 0.3]]
+[matrices.s]
+A = [[0, 0], [0.3, 0.8]]
+"""
+
+
+def test_a_hull_from_a_file_is_what_the_certificate_states(tmp_path):
+    """The octagon around the circle of (cos θ, sin θ); against the same design in Python."""
+    octagon = lpv.Hull.disc(("c", "s"), sides=8).vertices()
+    text = TURNING + HINF + f"hull = {octagon.tolist()}\n"
+    out = tmp_path / "out"
+    found = run("synthesize", written(tmp_path, text), "--out", out)
+    assert found.exit_code == 0, found.output
+    data = json.loads((out / "synthesis.json").read_text())
+    assert data["verdict"] == "solved" and data["between_grid"]
+    assert "polytope of 8 vertices" in json.loads((out / "certificate.json").read_text())["claim"]
+    assert "whole scheduling polytope" in (out / "report.html").read_text()
+    plant = plant_of(tomllib.loads(TURNING), tmp_path, no_model)
+    same = lpv.synthesize(plant, lpv.OutputFeedback(hull=lpv.Hull.disc(("c", "s"), sides=8)))
+    assert data["infimum"] == pytest.approx(same.infimum, rel=1e-3)
+    assert run("verify", out / "certificate.json", out / "closed_loop.json").exit_code == 0
+
+
+@pytest.mark.parametrize(("rows", "line"), [("[[0.0], [1.0]]", "the plant has c, s"), ("3", "the plant has c, s"),
+                                            ("[]", "the plant has c, s"),
+                                            ("[[0.0, 0.0], [1.0, 1.0]]", "no inside"),
+                                            ('[["much", 0.0], [1.0, 1.0], [0.0, 1.0]]', "hull[0]")])
+def test_a_hull_that_is_none_ends_with_two(tmp_path, rows, line):
+    out = tmp_path / "out"
+    found = run("synthesize", written(tmp_path, TURNING + HINF + f"hull = {rows}\n"), "--out", out)
+    assert found.exit_code == 2 and line in found.output and not out.exists(), found.output

@@ -197,8 +197,8 @@ def test_a_law_agrees(name):
 
 
 @pytest.mark.parametrize("name,mend", [("clipped-optimal", "LoopLaw"), ("pdd", "LoopLaw"),
-                                       ("mpc", "road ahead"), ("preview-lqr", "road ahead"),
-                                       ("preview-lpv", "road ahead"),
+                                       ("mpc", "road ahead"), ("preview-lqr", "LoopLaw"),
+                                       ("preview-lpv", "LoopLaw"),
                                        ("lpv-hinf", "quartercar design"),
                                        ("lpv-hinf-identified", "--plant nominal")])
 def test_a_law_that_needs_its_car_says_so(name, mend):
@@ -206,11 +206,54 @@ def test_a_law_that_needs_its_car_says_so(name, mend):
         export(law_class(name)())
 
 
-def test_a_loop_that_looks_ahead_says_so():
-    looking = LoopLaw(law_class("preview-lqr")(), Setting(0.002, 1, MEGANE, None, (0.0, 2.0)),
-                      Coil(0.005, 0.01, 0.0, 2.0), ChainSettings(SETS["stroke-body"]))
-    with pytest.raises(InputError, match="road ahead"):
-        export(looking)
+def ahead(law, preview, damper="guo", sensors="stroke-body"):
+    return LoopLaw(law_class(law)(), Setting(0.002, 1, MEGANE, INVERSES[damper], (0.0, 2.0), preview=preview),
+                   Coil(0.005, 0.01, 0.0, 2.0), ChainSettings(SETS[sensors]))
+
+
+def test_a_loop_that_searches_ahead_says_so():
+    with pytest.raises(InputError, match=r"searches over the road ahead.*preview-lpv"):
+        export(ahead("mpc", 12))
+
+
+@pytest.mark.parametrize("sensors", ["stroke-body", "ideal"])
+@pytest.mark.parametrize("preview", [0, 1, 23])
+@pytest.mark.parametrize("law", ["preview-lqr", "preview-lpv"])
+def test_a_law_with_a_register_of_the_road_agrees_with_the_chain_of_a_ride(law, preview, sensors):
+    """Every sample of the register is an input; the observer's step has the rate that it had for the sample passed."""
+    found = export(ahead(law, preview, sensors=sensors))
+    names = [q.label for q in found.program.inputs]
+    assert sum(n.startswith("road_ahead_") for n in names) == preview
+    assert error(found) < 1e-9  # of gains over states with nine digits between them
+
+
+def test_an_observer_alone_takes_one_sample_of_the_road():
+    found = export(ahead("skyhook", 23))
+    assert [q.label for q in found.program.inputs][-1] == "road_ahead_1"
+    assert error(found) < 1e-12
+
+
+@pytest.mark.seconds
+@needs_compiler
+def test_a_compiled_law_with_a_register_agrees():
+    assert run_self_test(c_files(export(ahead("preview-lpv", 69)))).error < 1e-9
+
+
+def test_the_command_exports_a_law_with_a_register(tmp_path):
+    from typer.testing import CliRunner
+
+    from quartercar.cli.app import app
+
+    def run(law, *more):
+        return CliRunner().invoke(app, ["export", "--controller", law, "--to", "csv", *more, "--out",
+                                        str(tmp_path / "loop"), "--json"])
+
+    done = run("preview-lpv")
+    assert done.exit_code == 2 and "--road-ahead 69" in done.output and not (tmp_path / "loop").exists()
+    assert run("skyhook", "--road-ahead", "3").exit_code == 2 and not (tmp_path / "loop").exists()
+    assert run("preview-lpv", "--road-ahead", "69").exit_code == 0
+    header = (tmp_path / "loop" / "loop_trajectory.csv").read_text().splitlines()[0]
+    assert "road_ahead_69" in header
 
 
 @pytest.mark.parametrize("damper,nearest", [(BoucWen(), "extended-bouc-wen"), (WangKamath(), "extended-bouc-wen"),

@@ -1,0 +1,283 @@
+"""Scheduling sets that are no boxes: where a design's inequalities stand, and the certificate of its loop.
+
+With one X and Y, a plant that is affine in p and steady gains of controls and measurements, the inequalities of a
+design are affine in p for a controller that is affine too (in discrete time concave): on a polytope they hold where
+they hold at its vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.analysis.frozen import pole_margins
+from lpvid.analysis.hull_certificate import hull_gain
+from lpvid.errors import InputError
+from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at
+from lpvid.model.hull import Hull
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+from lpvid.synthesis.controller_formula import FeedbackLaw
+from lpvid.synthesis.design_grid import columns, is_affine, varies
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.scaling import Matrices
+
+SHARES = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3)
+"""by which the certified bound may lie above the one that the storage function keeps in two blocks: rounding of one
+matrix of both"""
+GRID = {1: 41, 2: 9}
+"""Points per variable of the box, of which those inside are looked at; 4 for more variables."""
+KEY = "hull"
+"""of a model's metadata (`lpvid.model.hull.hull_of`)"""
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """A hull over the variables of a plant's box.
+
+    Parameters
+    ----------
+    hull : Hull
+    box : Scheduling
+        Of the plant.
+    vertices : (V, n_scheduling) array
+        In the order of the box's variables, and their units.
+    """
+
+    hull: Hull
+    box: Scheduling
+    vertices: np.ndarray
+
+    @classmethod
+    def of(cls, hull: Hull, box: Scheduling) -> Polytope:
+        """A hull for a plant.
+
+        Parameters
+        ----------
+        hull : Hull
+        box : Scheduling
+            Of the plant.
+
+        Returns
+        -------
+        Polytope
+
+        Raises
+        ------
+        InputError
+            A hull of other variables, or one without inside.
+        """
+        if set(hull.names) != set(box.names):
+            raise InputError("the hull names other variables than the plant", got=", ".join(hull.names),
+                             why=f"the plant has {', '.join(box.names) or 'no scheduling'}")
+        return cls(hull, box, hull.vertices()[:, [hull.names.index(n) for n in box.names]])
+
+    @classmethod
+    def full_order(cls, hull: Hull, plant: GeneralizedPlant) -> Polytope:
+        """A hull for which a full-order controller of a plant can be affine in the scheduling, and so its loop.
+
+        Parameters
+        ----------
+        hull : Hull
+        plant : GeneralizedPlant
+
+        Returns
+        -------
+        Polytope
+
+        Raises
+        ------
+        InputError
+            A plant that is not affine, gains of controls or measurements that vary, and as `of`.
+        """
+        found = cls.of(hull, plant.box)
+        if not is_affine(plant.system.basis) or plant.system.basis.size > 1 + len(plant.box.names):
+            raise InputError("a hull needs a plant that is affine in its scheduling variables",
+                             got=", ".join(plant.system.basis.labels),
+                             mend="take its functions for variables (lpv.lift), or design for the box")
+        at = plant.at(found.vertices)
+        moving = [n for j, n in enumerate(plant.controls) if varies(at.B2[:, :, j]) or varies(at.D12[:, :, j])]
+        moving += [n for j, n in enumerate(plant.measurements) if varies(at.C2[:, j]) or varies(at.D21[:, j])]
+        if moving or at.D22.any():
+            raise InputError("a hull needs steady gains of controls and measurements, and no direct path between them",
+                             got=", ".join(moving) or f"{', '.join(plant.controls)} in {', '.join(plant.measurements)}",
+                             mend="put a fast constant filter in front of them (lpv.add_actuator_filters)")
+        return found
+
+    @property
+    def text(self) -> str:
+        """The set in a few words."""
+        return f"a polytope of {len(self.vertices)} vertices over {', '.join(self.box.names)}"
+
+    def within(self, points: np.ndarray) -> np.ndarray:
+        """The vertices and those of some points that lie inside, each once.
+
+        Parameters
+        ----------
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        (·, n_scheduling) array
+        """
+        inside = self.hull.contains(points[:, [self.box.names.index(n) for n in self.hull.names]])
+        return np.unique(np.vstack([self.vertices, points[inside]]), axis=0)
+
+    @property
+    def looked(self) -> np.ndarray:
+        """(N, n_scheduling) points at which frozen loops are looked at."""
+        return self.within(self.box.grid(GRID.get(len(self.box.names), 4)))
+
+    def over(self, loop: LPVStateSpace, points: np.ndarray) -> Matrices:
+        """A loop at points over the variables of the box.
+
+        Parameters
+        ----------
+        loop : LPVStateSpace
+            Scheduled on some of them.
+        points : (N, n_scheduling) array
+
+        Returns
+        -------
+        (A, B, C, D), each (N, …)
+        """
+        return loop.at(points[:, [self.box.names.index(n) for n in loop.basis.names]])
+
+    def stable(self, loop: LPVStateSpace) -> bool:
+        """Whether the loop has decaying poles at every point of `looked`.
+
+        Parameters
+        ----------
+        loop : LPVStateSpace
+
+        Returns
+        -------
+        bool
+        """
+        return not loop.order or bool(pole_margins(self.over(loop, self.looked)[0], loop.is_discrete).max() < 0)
+
+    def marked(self, system: LPVStateSpace) -> LPVStateSpace:
+        """A controller or loop whose metadata name the set for which it was designed.
+
+        Parameters
+        ----------
+        system : LPVStateSpace
+
+        Returns
+        -------
+        LPVStateSpace
+        """
+        return system.replace(metadata={**system.metadata, KEY: self.hull.to_dict()})
+
+    def proof(self, loop: LPVStateSpace, matrix: np.ndarray, bound: float, shares: Sequence[float] = SHARES
+              ) -> HullCertificate | None:
+        """The certificate of a loop by a given storage function, re-checked at the vertices; None where it fails.
+
+        Parameters
+        ----------
+        loop : LPVStateSpace
+            w → z.
+        matrix : (n, n) array
+            P over the states of the loop.
+        bound : float
+            Gain that it keeps.
+        shares : sequence of float
+            Rising.
+
+        Returns
+        -------
+        HullCertificate or None
+            None also for a loop that is not affine in the scheduling.
+        """
+        if not affine_in(loop.basis):
+            return None
+        subject, p = affine_driven(loop, self.box.names), 0.5 * (matrix + matrix.T)
+        for share in shares:
+            gamma = bound * (1 + share)
+            found = recheck_at(subject, self.box.names, self.vertices, p, gamma)
+            if found.holds:
+                return HullCertificate(gamma, p, self.box.names, self.vertices, subject.sample_time, subject.digest,
+                                       subject.inputs, subject.outputs, found.margin)
+        return None
+
+    def searched(self, loop: LPVStateSpace) -> HullCertificate | None:
+        """The certificate of the least gain that an analysis finds for a loop; None for none.
+
+        Parameters
+        ----------
+        loop : LPVStateSpace
+
+        Returns
+        -------
+        HullCertificate or None
+        """
+        found = hull_gain(loop, self.hull).certificate if affine_in(loop.basis) else None
+        return found if isinstance(found, HullCertificate) else None
+
+
+def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Sequence = ()) -> None:
+    """Refuse what is no hull, and one together with a Lyapunov matrix that moves, or with pole regions.
+
+    Parameters
+    ----------
+    hull : Hull or None
+    lyapunov : Basis or None
+    regions : sequence of Region
+
+    Raises
+    ------
+    InputError
+        Either beside a hull, or another object in its place.
+    """
+    if hull is None:
+        return
+    if not isinstance(hull, Hull):
+        raise InputError("`hull` is a set of scheduling values", got=type(hull).__name__,
+                         mend="lpv.Hull.of(names, samples), or lpv.Hull.disc(names) for cos and sin of an angle")
+    if lyapunov is not None or regions:
+        raise InputError("a hull needs constant Lyapunov matrices and no pole regions",
+                         got="hull and " + ("lyapunov" if lyapunov is not None else "regions"),
+                         mend="leave one of the two out; an angle whose rate is bounded has a Fourier basis over its "
+                              "box")
+
+
+def affine_in(basis: Basis) -> bool:
+    """Whether functions are those of degree one, without products.
+
+    Parameters
+    ----------
+    basis : Basis
+
+    Returns
+    -------
+    bool
+    """
+    return isinstance(basis, Polynomial) and basis.degree <= 1
+
+
+def affine_controller(formula: FeedbackLaw, polytope: Polytope) -> LPVStateSpace:
+    """The controller as an affine function of the scheduling, fitted at the vertices by least squares.
+
+    Exact where only A of the plant varies in continuous time: the formula's F and B_K are then constant, and A_K is
+    affine in A.
+
+    Parameters
+    ----------
+    formula : FeedbackLaw
+        The controller for every p; it reads no rates.
+    polytope : Polytope
+
+    Returns
+    -------
+    LPVStateSpace
+        Near the formula; its bound must be checked.
+    """
+    plant = formula.plant.plant
+    basis = Polynomial(plant.box.names, 1).bound(plant.box)
+    inverse = np.linalg.pinv(columns(plant.box, basis, polytope.vertices))
+    a, b, c, d = (np.tensordot(inverse, m, axes=1) for m in formula.at(polytope.vertices)[0])
+    return LPVStateSpace(a, b, c, d, basis, plant.sample_time, plant.box.part(basis.names),
+                         inputs=named(plant, plant.measurements), outputs=named(plant, plant.controls))
