@@ -127,6 +127,12 @@ class TestConstant:
         assert is_constant(np.linspace(0.99, 1.005, 500), 1.005)
         assert not is_constant(np.linspace(0.9, 1.0, 500), 1.0)
 
+    def test_noise_of_a_sensor_of_a_larger_range(self, rng: np.random.Generator) -> None:
+        """A low-pass takes it off the simulated force, so that it would be evidence for a lag of the current."""
+        current = 0.5 + 0.02 * rng.standard_normal(6000)
+        assert is_constant(current, float(np.abs(current).max()))
+        assert not is_constant(0.5 + np.repeat(0.02 * rng.standard_normal(60), 100), 0.6), "levels, no noise"
+
 
 class TestHold:
     def test_is_recognised_under_noise(self, rng: np.random.Generator) -> None:
