@@ -54,7 +54,8 @@ def parse_cells(cells: Sequence[str], decimal_comma: bool = False) -> tuple[np.n
     joined = "".join(cells)
     if joined.isascii() and "_" not in joined:
         try:
-            return np.array([float(c.replace(",", ".")) for c in cells] if decimal_comma else list(map(float, cells))), []
+            plain = [c.replace(",", ".") for c in cells] if decimal_comma else cells
+            return np.array(list(map(float, plain))), []
         except ValueError:
             pass
     numbers = [_number(cell, decimal_comma) for cell in _grouped_alike(cells)]
