@@ -70,6 +70,14 @@ def test_the_model_is_that_of_the_record_without_repetitions(tmp_path):
     assert lpv.audit([by_hand]).of("repeated-rows")
 
 
+def test_a_record_with_repetitions_is_simulated_and_predicted_as_without():
+    whole, twice = ({n.split(" ")[0]: v for n, v in t.items()} for t in (columns(), repeated(columns(), [3, 300])))
+    run, again = (Record({n: v for n, v in t.items() if n != "time"}, time=t["time"]) for t in (whole, twice))
+    model = lpv.identify(run, lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    assert np.array_equal(lpv.simulate(model, again).output, lpv.simulate(model, run).output)
+    assert np.array_equal(lpv.predict(model, again).output, lpv.predict(model, run).output, equal_nan=True)
+
+
 def test_rows_of_a_bus_that_complete_each_other_are_one():
     record = Record({"v": [0.0, 1.0, NAN, 2.0, 3.0], "F": [0.0, NAN, 5.0, 9.0, NAN]},
                     time=np.array([0.0, 0.1, 0.1, 0.2, 0.3]))
