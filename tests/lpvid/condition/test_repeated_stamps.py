@@ -150,3 +150,13 @@ def test_parts_of_a_file_follow_the_same_rule(row, tmp_path):
     with pytest.raises(InputError, match="time repeats in row"):
         lpv.identify_stream(read_chunks(write(path, bad), 151),
                             lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force"))
+
+
+def test_a_sample_that_is_lost_between_parts_is_stated(tmp_path):
+    """Two rows of a bus complete each other, and the first of them has been passed on as the end of a part."""
+    path = tmp_path / "bus.csv"
+    rows = [f"{0.1 * k:.1f},{k},\n{0.1 * k:.1f},,{2 * k}" for k in range(6)]
+    path.write_text("\n".join(["time [s],v [m/s],F [N]", *rows]), encoding="utf-8")
+    one, two, *_ = read_chunks(path, 5)
+    assert np.isnan(one["F"][-1]) and two["v"][0] == 3.0
+    assert any("one sample of 'F', which the part before lacks" in note for note in two.notes)
