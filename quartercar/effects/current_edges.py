@@ -252,8 +252,17 @@ def edges_unfiltered(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> 
     kept = deviation <= CERTAIN * normal_spread(deviation)
     missed, jump = missed[kept], jump[kept]
     share = float(missed @ jump) / float(jump @ jump)
-    spread = float(np.sqrt(np.mean((missed - share * jump) ** 2) / (jump @ jump)))
+    noise = max(float(np.mean((missed - share * jump) ** 2)), max(map(_missed_noise, currents)))
+    spread = float(np.sqrt(noise / (jump @ jump)))
     return abs(share) < max(STEP, CERTAIN * spread)
+
+
+def _missed_noise(current: np.ndarray) -> float:
+    """Variance that the sensor's noise gives a deviation of `_missed`: of a sample, and of a median of `LASTS`.
+
+    The fit of one share to few jumps has less, to one it has none.
+    """
+    return 0.5 * normal_spread(np.diff(current)) ** 2 * (1 + np.pi / (2 * LASTS))
 
 
 def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:

@@ -172,6 +172,15 @@ class TestHold:
             seen, imagined = seen + (not through), imagined + (not alone)
         assert seen > 16 and imagined == 0
 
+    @pytest.mark.parametrize("jumps", [1, 2])
+    def test_few_edges_under_noise_have_passed_no_filter(self, jumps: int, rng: np.random.Generator) -> None:
+        """The fit of one share to one jump leaves no residual from which to estimate its error."""
+        edges = np.repeat(np.arange(jumps + 1) % 2.0, 300)
+        noisy = [edges + 0.01 * rng.standard_normal(edges.size) for _ in range(50)]
+        assert sum(not edges_unfiltered([c], [find_edges(c, PERIOD)]) for c in noisy) <= 2
+        behind = lfilter([0.9, 0.1], [1.0], edges) + 0.01 * rng.standard_normal(edges.size)
+        assert not edges_unfiltered([behind], [find_edges(behind, PERIOD)])
+
     def test_all_records_of_a_diagnosis_tell_it_together(self) -> None:
         """By its own edges one is held and another is not, though one chain made them all."""
         rng = np.random.default_rng(3)
