@@ -457,7 +457,7 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
 
 # -- shared ----------------------------------------------------------------------------------------------------------
 def one_record(given: Any, verb: str) -> Record:
-    """The record itself, or what becomes one: named columns of a dict, an array or a frame.
+    """The record, rows of one time stamp as one, or what becomes one: named columns of a dict, an array or a frame.
 
     Parameters
     ----------
@@ -474,8 +474,6 @@ def one_record(given: Any, verb: str) -> Record:
     InputError
         Several records, or what is none.
     """
-    if isinstance(given, Record):
-        return given
     listed = as_records(given)
     if len(listed) != 1:
         raise InputError(f"{verb} takes one record", got=f"{len(listed)}",

@@ -31,12 +31,14 @@ def check_claim(claimed: int, where: str, *, held: int | None = None, what: str 
                          mend="split the file, or export it at a lower rate")
 
 
-def parse_cells(cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
+def parse_cells(cells: Sequence[str], decimal_comma: bool = False) -> tuple[np.ndarray, list[int]]:
     """Numbers from text cells: NaN where a cell is missing, and where it holds text, whose places are listed.
 
     Parameters
     ----------
     cells : sequence of str
+    decimal_comma : bool
+        Whether a comma separates decimals, where it separates no thousands.
 
     Returns
     -------
@@ -52,10 +54,11 @@ def parse_cells(cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
     joined = "".join(cells)
     if joined.isascii() and "_" not in joined:
         try:
-            return np.array(list(map(float, cells))), []
+            plain = [c.replace(",", ".") for c in cells] if decimal_comma else cells
+            return np.array(list(map(float, plain))), []
         except ValueError:
             pass
-    numbers = [_number(cell) for cell in cells]
+    numbers = [_number(cell, decimal_comma) for cell in _grouped_alike(cells)]
     at_fault = [i for i, number in enumerate(numbers) if number is None]
     return np.array([np.nan if number is None else number for number in numbers], dtype=float), at_fault
 
@@ -70,7 +73,8 @@ def ungrouped(cell: str) -> str:
     """A number without its thousands separators and with a decimal point; any other cell as it is.
 
     Only where it can be read in one way: ``1.024,5`` and ``1,024.5`` hold two separators, ``1.024.735`` cannot be a
-    decimal, and neither an apostrophe nor a hard space separates decimals. ``1.024`` stays as it is.
+    decimal, and neither an apostrophe nor a hard space separates decimals. ``1.024`` stays as it is; in a column whose
+    other cells show what the point is, `parse_cells` reads it as those.
 
     Parameters
     ----------
@@ -86,17 +90,34 @@ def ungrouped(cell: str) -> str:
     ['-1024.5', '1024.5', '1024735', '1024', '1.024', '12,5', '26.11.2026']
     """
     found = _GROUPED.fullmatch(cell.strip())
-    if found is None:
+    if found is None or _is_open(found):
         return cell
     head, groups, separator, point, decimals = found.groups()
-    alone = separator in ".," and point is None and groups.count(separator) == 1
-    if alone or point == separator:
+    if point == separator:
         return cell
     return head + groups.replace(separator, "") + (f".{decimals}" if decimals else "")
 
 
-def _number(cell: str) -> float | None:
+def _is_open(found: re.Match[str]) -> bool:
+    """Whether the separator may be that of decimals: ``1.024``."""
+    _, groups, separator, point, _ = found.groups()
+    return separator in ".," and point is None and groups.count(separator) == 1
+
+
+def _grouped_alike(cells: Sequence[str]) -> Sequence[str]:
+    """Cells of a column, those that are open (``1.024``) without the separator that others show to be of thousands."""
+    found = [_GROUPED.fullmatch(cell.strip()) for cell in cells]
+    of_thousands = {m[3] for m in found if m and m[3] in ".," and not _is_open(m) and m[4] != m[3]}
+    if len(of_thousands) != 1:
+        return cells
+    return [m[1] + m[2].replace(m[3], "") if m and _is_open(m) and m[3] in of_thousands else cell
+            for m, cell in zip(found, cells, strict=True)]
+
+
+def _number(cell: str, decimal_comma: bool = False) -> float | None:
     text = ungrouped(cell).strip()
+    if decimal_comma:
+        text = text.replace(",", ".")
     if text.casefold() in MISSING:
         return np.nan
     if not text.isascii() or "_" in text:  # float() takes 1_000 and digits of any script

@@ -53,19 +53,23 @@ class _Layout:
             return line.split()
         return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
 
-    def data_cells(self, line: str) -> list[str]:
-        """Cells of a data line, a decimal comma as a point."""
-        if self.decimal_comma and "," in line:
-            if "." in line or "'" in line:  # dates, or thousands separators
-                return [ungrouped(cell).replace(",", ".") for cell in self.split(line)]
-            line = line.replace(",", ".")
+    def raw_cells(self, line: str) -> list[str]:
+        """Cells of a data line as written."""
         quoted = self.delimiter is None or '"' in line
         return self.split(line) if quoted else line.split(self.delimiter)
+
+    def data_cells(self, line: str) -> list[str]:
+        """Cells of a data line, a decimal comma as a point."""
+        return self.with_points(self.raw_cells(line))
+
+    def with_points(self, cells: Sequence[str]) -> list[str]:
+        """Cells with a decimal comma as a point, without thousands separators."""
+        return [ungrouped(c).replace(",", ".") if "," in c else c for c in cells] if self.decimal_comma else list(cells)
 
     def parsed(self, place: int, cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
         """Numbers of one column, seconds since its first stamp where it holds dates or times; places of other text."""
         dated = self.stamps[place] if self.stamps else None
-        return parse_cells(cells) if dated is None else dated.seconds(cells)
+        return parse_cells(cells, self.decimal_comma) if dated is None else dated.seconds(self.with_points(cells))
 
     def midnights(self) -> dict[int, Midnight]:
         """What carries the columns of times of day over midnight, by the place of the column."""
@@ -354,7 +358,7 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
     wanted, below = len(layout.names), False
     for number, line in _content(stream, layout.data_line):
         try:
-            cells = layout.data_cells(line)
+            cells = layout.raw_cells(line)
         except csv.Error as error:
             raise _broken_line(where, number, error) from None
         if len(cells) != wanted:
@@ -362,7 +366,7 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
                              why=f"the header names {wanted} columns",
                              mend="repair that line, or remove what stands " +
                              ("below the data" if below or number > _PREAMBLE else "above the header"))
-        below = below or _is_row(cells)
+        below = below or _is_row(layout.with_points(cells))
         yield number, cells
 
 

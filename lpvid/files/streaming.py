@@ -228,13 +228,15 @@ def _behind(last: Record, record: Record, where: str, row: int) -> Record:
     """The next part, without its first row where that repeats the last stamp of the part before with no other value."""
     assert last.time is not None and record.time is not None
     before, begin = last.time[-1], record.time[0]
-    ends = [(last.channels[n].values[-1], c.values[0]) for n, c in record.channels.items()]
-    alike = all(a == b or np.isnan(a) or np.isnan(b) for a, b in ends)
+    ends = {n: (last.channels[n].values[-1], c.values[0]) for n, c in record.channels.items()}
+    alike = all(a == b or np.isnan(a) or np.isnan(b) for a, b in ends.values())
     if begin == before and alike and record.n_samples > 2:
         rest = record.slice(1, record.n_samples)
+        lost = ", ".join(f"'{n}'" for n, (a, b) in ends.items() if np.isnan(a) and not np.isnan(b))
+        with_it = f", and with it one sample of {lost}, which the part before lacks" if lost else ""
         return replace(rest, time=record.time[1:], sample_time=None,
                        notes=(*rest.notes, Repeated("its first row repeats the last time stamp of the part before with "
-                                                    "no other value: left out")))
+                                                    f"no other value: left out{with_it}")))
     if begin <= before:
         raise InputError(f"{where}: time {'repeats' if begin == before else 'runs backward'} in row {row + 1}",
                          got=f"{begin:.9g} s after {before:.9g} s", mend="sort the rows, or drop the repeated one")

@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from lpvid.condition.band_limited import jumps
+from lpvid.condition.constancy import DISTINCT
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.second_order import step_response
 
@@ -110,7 +111,27 @@ def edges_of(s: Signals) -> Edges | None:
     """
     if not s.has("current"):
         return None
-    return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if jumps(c) else None)
+    return s.fact("current", "edges", lambda c: _edges(c, s.sample_time))
+
+
+def _edges(current: np.ndarray, sample_time: float) -> Edges | None:
+    """Edges of a current that is not constant, and that between them is at rest or moves less, but for noise.
+
+    Noise hides from `jumps` that a current rests. Its increments are correlated by −1/2, those of a motion positively.
+    """
+    if np.ptp(current) <= DISTINCT * np.abs(current).max():
+        return None
+    edges = find_edges(current, sample_time)
+    if not edges.first.size:
+        return None
+    increments = np.diff(current)
+    small = np.where(np.abs(increments) > _noise_limit(increments), 0.0, increments)
+    return edges if jumps(current) or float(small[1:] @ small[:-1]) < 0.0 else None
+
+
+def _noise_limit(increments: np.ndarray) -> float:
+    """About the largest increment of as much normal noise as a current's increments, (n,), have."""
+    return normal_spread(increments) * float(np.sqrt(2 * np.log(increments.size + 1)))
 
 
 def find_edges(current: np.ndarray, sample_time: float) -> Edges:
@@ -135,14 +156,15 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     ([9, 19], [0.0, 2.0], [2.0, 1.0])
     """
     steps = np.abs(np.diff(current))
-    noise = normal_spread(steps) * np.sqrt(2 * np.log(current.size))  # the largest step of as much normal noise
+    noise = _noise_limit(steps)
     moving = np.flatnonzero(steps > max(STEP * np.ptp(current), noise))
     if not moving.size:
-        none, nowhere = np.zeros(0), np.zeros(0, int)
-        return Edges(nowhere, nowhere, none, none, current.size)
+        return _no_edges(current.size)
     parted = np.flatnonzero(np.diff(moving) > TURNS)
     first = moving[np.concatenate([[0], parted + 1])]
     last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
+    if (last - first).min() * sample_time > SLOWEST:  # ramps
+        return _no_edges(current.size)
     seen = np.maximum(STEP * np.abs(current[last] - current[first]), noise)
     begun = np.ones(first.size, dtype=bool)
     while begun.any():  # a small one begins before its steps exceed `STEP` of the range
@@ -159,6 +181,11 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     after[way[last] - way[first] > MOST_VARIATION * size] = np.nan  # several jumps at once
     until = np.minimum(first + 1 + round(SLOWEST / sample_time), ends[1:])
     return Edges(first, until, before, after, current.size)
+
+
+def _no_edges(size: int) -> Edges:
+    none, nowhere = np.zeros(0), np.zeros(0, int)
+    return Edges(nowhere, nowhere, none, none, size)
 
 
 def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -225,8 +252,17 @@ def edges_unfiltered(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> 
     kept = deviation <= CERTAIN * normal_spread(deviation)
     missed, jump = missed[kept], jump[kept]
     share = float(missed @ jump) / float(jump @ jump)
-    spread = float(np.sqrt(np.mean((missed - share * jump) ** 2) / (jump @ jump)))
+    noise = max(float(np.mean((missed - share * jump) ** 2)), max(map(_missed_noise, currents)))
+    spread = float(np.sqrt(noise / (jump @ jump)))
     return abs(share) < max(STEP, CERTAIN * spread)
+
+
+def _missed_noise(current: np.ndarray) -> float:
+    """Variance that the sensor's noise gives a deviation of `_missed`: of a sample, and of a median of `LASTS`.
+
+    The fit of one share to few jumps has less, to one it has none.
+    """
+    return 0.5 * normal_spread(np.diff(current)) ** 2 * (1 + np.pi / (2 * LASTS))
 
 
 def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:

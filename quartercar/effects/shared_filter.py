@@ -41,8 +41,11 @@ class SharedFilter(ChainEffect):
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         for s in signals if "current" in baseline.channels else ():
-            if edges_of(s) is not None and is_sharp(s):
-                return "the current jumps, and its edges are unfiltered"
+            edges = edges_of(s)
+            if edges is not None and is_sharp(s):
+                return ("the current jumps, and its edges are unfiltered" if edges.known.any() else
+                        "the current jumps, and between its jumps it rests too briefly, or has too much noise, to show "
+                        "whether its edges are filtered")
         return super().applies(baseline, signals)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:

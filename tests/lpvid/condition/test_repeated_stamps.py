@@ -70,6 +70,14 @@ def test_the_model_is_that_of_the_record_without_repetitions(tmp_path):
     assert lpv.audit([by_hand]).of("repeated-rows")
 
 
+def test_a_record_with_repetitions_is_simulated_and_predicted_as_without():
+    whole, twice = ({n.split(" ")[0]: v for n, v in t.items()} for t in (columns(), repeated(columns(), [3, 300])))
+    run, again = (Record({n: v for n, v in t.items() if n != "time"}, time=t["time"]) for t in (whole, twice))
+    model = lpv.identify(run, lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    assert np.array_equal(lpv.simulate(model, again).output, lpv.simulate(model, run).output)
+    assert np.array_equal(lpv.predict(model, again).output, lpv.predict(model, run).output, equal_nan=True)
+
+
 def test_rows_of_a_bus_that_complete_each_other_are_one():
     record = Record({"v": [0.0, 1.0, NAN, 2.0, 3.0], "F": [0.0, NAN, 5.0, 9.0, NAN]},
                     time=np.array([0.0, 0.1, 0.1, 0.2, 0.3]))
@@ -142,3 +150,13 @@ def test_parts_of_a_file_follow_the_same_rule(row, tmp_path):
     with pytest.raises(InputError, match="time repeats in row"):
         lpv.identify_stream(read_chunks(write(path, bad), 151),
                             lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force"))
+
+
+def test_a_sample_that_is_lost_between_parts_is_stated(tmp_path):
+    """Two rows of a bus complete each other, and the first of them has been passed on as the end of a part."""
+    path = tmp_path / "bus.csv"
+    rows = [f"{0.1 * k:.1f},{k},\n{0.1 * k:.1f},,{2 * k}" for k in range(6)]
+    path.write_text("\n".join(["time [s],v [m/s],F [N]", *rows]), encoding="utf-8")
+    one, two, *_ = read_chunks(path, 5)
+    assert np.isnan(one["F"][-1]) and two["v"][0] == 3.0
+    assert any("one sample of 'F', which the part before lacks" in note for note in two.notes)

@@ -127,6 +127,12 @@ class TestConstant:
         assert is_constant(np.linspace(0.99, 1.005, 500), 1.005)
         assert not is_constant(np.linspace(0.9, 1.0, 500), 1.0)
 
+    def test_noise_of_a_sensor_of_a_larger_range(self, rng: np.random.Generator) -> None:
+        """A low-pass takes it off the simulated force, so that it would be evidence for a lag of the current."""
+        current = 0.5 + 0.02 * rng.standard_normal(6000)
+        assert is_constant(current, float(np.abs(current).max()))
+        assert not is_constant(0.5 + np.repeat(0.02 * rng.standard_normal(60), 100), 0.6), "levels, no noise"
+
 
 class TestHold:
     def test_is_recognised_under_noise(self, rng: np.random.Generator) -> None:
@@ -165,6 +171,15 @@ class TestHold:
             through, alone = (edges_unfiltered([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
             seen, imagined = seen + (not through), imagined + (not alone)
         assert seen > 16 and imagined == 0
+
+    @pytest.mark.parametrize("jumps", [1, 2])
+    def test_few_edges_under_noise_have_passed_no_filter(self, jumps: int, rng: np.random.Generator) -> None:
+        """The fit of one share to one jump leaves no residual from which to estimate its error."""
+        edges = np.repeat(np.arange(jumps + 1) % 2.0, 300)
+        noisy = [edges + 0.01 * rng.standard_normal(edges.size) for _ in range(50)]
+        assert sum(not edges_unfiltered([c], [find_edges(c, PERIOD)]) for c in noisy) <= 2
+        behind = lfilter([0.9, 0.1], [1.0], edges) + 0.01 * rng.standard_normal(edges.size)
+        assert not edges_unfiltered([behind], [find_edges(behind, PERIOD)])
 
     def test_all_records_of_a_diagnosis_tell_it_together(self) -> None:
         """By its own edges one is held and another is not, though one chain made them all."""

@@ -122,6 +122,25 @@ def test_a_current_without_edges_has_none() -> None:
     assert find_edges(np.full(100, 0.7), PERIOD).first.size == 0
 
 
+@pytest.mark.parametrize("noise", [0.004, 0.02, 0.04, 0.1])
+@pytest.mark.parametrize("held_for", [64, 250])
+def test_edges_are_found_under_the_noise_of_a_sensor(rng: np.random.Generator, noise: float, held_for: int) -> None:
+    """Of a current between 0 and 2 A: noise fills the samples between the jumps, however long they are."""
+    levels = np.repeat(rng.uniform(0.0, 2.0, 40), held_for)
+    s = Signals(PERIOD, {"current": levels + noise * rng.standard_normal(levels.size)}, np.zeros(levels.size))
+    edges, jump = edges_of(s), np.flatnonzero(np.abs(np.diff(levels)) > 10 * noise)
+    assert edges is not None and np.isin(jump, edges.first[:, None] + np.arange(3)).all()
+
+
+def test_ramps_and_sweeps_are_no_edges() -> None:
+    """A ramp that takes longer than a filter's response; a sweep, most of whose steps are small beside the largest."""
+    steps = np.repeat(np.random.default_rng(0).uniform(0, 2, 20), 200)
+    octaves = np.log(40.0) * np.arange(4000) / 4000
+    sweep = np.sin(2 * np.pi * 0.5 * np.expm1(octaves) / np.log(40.0) * 4000 * PERIOD)
+    for current in (np.convolve(steps, np.full(24, 1 / 24), "valid"), 1 + sweep):
+        assert edges_of(Signals(PERIOD, {"current": current}, np.zeros(current.size))) is None
+
+
 def test_noise_of_a_long_record_has_no_edges() -> None:
     """Of n normal steps the largest is about σ √(2 ln n): more than six times the median one where n is large."""
     noise = np.random.default_rng(0).standard_normal(50_000)
