@@ -264,6 +264,8 @@ def test_a_hull_from_a_file_is_what_the_certificate_states(tmp_path):
 @pytest.mark.parametrize(("rows", "line"), [("[[0.0], [1.0]]", "the plant has c, s"), ("3", "the plant has c, s"),
                                             ("[]", "the plant has c, s"),
                                             ("[[0.0, 0.0], [1.0, 1.0]]", "no inside"),
+                                            ("[[0.0, 0.0], [nan, 0.0], [0.0, 1.0]]", "hull"),
+                                            ("[[5.0, 5.0], [6.0, 5.0], [5.0, 6.0]]", "outside the plant's"),
                                             ('[["much", 0.0], [1.0, 1.0], [0.0, 1.0]]', "hull[0]")])
 def test_a_hull_that_is_none_ends_with_two(tmp_path, rows, line):
     out = tmp_path / "out"
