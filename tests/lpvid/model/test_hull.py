@@ -14,6 +14,7 @@ from lpvid.identification.arx import ARX
 from lpvid.model.hull import FACETS, Hull, corners_of, directions, hull_of, inside, outside_share
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot.synthesis import line_of
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.validation import validate
@@ -130,3 +131,9 @@ def test_variables_of_a_hull_in_another_order_than_those_of_the_box():
 def test_one_value_of_one_variable_has_no_inside():
     with pytest.raises(InputError, match="no inside"):
         Hull.of(("r",), np.array([[0.3]])).vertices()
+
+
+def test_curves_of_a_hull_beside_the_diagonal_of_its_box_are_inside():
+    model = designed_over(("p", "q"), Hull.of(("p", "q"), np.array([[0.2, -0.9], [0.9, -0.9], [0.9, -0.2]])))
+    points = line_of(model)
+    assert len(points) > 1 and np.ptp(points[:, 0]) == pytest.approx(0.7) and inside(model, points).all()
