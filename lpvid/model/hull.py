@@ -150,7 +150,7 @@ class Hull(Coded):
         Raises
         ------
         InputError
-            A hull without inside: variables that follow from each other.
+            A hull without inside: variables that follow from each other, or one variable with one value.
         """
         from scipy.optimize import linprog
         from scipy.spatial import HalfspaceIntersection, QhullError
@@ -159,6 +159,10 @@ class Hull(Coded):
         if n == 1:
             ends = self.offsets / self.normals[:, 0]
             z = np.array([[ends[self.normals[:, 0] < 0].max()], [ends[self.normals[:, 0] > 0].min()]])
+            if z[1, 0] - z[0, 0] <= SLACK:
+                raise InputError(f"the hull of {self.names[0]} has no inside",
+                                 got=f"{self.centre[0] + self.half_width[0] * z[0, 0]:.6g}",
+                                 why="its samples are one value", mend="two values that differ")
         else:
             found = linprog(np.r_[np.zeros(n), -1.0], np.hstack([self.normals, np.ones((len(self.normals), 1))]),
                             self.offsets, bounds=[(None, None)] * n + [(0, None)])
@@ -285,7 +289,7 @@ def corners_of(model: Model, most: int) -> np.ndarray:
         In the order of the box's variables, and their units; (1, 0) without scheduling.
     """
     hull, names = hull_of(model), model.box.names
-    if hull is None or len(names) < 2 or not set(names) <= set(hull.names):
+    if hull is None or not names or not set(names) <= set(hull.names):
         return model.box.grid(2)[:most] if names else np.zeros((1, 0))
     corners = np.unique(hull.vertices()[:, [hull.names.index(n) for n in names]], axis=0)
     return corners[np.unique(np.linspace(0, len(corners) - 1, most).astype(int))]
@@ -297,18 +301,20 @@ def inside(model: Model, p: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     model : model
-        Any kind with a box.
+        Any kind with a box; a hull of variables that it lacks is not looked at.
     p : (n, n_scheduling) array
-        Samples, in the units of the variables.
+        Samples in the order of the box's variables, and their units.
 
     Returns
     -------
     (n,) bool array
         Which lie inside.
     """
-    within = model.box.contains(p)
-    hull = hull_of(model) if p.shape[1] > 1 else None
-    return within if hull is None else within & hull.contains(p)
+    within, names = model.box.contains(p), model.box.names
+    hull = hull_of(model)
+    if hull is None or not set(hull.names) <= set(names):
+        return within
+    return within & hull.contains(p[:, [names.index(n) for n in hull.names]])
 
 
 def outside_share(model: Model, p: np.ndarray) -> float:

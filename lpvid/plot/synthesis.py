@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lpvid.model.hull import corners_of, hull_of, inside
+from lpvid.model.hull import corners_of, hull_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.colours import BLUE, CYCLE, INK, MUTED, VERMILION
 from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades
@@ -167,7 +167,8 @@ def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.n
 def line_of(loop: LPVStateSpace) -> np.ndarray:
     """Points across the box: the first variable swept, the others swept with it from corner to corner.
 
-    Those inside, where the metadata name the hull of a design.
+    Where the metadata name the hull of a design, from the vertex at which the first variable is least to that at which
+    it is largest: a line inside, as the hull is convex.
 
     Parameters
     ----------
@@ -183,8 +184,9 @@ def line_of(loop: LPVStateSpace) -> np.ndarray:
     if not box.names:
         return np.empty((1, 0))
     share = np.linspace(0, 1, CURVES)[:, None]
-    points = np.array(box.lower) * (1 - share) + np.array(box.upper) * share
-    return points if hull_of(loop) is None else points[inside(loop, points)]
+    hull = hull_of(loop)
+    first, last = (box.lower, box.upper) if hull is None or set(box.names) - set(hull.names) else corners_of(loop, 2)
+    return np.array(first) * (1 - share) + np.array(last) * share
 
 
 def _speeds(loop: LPVStateSpace) -> np.ndarray:

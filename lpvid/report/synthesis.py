@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
 from lpvid.lmi.driven import driven
+from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.lmi.readings import box_of
 from lpvid.model.hull import corners_of, hull_of
 from lpvid.model.state_space import LPVStateSpace
@@ -236,6 +237,10 @@ def _design(result: Synthesis, plant: GeneralizedPlant) -> list[Item]:
     for n, low, high, rate, unit in zip(box.names, box.lower, box.upper, box.rate, box.units, strict=True):
         speed = "arbitrarily fast" if rate is None else f"at most {number(rate, 4, (unit or '1') + '/s')}"
         rows.append((f"scheduling: {n}", f"{number(low)} … {number(high, 4, unit)}, {speed}"))
+    if isinstance(result.certificate, HullCertificate):
+        named, at = result.certificate.names, result.certificate.vertices
+        rows += [(f"polytope: {n}", f"{number(low)} … {number(high)}, {len(at)} vertices")
+                 for n, low, high in zip(named, at.min(axis=0), at.max(axis=0), strict=True)]
     items: list[Item] = [PageTable((), tuple(rows), "")]
     return [*items, Notes(result.notes)] if result.notes else items
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linprog
 
 from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.hull_certificate import hull_gain
@@ -68,12 +69,21 @@ class Polytope:
         Raises
         ------
         InputError
-            A hull of other variables, or one without inside.
+            A hull of other variables, one without inside, or one that shares no point with the box.
         """
         if set(hull.names) != set(box.names):
             raise InputError("the hull names other variables than the plant", got=", ".join(hull.names),
                              why=f"the plant has {', '.join(box.names) or 'no scheduling'}")
-        return cls(hull, box, hull.vertices()[:, [hull.names.index(n) for n in box.names]])
+        vertices = hull.vertices()[:, [hull.names.index(n) for n in box.names]]
+        if not _meets(vertices, box):
+            shown = "; ".join(f"{n} from {low:.4g} to {high:.4g}" for n, low, high in
+                              zip(box.names, vertices.min(axis=0), vertices.max(axis=0), strict=True))
+            limits = "; ".join(f"{n} from {low:.4g} to {high:.4g}" for n, low, high in
+                               zip(box.names, box.centre - box.half_width, box.centre + box.half_width, strict=True))
+            raise InputError("the hull lies outside the plant's scheduling box", got=shown,
+                             why=f"the plant holds for {limits}",
+                             mend="points in the units and in the range of the plant's scheduling variables")
+        return cls(hull, box, vertices)
 
     @classmethod
     def full_order(cls, hull: Hull, plant: GeneralizedPlant) -> Polytope:
@@ -216,6 +226,15 @@ class Polytope:
         """
         found = hull_gain(loop, self.hull).certificate if affine_in(loop.basis) else None
         return found if isinstance(found, HullCertificate) else None
+
+
+def _meets(vertices: np.ndarray, box: Scheduling) -> bool:
+    """Whether some mean of the vertices lies in the box: a linear program over its (V,) weights."""
+    unit = np.where(box.half_width > 0, box.half_width, 1.0)
+    z, edge = (vertices - box.centre) / unit, box.half_width / unit
+    found = linprog(np.zeros(len(z)), np.vstack([z.T, -z.T]), np.concatenate([edge, edge]), np.ones((1, len(z))),
+                    np.ones(1), bounds=(0, None))
+    return found.status != 2  # infeasible
 
 
 def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Sequence = ()) -> None:

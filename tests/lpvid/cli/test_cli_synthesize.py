@@ -254,7 +254,8 @@ def test_a_hull_from_a_file_is_what_the_certificate_states(tmp_path):
     data = json.loads((out / "synthesis.json").read_text())
     assert data["verdict"] == "solved" and data["between_grid"]
     assert "polytope of 8 vertices" in json.loads((out / "certificate.json").read_text())["claim"]
-    assert "whole scheduling polytope" in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert "whole scheduling polytope" in page and "polytope: c<" in page
     plant = plant_of(tomllib.loads(TURNING), tmp_path, no_model)
     same = lpv.synthesize(plant, lpv.OutputFeedback(hull=lpv.Hull.disc(("c", "s"), sides=8)))
     assert data["infimum"] == pytest.approx(same.infimum, rel=1e-3)
@@ -264,6 +265,8 @@ def test_a_hull_from_a_file_is_what_the_certificate_states(tmp_path):
 @pytest.mark.parametrize(("rows", "line"), [("[[0.0], [1.0]]", "the plant has c, s"), ("3", "the plant has c, s"),
                                             ("[]", "the plant has c, s"),
                                             ("[[0.0, 0.0], [1.0, 1.0]]", "no inside"),
+                                            ("[[0.0, 0.0], [nan, 0.0], [0.0, 1.0]]", "hull"),
+                                            ("[[5.0, 5.0], [6.0, 5.0], [5.0, 6.0]]", "outside the plant's"),
                                             ('[["much", 0.0], [1.0, 1.0], [0.0, 1.0]]', "hull[0]")])
 def test_a_hull_that_is_none_ends_with_two(tmp_path, rows, line):
     out = tmp_path / "out"

@@ -11,10 +11,12 @@ from lpvid.condition import split_tail
 from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
-from lpvid.model.hull import FACETS, Hull, directions, hull_of, outside_share
+from lpvid.model.hull import FACETS, Hull, corners_of, directions, hull_of, inside, outside_share
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot.synthesis import line_of
 from lpvid.record import Record
-from lpvid.scheduling import Polynomial
+from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.validation import validate
 
 
@@ -104,3 +106,34 @@ def test_gyroscope_leaves_the_hull_more_often_than_the_box(shared_data):
     box = np.all((p >= training.matrix(names).min(axis=0)) & (p <= training.matrix(names).max(axis=0)), axis=1)
     assert np.mean(~hull.contains(p)) > np.mean(~box)
     assert hull.contains(training.matrix(names)).all()
+
+
+def designed_over(names: tuple[str, ...], hull: Hull) -> LPVStateSpace:
+    """A constant gain on the box of ±1 whose metadata name a hull."""
+    n = len(names)
+    d = np.zeros((1 + n, 1, 1))
+    return LPVStateSpace(np.zeros((1 + n, 0, 0)), np.zeros((1 + n, 0, 1)), np.zeros((1 + n, 1, 0)), d,
+                         Polynomial(names, 1), 0.1, Scheduling(names, (-1,) * n, (1,) * n),
+                         metadata={"hull": hull.to_dict()})
+
+
+def test_the_hull_of_one_variable_is_narrower_than_its_box():
+    model = designed_over(("r",), Hull.of(("r",), np.array([[-0.2], [0.3]])))
+    np.testing.assert_allclose(corners_of(model, 4), [[-0.2], [0.3]])
+    assert inside(model, np.array([[0.2], [0.9]])).tolist() == [True, False]
+
+
+def test_variables_of_a_hull_in_another_order_than_those_of_the_box():
+    model = designed_over(("p", "q"), Hull.of(("q", "p"), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.1]])))
+    assert inside(model, np.array([[0.01, 0.8], [0.8, 0.01]])).tolist() == [True, False]  # q up to 1, p up to 0.1
+
+
+def test_one_value_of_one_variable_has_no_inside():
+    with pytest.raises(InputError, match="no inside"):
+        Hull.of(("r",), np.array([[0.3]])).vertices()
+
+
+def test_curves_of_a_hull_beside_the_diagonal_of_its_box_are_inside():
+    model = designed_over(("p", "q"), Hull.of(("p", "q"), np.array([[0.2, -0.9], [0.9, -0.9], [0.9, -0.2]])))
+    points = line_of(model)
+    assert len(points) > 1 and np.ptp(points[:, 0]) == pytest.approx(0.7) and inside(model, points).all()
