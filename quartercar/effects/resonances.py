@@ -34,4 +34,5 @@ def natural_frequencies(count: int, bounds: tuple[float, float], signals: tuple[
     radians = scale("Hz")
     if radians is None:
         return None
-    return np.geomspace(*np.clip((radians / (2 * np.pi), 0.5 / signals[0].sample_time), *bounds), count + 2)[1:-1]
+    low, high = np.clip((radians / (2 * np.pi), 0.5 / signals[0].sample_time), *bounds).tolist()
+    return np.geomspace(low, high, count + 2)[1:-1]
