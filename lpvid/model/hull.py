@@ -17,6 +17,8 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 
 Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
+KEY = "hull"
+"""of a model's metadata that holds a `Hull`"""
 FACETS = 200
 """half spaces that a hull may have at most."""
 EXACT_VARIABLES = 4
@@ -269,7 +271,7 @@ def hull_of(model: Model) -> Hull | None:
     Hull or None
         The hull.
     """
-    data = model.metadata.get("hull")
+    data = model.metadata.get(KEY)
     return Hull.from_dict(data) if isinstance(data, Mapping) else None
 
 

@@ -24,8 +24,9 @@ ENTRIES = 6
 def controller_gains(controller: LPVStateSpace, ax: Ax = None) -> Drawn:
     """Gains from measurements to controls: over frequency, and at three frequencies over the scheduling.
 
-    Left |K_ij(jω)| at frozen values along the box's diagonal, right |K_ij| at the lowest, the middle and the highest
-    frequency shown, over the first scheduling variable (the others move with it). Without scheduling the left alone.
+    Left |K_ij(jω)| at frozen values from corner to corner of the box, or across the hull of the design; right |K_ij| at
+    the lowest, the middle and the highest frequency shown, over the first scheduling variable (the others move with
+    it). Without scheduling the left alone.
 
     Parameters
     ----------
@@ -88,9 +89,7 @@ def worst_trajectory(worst: WorstCase, ax: Ax = None) -> Drawn:
 
 
 def _over_scheduling(ax, controller: LPVStateSpace, omega: np.ndarray, i: int, j: int) -> None:
-    box = controller.box
-    share = np.linspace(0, 1, LEVELS)[:, None]
-    points = np.array(box.lower) * (1 - share) + np.array(box.upper) * share
+    points = line_of(controller, LEVELS)
     gains = np.array([np.abs(responses(controller, p, omega))[:, i, j] for p in points])
     for k, hertz in enumerate(omega / (2 * np.pi)):
         ax.semilogy(points[:, 0], np.maximum(gains[:, k], 1e-300), color=CYCLE[k],

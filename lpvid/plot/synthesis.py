@@ -164,7 +164,7 @@ def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.n
     return np.full(frequencies.size, abs(float(weight)))
 
 
-def line_of(loop: LPVStateSpace) -> np.ndarray:
+def line_of(loop: LPVStateSpace, count: int = CURVES) -> np.ndarray:
     """Points across the box: the first variable swept, the others swept with it from corner to corner.
 
     Where the metadata name the hull of a design, from the vertex at which the first variable is least to that at which
@@ -174,6 +174,8 @@ def line_of(loop: LPVStateSpace) -> np.ndarray:
     ----------
     loop : LPVStateSpace
         A system over a box.
+    count : int
+        Points, N.
 
     Returns
     -------
@@ -183,7 +185,7 @@ def line_of(loop: LPVStateSpace) -> np.ndarray:
     box = loop.box
     if not box.names:
         return np.empty((1, 0))
-    share = np.linspace(0, 1, CURVES)[:, None]
+    share = np.linspace(0, 1, count)[:, None]
     hull = hull_of(loop)
     first, last = (box.lower, box.upper) if hull is None or set(box.names) - set(hull.names) else corners_of(loop, 2)
     return np.array(first) * (1 - share) + np.array(last) * share

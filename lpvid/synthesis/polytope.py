@@ -17,7 +17,7 @@ from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.hull_certificate import hull_gain
 from lpvid.errors import InputError
 from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at
-from lpvid.model.hull import Hull
+from lpvid.model.hull import KEY, Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.controller_formula import FeedbackLaw
@@ -31,8 +31,6 @@ SHARES = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3)
 matrix of both"""
 GRID = {1: 41, 2: 9}
 """Points per variable of the box, of which those inside are looked at; 4 for more variables."""
-KEY = "hull"
-"""of a model's metadata (`lpvid.model.hull.hull_of`)"""
 
 
 @dataclass(frozen=True, eq=False)

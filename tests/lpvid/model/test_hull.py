@@ -14,6 +14,7 @@ from lpvid.identification.arx import ARX
 from lpvid.model.hull import FACETS, Hull, corners_of, directions, hull_of, inside, outside_share
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot.controllers import controller_gains
 from lpvid.plot.synthesis import line_of
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Scheduling
@@ -137,3 +138,6 @@ def test_curves_of_a_hull_beside_the_diagonal_of_its_box_are_inside():
     model = designed_over(("p", "q"), Hull.of(("p", "q"), np.array([[0.2, -0.9], [0.9, -0.9], [0.9, -0.2]])))
     points = line_of(model)
     assert len(points) > 1 and np.ptp(points[:, 0]) == pytest.approx(0.7) and inside(model, points).all()
+    axes = np.atleast_1d(controller_gains(model)).ravel()
+    over = axes[1].get_lines()[0].get_xdata()
+    assert [over[0], over[-1]] == pytest.approx([0.2, 0.9])  # the gains too are drawn across the hull
