@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.condition.constancy import DISTINCT
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.signals import LONG, Core, Signals
 from quartercar.effects.electrical import held
 
 NODES = 257
@@ -125,10 +125,11 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
     chosen = speeds[picks]
 
     def along(signals: Signals) -> np.ndarray:
-        out = np.empty((s.n_samples, chosen.size))
-        for r, w in enumerate(chosen):
-            out[:, r] = core(signals.evaluated(velocity=np.full(s.n_samples, w)))
-        return out
+        out, at_once = [], max(LONG // s.n_samples, 1)
+        for k in range(0, chosen.size, at_once):
+            some = chosen[k:k + at_once]
+            out.append(core(_at_speeds(signals, some, signals.record or signals)).reshape(some.size, s.n_samples))
+        return np.concatenate(out).T.copy()
 
     rows = along(s)
     before, tilt = rows, np.zeros_like(rows)
@@ -188,19 +189,24 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     >>> picks, shapes.ravel()
     (array([2]), array([0.25, 0.5 , 1.  ]))
     """
-    rest, picks, parts = rows.copy(), [], []
-    largest = 0.0
+    picks, parts = [], []
+    directions = np.empty((0, rows.shape[1]))
+    sizes = np.einsum("gk,gk->g", rows, rows)
+    largest = float(sizes.max())
     while len(picks) < min(rows.shape):
-        sizes = np.einsum("gk,gk->g", rest, rest)
         k = int(np.argmax(sizes))
-        largest = max(largest, float(sizes[k]))
         if picks and not sizes[k] > RANK**2 * largest:
             break
+        rest = rows[k]
+        for _ in range(2):  # once more: the residual row may be far smaller than the row
+            rest = rest - (directions @ rest) @ directions
+        direction = rest / max(float(np.sqrt(rest @ rest)), np.finfo(float).tiny)
+        along = rows @ direction
+        along[picks] = 0.0
+        sizes = sizes - along**2
         picks.append(k)
-        direction = rest[k] / max(float(np.sqrt(sizes[k])), np.finfo(float).tiny)
-        along = rest @ direction
-        rest -= np.multiply.outer(along, direction)
-        rest[k] = 0.0
+        sizes[picks] = 0.0
+        directions = np.vstack([directions, direction])
         parts.append(along)
     weights = np.column_stack(parts)
     if not largest > np.finfo(float).tiny:  # a law that is zero everywhere
@@ -232,14 +238,13 @@ def _table_samples(s: Signals) -> np.ndarray:
     return s.cached("samples at which a law is read", make)
 
 
-def _at_speeds(few_samples: Signals, speeds: np.ndarray) -> Signals:
-    """Signals with these samples at every speed."""
+def _at_speeds(s: Signals, speeds: np.ndarray, record: Signals | None = None) -> Signals:
+    """Signals with these samples at every speed; their record is `record`, or that of the samples."""
     count = speeds.size
-    channels = {role: np.tile(c, count) for role, c in few_samples.channels.items()}
-    channels["velocity"] = np.repeat(speeds, few_samples.n_samples)
-    return Signals(few_samples.sample_time, channels, np.tile(few_samples.output, count), few_samples.name,
-                   few_samples.span, record=few_samples.record, at=np.tile(few_samples.places, count),
-                   repeats=(few_samples, count))
+    channels = {role: np.tile(c, count) for role, c in s.channels.items()}
+    channels["velocity"] = np.repeat(speeds, s.n_samples)
+    return Signals(s.sample_time, channels, np.tile(s.output, count), s.name, s.span, record=record or s.record,
+                   at=np.tile(s.places, count), finer=s.finer, peers=s.peers, repeats=(s, count))
 
 
 def _current_changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
