@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid._forks import in_forks
 from lpvid.condition.constancy import at_rest
 from lpvid.condition.derivation import DERIVED, derived
 from lpvid.diagnosis.effect import Effect, LpvChange
@@ -153,9 +152,8 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
         else:
             taken.append(effect)
             stated.append(f"{effect.name}: {change.description}")
-    base, extended = in_forks(lambda call: call(), (lambda: identify(training, structure, held_out=kept),
-                                                    lambda: extend_lpv(training, structure, taken, kept)))
-    return LpvExtension(base, extended, tuple(stated), tuple(left))
+    return LpvExtension(identify(training, structure, held_out=kept), extend_lpv(training, structure, taken, kept),
+                        tuple(stated), tuple(left))
 
 
 def common_structure(records: Sequence[Record], output: str) -> ARX | None:

@@ -22,6 +22,9 @@ and the run at the same point share their results
 """
 
 
+MISSING = object()
+
+
 @dataclass(frozen=True, eq=False)
 class SignalStretch:
     """A part of a record among signals that are cut together.
@@ -215,9 +218,10 @@ class Signals:
         -------
         object
         """
-        if key not in self.cache:
-            self.cache[key] = make()
-        return self.cache[key]
+        found = self.cache.get(key, MISSING)
+        if found is MISSING:
+            found = self.cache[key] = make()
+        return found
 
     def remembered(self, kind: str, key: Hashable, make: Callable[[], Any], most: int = REPLACED) -> Any:
         """The result of `make` for a key; the last few of a kind are kept, fewer along many samples.
@@ -243,7 +247,9 @@ class Signals:
         kept[key] = found
         with suppress(KeyError):
             if len(kept) > most:
-                kept.popitem(last=False)
+                _, left = kept.popitem(last=False)
+                if isinstance(left, Signals):  # they refer to what was cached along them, and the other way round
+                    left.cache.clear()
         return found
 
     def as_recorded(self, role: str) -> tuple[Signals, ...]:
@@ -277,24 +283,6 @@ class Signals:
         if (role, key) not in self.facts:
             self.facts[role, key] = make(self.channels[role])
         return self.facts[role, key]
-
-    def passed(self, core: Core) -> np.ndarray:
-        """(n,) simulation along these signals, made for this run alone: their cache is cleared afterwards.
-
-        Cached results refer to their signals, which would stay in memory until the next garbage collection.
-
-        Parameters
-        ----------
-        core : Core
-
-        Returns
-        -------
-        (n,) array
-            Output, in its unit.
-        """
-        out = core(self)
-        self.cache.clear()
-        return out
 
     def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """(n,) result of `make` for one channel of the record, at these samples; computed once for the record.

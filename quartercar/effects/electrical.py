@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -95,8 +95,8 @@ def held(s: Signals) -> bool:
     return s.has("current") and s.fact("current", "is held", lambda current: is_held(current) and is_sharp(s))
 
 
-def in_proportion(s: Signals, to: Signals) -> Signals:
-    """The same signals, whose current is in proportion to another one, so that it jumps at the same samples.
+def with_same_jumps(s: Signals, to: Signals) -> Signals:
+    """The same signals, whose current is a function of another one without memory: it jumps at the same samples.
 
     Parameters
     ----------
@@ -265,6 +265,31 @@ def _jump_error(signals: Sequence[Signals]) -> float:
     return signals[0].sample_time * (SPACING if any(e is not None and e.known.any() for e in edges) else BETWEEN)
 
 
+def along_current(core: Core, key: Hashable, current: Callable[[Signals], np.ndarray],
+                  same_jumps: bool = False) -> Core:
+    """A core along another current; the last ones are kept, with what was simulated along them.
+
+    Parameters
+    ----------
+    core : Core
+    key : hashable
+        Of an effect's name and parameters, equal for equal currents.
+    current : callable
+        From signals to the (n,) current that the core reads [A].
+    same_jumps : bool
+        Whether it is a function of their current without memory, which jumps at the same samples.
+
+    Returns
+    -------
+    Core
+    """
+    def changed(s: Signals) -> Signals:
+        found = s.replace(current=current(s))
+        return with_same_jumps(found, s) if same_jumps else found
+
+    return lambda s: core(s.remembered("other currents", key, lambda: changed(s)))
+
+
 class CurrentEffect(GridEffect):
     """A cause that acts on the current before the law reads it."""
 
@@ -322,7 +347,7 @@ class CoilLag(CurrentEffect):
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau = float(values[0])
-        return lambda s: s.replace(current=lagged(s, tau, tau)).passed(core) if tau > 0 else core(s)
+        return along_current(core, (self.name, tau), lambda s: lagged(s, tau, tau)) if tau > 0 else core
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the lagged current", schedule_filter="lag")
@@ -353,7 +378,9 @@ class RiseFallLag(CurrentEffect):
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau, ratio = float(values[0]), float(values[1])
-        return lambda s: s.replace(current=lagged(s, tau * ratio, tau / ratio)).passed(core) if tau > 0 else core(s)
+        if tau <= 0:
+            return core
+        return along_current(core, (self.name, tau, ratio), lambda s: lagged(s, tau * ratio, tau / ratio))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on a current that rises and falls unequally", schedule_filter="rise-fall")
@@ -394,11 +421,11 @@ class CommandDelay(CurrentEffect, LateEffect):
         if delay <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
-            late = s.replace(current=later(s, (1 - share) * delay))
-            return core(late.replace(current=lagged(late, share * delay, share * delay, between=True)))
+        def late(s: Signals) -> np.ndarray:
+            delayed = s.replace(current=later(s, (1 - share) * delay))
+            return lagged(delayed, share * delay, share * delay, between=True)
 
-        return run
+        return along_current(core, (self.name, delay, share), late)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the delayed current", schedule_filter="delay")
@@ -432,11 +459,11 @@ class CurrentSaturation(CurrentEffect):
         if q <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
+        def bent(s: Signals) -> np.ndarray:
             i = s["current"]
-            return s.replace(current=(1 - soft) * np.tanh(q * i) / q + soft * i / (1 + q * np.abs(i))).passed(core)
+            return (1 - soft) * np.tanh(q * i) / q + soft * i / (1 + q * np.abs(i))
 
-        return run
+        return along_current(core, (self.name, q, soft), bent, same_jumps=True)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more degree in the current", degree=1)
@@ -462,12 +489,12 @@ class Remanence(CurrentEffect):
 
         width = float(values[0])
 
-        def run(s: Signals) -> np.ndarray:
+        def behind(s: Signals) -> np.ndarray:
             out = np.empty(s.n_samples)
             play(np.ascontiguousarray(s["current"]), width, out)
-            return s.replace(current=out).passed(core)
+            return out
 
-        return run if width > 0 else core
+        return along_current(core, (self.name, width), behind) if width > 0 else core
 
     def lpv_change(self) -> LpvChange | None:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import MOST_POINTS, Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.electrical import NO_BEND, CurrentEffect
+from quartercar.effects.electrical import NO_BEND, CurrentEffect, along_current
 from quartercar.effects.force_output import no_force
 from quartercar.effects.structure import resonance_filtered
 
@@ -45,11 +45,11 @@ class SchedulingDegree(CurrentEffect):
         if q == 0 and r == 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
+        def bent(s: Signals) -> np.ndarray:
             i = s["current"]
-            return s.replace(current=i + q * (i**2 - i) + r * (i**3 - i)).passed(core)
+            return i + q * (i**2 - i) + r * (i**3 - i)
 
-        return run
+        return along_current(core, (self.name, q, r), bent, same_jumps=True)
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         return ("current-saturation",)

@@ -57,8 +57,11 @@ class Quantisation(Effect):
         if share == 0:
             return core
 
+        def finer(s: Signals) -> Signals:
+            return s.replace(**{m: s[m] + share * (_between_steps(s, m) - s[m]) for m in _coarse(s)})
+
         def run(s: Signals) -> np.ndarray:
-            force = s.replace(**{m: s[m] + share * (_between_steps(s, m) - s[m]) for m in _coarse(s)}).passed(core)
+            force = core(s.remembered("between steps", share, lambda: finer(s)))
             return force + share * mean_rounding(force, step) if step > 0 else force
 
         return run

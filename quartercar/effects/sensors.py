@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.electrical import in_proportion
+from quartercar.effects.electrical import with_same_jumps
 from quartercar.effects.measurement import MOTION
 
 SENSORS: Mapping[str, tuple[str, ...]] = {
@@ -61,7 +61,11 @@ def scaled(core: Core, sensor: float, factor: float) -> Core:
     Core
     """
     channels = list(SENSORS.values())[round(sensor)]
-    return lambda s: in_proportion(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s).passed(core)
+
+    def changed(s: Signals) -> Signals:
+        return with_same_jumps(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s)
+
+    return lambda s: core(s.remembered("another gain", (round(sensor), factor), lambda: changed(s)))
 
 
 class SensorScale(SensorEffect):
