@@ -284,6 +284,33 @@ class Signals:
             self.facts[role, key] = make(self.channels[role])
         return self.facts[role, key]
 
+    def along_others(self, kind: str, key: Hashable, make: Callable[[], Signals], core: Core) -> np.ndarray:
+        """A simulation along signals that were made of these; the last of a kind are kept, with what is cached there.
+
+        Where the others and those made of them would have more than `LONG` samples together, nothing is kept: what is
+        cached along signals refers to these, and stays in memory until the next garbage collection.
+
+        Parameters
+        ----------
+        kind : str
+        key : hashable
+            Equal for equal signals.
+        make : callable
+            The other signals; without arguments.
+        core : Core
+
+        Returns
+        -------
+        (n,) array
+            Output, in its unit.
+        """
+        if REPLACED**2 * self.n_samples <= LONG:
+            return core(self.remembered(kind, key, make))
+        others = make()
+        out = core(others)
+        others.cache.clear()
+        return out
+
     def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """(n,) result of `make` for one channel of the record, at these samples; computed once for the record.
 

@@ -287,7 +287,7 @@ def along_current(core: Core, key: Hashable, current: Callable[[Signals], np.nda
         found = s.replace(current=current(s))
         return with_same_jumps(found, s) if same_jumps else found
 
-    return lambda s: core(s.remembered("other currents", key, lambda: changed(s)))
+    return lambda s: s.along_others("current", key, lambda: changed(s), core)
 
 
 class CurrentEffect(GridEffect):

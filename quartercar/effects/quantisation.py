@@ -61,7 +61,7 @@ class Quantisation(Effect):
             return s.replace(**{m: s[m] + share * (_between_steps(s, m) - s[m]) for m in _coarse(s)})
 
         def run(s: Signals) -> np.ndarray:
-            force = core(s.remembered("between steps", share, lambda: finer(s)))
+            force = s.along_others("between steps", share, lambda: finer(s), core)
             return force + share * mean_rounding(force, step) if step > 0 else force
 
         return run

@@ -65,7 +65,7 @@ def scaled(core: Core, sensor: float, factor: float) -> Core:
     def changed(s: Signals) -> Signals:
         return with_same_jumps(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s)
 
-    return lambda s: core(s.remembered("another gain", (round(sensor), factor), lambda: changed(s)))
+    return lambda s: s.along_others("gain", (round(sensor), factor), lambda: changed(s), core)
 
 
 class SensorScale(SensorEffect):

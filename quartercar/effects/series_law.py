@@ -125,11 +125,13 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
     chosen = speeds[picks]
 
     def along(signals: Signals) -> np.ndarray:
-        out, at_once = [], max(LONG // s.n_samples, 1)
+        out, at_once = np.empty((s.n_samples, chosen.size)), max(LONG // s.n_samples, 1)
         for k in range(0, chosen.size, at_once):
-            some = chosen[k:k + at_once]
-            out.append(core(_at_speeds(signals, some, signals.record or signals)).reshape(some.size, s.n_samples))
-        return np.concatenate(out).T.copy()
+            part = chosen[k:k + at_once]
+            there = _at_speeds(signals, part, signals.record or signals) if part.size > 1 else \
+                signals.evaluated(velocity=np.full(s.n_samples, part[0]))
+            out[:, k:k + part.size] = core(there).reshape(part.size, s.n_samples).T
+        return out
 
     rows = along(s)
     before, tilt = rows, np.zeros_like(rows)
