@@ -159,7 +159,8 @@ def _fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: in
     way = "step" if program.sample_time else "flow"
     text = "".join(home.joinpath(file).read_text(encoding="utf-8")
                    for file in ("fmi.c", f"{way}.c", f"fmi{version}.c", f"fmi{version}_{way}.c"))
-    marks = {**MARKS[version], "NAME": name, "PERIOD": c_number(program.sample_time), "VARIABLES": str(len(listed)), "PLACES": places,
+    marks = {**MARKS[version], "NAME": name, "PERIOD": c_number(program.sample_time), "PLACES": places,
+             "VARIABLES": str(len(listed)),
              "KIND": "co-simulation", "TYPE": "fmi2CoSimulation", "MORE": "", "ALWAYS": "0"}
     if not program.sample_time:
         first = [next(i for i, v in enumerate(listed) if v.kind == kind) for kind in ("state", "rate")]
