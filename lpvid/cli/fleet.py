@@ -42,8 +42,8 @@ def fleet(
                                                 "core).")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", metavar="SECONDS", help="Time after which a step of a "
                                               "file is stopped and its later ones skipped.")] = 600.0,
-    retries: Annotated[int, typer.Option("--retries", min=0, help="How often a step whose process died is "
-                                         "tried again.")] = 2,
+    retries: Annotated[int, typer.Option("--retries", min=0, help="Further attempts at a step whose "
+                                         "process died.")] = 2,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
