@@ -108,8 +108,8 @@ def _levels(records: Sequence[Record], variable: str) -> dict[float, list[Record
     """Records at which the scheduling is constant, by their mean level.
 
     It counts as constant where it scatters about its mean by less than half of the way to the next level, so that a
-    sensor's noise does not blur the levels. Records are taken in the order of their scatter; those that move more are passed
-    over.
+    sensor's noise does not blur the levels. Records are taken in the order of their scatter; those that move more are
+    passed over.
     """
     span = float(np.ptp(np.concatenate([r[variable] for r in records]))) or 1.0
     found: dict[float, list[Record]] = {}
