@@ -1,4 +1,4 @@
-"""ReadOnlyState: frozen nouns whose mappings and arrays stay read-only through pickle and copy."""
+"""ReadOnlyState: frozen classes whose mappings and arrays stay read-only through pickle and copy."""
 
 from __future__ import annotations
 

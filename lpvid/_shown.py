@@ -1,8 +1,9 @@
-"""Shown: nouns that draw themselves, alone or on axes of the caller, and appear as a small card in a notebook."""
+"""Shown: results that draw themselves, alone or on axes of the caller, and appear as a small card in a notebook."""
 
 from __future__ import annotations
 
 import importlib
+from types import ModuleType
 from typing import Any, ClassVar
 
 
@@ -12,10 +13,10 @@ class Shown:
     Attributes
     ----------
     DRAWN_BY : str
-        Module whose `plot` and `card` draw this noun.
+        Module that registers the drawing of this class in `lpvid.plot.drawings.drawing_of`.
     """
 
-    DRAWN_BY: ClassVar[str] = "lpvid.plot.nouns"
+    DRAWN_BY: ClassVar[str] = "lpvid.plot.drawings"
 
     def plot(self, ax: Any = None) -> Any:
         """Draw it.
@@ -35,7 +36,11 @@ class Shown:
         InputError
             Another number of axes than the drawing has panels.
         """
-        return importlib.import_module(self.DRAWN_BY).plot(self, ax)
+        return self._drawings().plot(self, ax)
 
     def _repr_html_(self) -> str:
-        return importlib.import_module(self.DRAWN_BY).card(self)
+        return self._drawings().card(self)
+
+    def _drawings(self) -> ModuleType:
+        importlib.import_module(self.DRAWN_BY)
+        return importlib.import_module(Shown.DRAWN_BY)

@@ -1,4 +1,4 @@
-"""What a package on top of lpvid needs beside the nouns: checks of arguments, kernels, threads, processes, drawing.
+"""What a package on top of lpvid needs beside its classes: checks of arguments, kernels, threads, processes, drawing.
 
 `quartercar` uses nothing of lpvid that starts with an underscore, and no other package has to.
 
@@ -8,8 +8,8 @@
 - ``single_thread``, ``found_once``, ``in_processes``, ``in_forks``, ``Beside``: one BLAS thread inside a block, a value
   that threads share, a function over items on several processes or forks, one call beside the caller's own work.
   ``processors``: how many of them the machine has for this process.
-- ``ReadOnlyState``: a frozen noun whose mappings and arrays stay read-only through pickle and copy.
-- ``Shown``: a noun that draws itself and has a card in a notebook.
+- ``ReadOnlyState``: a frozen class whose mappings and arrays stay read-only through pickle and copy.
+- ``Shown``: a result that draws itself and has a card in a notebook.
 
 Examples
 --------

@@ -203,7 +203,6 @@ def to_si(values: Any, unit: str | None) -> InSI:
     Parameters
     ----------
     values : array
-        As given where the source unit was not understood.
         Samples in `unit`.
     unit : str or None
         Unit as the header gave it; None or "" leaves the values as they are.

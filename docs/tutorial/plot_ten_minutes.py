@@ -91,7 +91,7 @@ print(better)
 # %%
 # 7. Stability
 # ------------
-# Three questions that are easy to confuse. Where are the poles at each current that stands still? At which current
+# Three questions that are easy to confuse. Where are the poles at each constant current? At which current
 # does the frozen model turn unstable? Does every motion die out while the current moves?
 
 print(lpv.critical_scheduling(found.model))

@@ -350,6 +350,6 @@ def feedback(views: Sequence[View], inputs: Sequence[str], outputs: Sequence[str
             f"repeat over {found.periods} periods of the excitation: score {min(found.score, found.own_score):.3g}, "
             f"critical {found.critical:.3g}. The data are from a closed loop: what fits the free run (oe, riv, pem-ss) "
             "is biased by the disturbance, and so is least squares (arx) unless the disturbance is of its form",
-            "run bj or armax, whose noise model must be rich enough here; or use the mean over the periods, which has "
-            "the less disturbance the more there are; or record the loop's reference and identify reference to output "
+            "run bj or armax, whose noise model must be rich enough here; or use the mean over the periods, whose "
+            "disturbance falls with their number; or record the loop's reference and identify reference to output "
             "and reference to input, whose ratio is the plant", min(found.score, found.own_score))

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from lpvid.cli.compare import compare
 from lpvid.cli.diagnose import diagnose
 from lpvid.cli.export import export
@@ -18,27 +14,8 @@ from lpvid.cli.stability import stability
 from lpvid.cli.synthesize import synthesize, verify
 from lpvid.cli.validate import validate
 
-app = new_app()
-
-
-def _version(value: bool) -> None:
-    if value:
-        from lpvid import __version__
-
-        typer.echo(f"lpvid {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_version, is_eager=True,
-                                                  help="Print the version and stop.")] = False) -> None:
-    """Identify LPV models from measured data, state how good and how stable they are, and what a simulation gets wrong.
-
-    Exit codes: 0 done; 2 the input is at fault (one line, nothing is written); 3 a numerical outcome short of
-    the request, with the result written.
-    """
-
-
+app = new_app("lpvid", "Identify LPV models from measured data, state how good and how stable they are, and what "
+                       "a simulation gets wrong.")
 _SIGNALS = "--input velocity --output force --schedule current"
 EXAMPLES = {
     inspect: (("what a record can be used for", "lpvid inspect run*.csv --out inspected"),),

@@ -42,8 +42,8 @@ def fleet(
                                                 "core).")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", metavar="SECONDS", help="Time after which a step of a "
                                               "file is stopped and its later ones skipped.")] = 600.0,
-    retries: Annotated[int, typer.Option("--retries", min=0, help="How often a step whose process died is "
-                                         "tried again.")] = 2,
+    retries: Annotated[int, typer.Option("--retries", min=0, help="Further attempts at a step whose "
+                                         "process died.")] = 2,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -150,8 +150,7 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
         first = read_records([str(find(list(data))[0])], roles=roles)
         settled = _settled(request, first, report_progress)[0]
         structure = settled if isinstance(settled, ARX) else structure
-    if request.structure != "arx" or "passive" in request.given or isinstance(structure.stage, str) or \
-            isinstance(structure.schedule_filter, str):
+    if request.structure != "arx" or "passive" in request.given or structure.fits_stages:
         raise InputError("--fleet identifies arx, stages given or none", got=f"--structure {request.structure}",
                          why="only least squares adds up from file to file", mend="leave --fleet out")
     plan = plan_fleet(data, results.folder / "fleet", do=("identify",), structure=structure, roles=parse_roles(roles))

@@ -305,7 +305,7 @@ def _settled(request: Request, training: Sequence[Record],
     require_motion(training, request.build(0, None))
     if request.affine > 1 and "affine-terms" not in request.given and at_rest(training, request.schedule):
         affine = 1
-        notes = (f"{', '.join(request.schedule)} stands still within every record, so that its lags are the same: "
+        notes = (f"{', '.join(request.schedule)} is constant within every record, so that its lags are the same: "
                  "one affine term",)
     delay = request.delay
     if request.searches_delay:

@@ -38,18 +38,47 @@ PATIENCE = 3.0
 """Seconds before progress is written to a pipe."""
 
 
-def new_app() -> typer.Typer:
+EXIT_CODES = """
+
+Exit codes: 0 done; 2 the input is at fault (one line, nothing is written); 3 a numerical outcome short of the request,
+with the result written."""
+"""What the help of both programs ends with."""
+
+
+def new_app(program: str, about: str) -> typer.Typer:
     """A Typer application with the settings common to both programs.
+
+    Parameters
+    ----------
+    program : str
+        As `--version` prints it.
+    about : str
+        What the program does, for its help.
 
     Returns
     -------
     typer.Typer
-        Without commands yet: help by -h too, and errors in one line.
+        Without commands yet: help by -h too, the version, and errors in one line.
     """
     from lpvid.cli.helping import Group
 
-    return typer.Typer(cls=Group, no_args_is_help=True, pretty_exceptions_enable=False,
-                       context_settings={"help_option_names": ["-h", "--help"]})
+    def print_version(value: bool) -> None:
+        if value:
+            from lpvid import __version__
+
+            typer.echo(f"{program} {__version__}")
+            raise typer.Exit
+
+    option = typer.Option(False, "--version", "-v", callback=print_version, is_eager=True,
+                          help="Print the version and stop.")
+    app = typer.Typer(cls=Group, no_args_is_help=True, pretty_exceptions_enable=False,
+                      context_settings={"help_option_names": ["-h", "--help"]})
+
+    @app.callback(help=about + EXIT_CODES)
+    def common(version: bool = option) -> None:
+        pass
+
+    return app
 
 
 def add(app: typer.Typer, function: Callable[..., Any], examples: Iterable[tuple[str, str]]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import os
 import platform
+import re
 import sys
 import tempfile
 import uuid
@@ -34,10 +35,11 @@ HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
 """The standard's headers (2-clause BSD, Modelica Association), taken from FMPy, which ships them unchanged."""
 PLATFORMS = {2: "linux64", 3: "x86_64-linux"}
 """Folder of a Linux x86-64 library in either version of the standard."""
-WRAPPERS = {2: ("fmi2.c", "fmi2_step.c"), 3: ("fmi3.c", "fmi3_step.c", "fmi3_refused.c")}
-"""Templates that make one wrapper."""
-FLOW_WRAPPERS = {2: ("fmi2.c", "fmi2_flow.c"), 3: ("fmi3.c", "fmi3_flow.c", "fmi3_refused.c")}
-"""Those of a continuous model, for model exchange."""
+MARKS = {2: {"FMI": "fmi2", "VERSION": "2", "REAL": "fmi2Real", "ENVIRONMENT": "ComponentEnvironment",
+             "LOGGER": "CallbackLogger", "TITLE": "m->title, ", "CLOCKS": "0"},
+         3: {"FMI": "fmi3", "VERSION": "3", "REAL": "fmi3Float64", "ENVIRONMENT": "InstanceEnvironment",
+             "LOGGER": "LogMessageCallback", "TITLE": "", "CLOCKS": "1"}}
+"""Names of either version of the standard in the templates that both share; FMI 3 has the time as a variable."""
 TOLERANCE = 1e-12
 """Largest error against the simulation, relative to the largest output, with which an FMU passes."""
 SLOPE_TOLERANCE = 1e-6
@@ -153,9 +155,12 @@ def _fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: in
     files = {f"{name}.h": header(program, "double"), f"{name}.c": source(program, "double")}
     places = ",\n".join(f"    offsetof(Instance, {v.member})" for v in listed)
     home = resources.files("lpvid.export.fmi")
-    parts = (WRAPPERS if program.sample_time else FLOW_WRAPPERS)[version]
-    text = "".join(home.joinpath(file).read_text(encoding="utf-8") for file in parts)
-    marks = {"NAME": name, "PERIOD": c_number(program.sample_time), "VARIABLES": str(len(listed)), "PLACES": places,
+    headers = _headers(version)
+    way = "step" if program.sample_time else "flow"
+    text = "".join(home.joinpath(file).read_text(encoding="utf-8")
+                   for file in ("fmi.c", f"{way}.c", f"fmi{version}.c", f"fmi{version}_{way}.c"))
+    marks = {**MARKS[version], "NAME": name, "PERIOD": c_number(program.sample_time), "PLACES": places,
+             "VARIABLES": str(len(listed)),
              "KIND": "co-simulation", "TYPE": "fmi2CoSimulation", "MORE": "", "ALWAYS": "0"}
     if not program.sample_time:
         first = [next(i for i, v in enumerate(listed) if v.kind == kind) for kind in ("state", "rate")]
@@ -165,10 +170,35 @@ def _fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: in
                   "OUTPUTS": str(sum(v.kind == "output" for v in listed))}
     for mark, value in marks.items():
         text = text.replace(f"@{mark}@", value)
+    text += _not_supported(text, headers["fmi3FunctionTypes.h"]) if version == 3 else ""
     token = str(uuid.uuid5(NAMESPACE, files[f"{name}.c"] + text))
     token = f"{{{token}}}"
     files[f"{name}_fmi{version}.c"] = text.replace("@TOKEN@", token)
-    return files | _headers(version), token
+    return files | headers, token
+
+
+def _not_supported(text: str, types: str) -> str:
+    """Functions of FMI 3 that a wrapper does not name, each failing: importers look for all of them.
+
+    Parameters
+    ----------
+    text : str
+        The wrapper in C.
+    types : str
+        The standard's header with the type of every function.
+    """
+    named, out = set(re.findall(r"fmi3\w+", text)), "\n/* Functions of the standard that this model does not have. */\n"
+    for kind, name, listed in re.findall(r"typedef\s+(\w+)\s+(fmi3\w+)TYPE\s*\(([^;]*)\);", types):
+        if name in named:
+            continue
+        arguments = [" ".join(a.split()) for a in listed.split(",")]
+        unused = re.findall(r"(\w+)(?:\[\])?(?:,|$)", ", ".join(arguments))
+        result = "NULL"
+        if kind == "fmi3Status":
+            unused, result = unused[1:], f'complain((Instance *)instance, "{name} is not supported")'
+        out += "\n".join(("", f"{kind} {name}(" + f",\n{' ' * len(f'{kind} {name}(')}".join(arguments) + ")", "{",
+                          *(f"    (void){a};" for a in unused), f"    return {result};", "}", ""))
+    return out
 
 
 def _headers(version: int) -> dict[str, str]:

@@ -58,7 +58,7 @@ class FleetPlan:
     limit : float
         Seconds after which a step of a file is stopped; the later ones of that file are skipped.
     retries : int
-        How often a step is tried again after its process died.
+        Further attempts at a step whose process died.
     """
 
     jobs: tuple[Job, ...]

@@ -154,6 +154,11 @@ class ARX(Structure):
         """Number of input lags of every input."""
         return self.nb  # type: ignore[return-value]
 
+    @property
+    def fits_stages(self) -> bool:
+        """Whether an input stage or a scheduling filter is to be fitted: named, not given."""
+        return isinstance(self.stage, str) or isinstance(self.schedule_filter, str)
+
     def _shape(self) -> InputStage | None:
         return STAGES[self.stage]() if isinstance(self.stage, str) else self.stage
 
@@ -220,7 +225,7 @@ class ARX(Structure):
                              got=min(float(r[self.weight].min()) for r in records))
         box = scheduling_box(records, self.basis, check_basis=not self.ridge)
         bound = replace(self, basis=self.basis.bound(box))
-        if isinstance(self.stage, str) or isinstance(self.schedule_filter, str):
+        if self.fits_stages:
             from lpvid.identification.stage_fit import fit_stages
 
             return fit_stages(records, bound, box)

@@ -279,6 +279,6 @@ def _stack(record: Record, names: Sequence[str], low: int, high: int) -> np.ndar
 
 def _apart(mixed: Sequence[str]) -> str:
     """What to do about parameters that depend on one another, from their names."""
-    if all(name.startswith("c") for name in mixed):  # c_j(p(k−j)) are the same where p stands still in every record
+    if all(name.startswith("c") for name in mixed):  # c_j(p(k−j)) are the same where p is constant in every record
         return "use a single affine term (affine=1, --affine-terms 1), or add records in which the scheduling moves"
     return "lower the orders or the degree, or add ridge"

@@ -32,7 +32,7 @@ class RowStream:
     """
 
     def __init__(self, structure: ARX, sample_time: float) -> None:
-        if isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str):
+        if structure.fits_stages:
             raise InputError("a stream cannot fit an input stage or a scheduling filter",
                              why="their search runs over the data many times",
                              mend="fit them on a part of the data first, and give them as objects")

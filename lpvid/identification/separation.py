@@ -114,12 +114,8 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
         sample = shorten(records, SAMPLES, 20 * (found.model.start + 5))
         split = _split(found, sample, coherence)
     if split is None:
-        return _noted(
-            found,
-            marked,
-            f"{stated}; this kind of model is not regularised: what it gives each input is not "
-            "determined, and its standard errors do not show that",
-        )
+        return _noted(found, marked, f"{stated}; this kind of model is not regularised: the data do not determine the "
+                      "effect of each input apart from the others, and the standard errors do not include that")
     new = split.apply(found)
     if not _mean_square(new, sample) <= (1 + 2 * NO_WORSE) * _mean_square(found, sample):
         new = replace(split, weight=np.ones_like(split.weight)).apply(found)  # rounding rules: the variance alone

@@ -79,7 +79,7 @@ class SparseARX(ThroughARX):
 
     def estimate(self, records: Sequence[Record]) -> Identification:
         full = self.arx
-        if isinstance(full.stage, str) or isinstance(full.schedule_filter, str):
+        if full.fits_stages:
             fitted = full.estimate(records).structure
             full = replace(full, stage=fitted.stage, schedule_filter=fitted.schedule_filter)
         box = scheduling_box(records, full.basis)

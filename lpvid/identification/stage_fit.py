@@ -124,7 +124,7 @@ def _search(records: Sequence[Record], structure: StagedStructure, box: Scheduli
 
 
 def require_motion(records: Sequence[Record], structure: object) -> None:
-    """Refuse to fit a scheduling filter to records within which the scheduling stands still.
+    """Refuse to fit a scheduling filter to records within which the scheduling is constant.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def require_motion(records: Sequence[Record], structure: object) -> None:
     names = next((tuple(b.names) for n in ("external", "basis") if (b := getattr(structure, n, None)) is not None),
                  ()) or tuple(filter(None, (getattr(structure, "current", None),)))
     if at_rest(records, names):
-        raise InputError(f"no scheduling filter can be fitted: {', '.join(names)} stands still within every record",
+        raise InputError(f"no scheduling filter can be fitted: {', '.join(names)} is constant within every record",
                          got=f"the filter '{wanted}'", why="a filter shows only where its input moves",
                          mend="leave the filter out, or add records in which the scheduling steps")
 

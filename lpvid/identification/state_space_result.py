@@ -189,7 +189,7 @@ def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpac
     unstable, resting = _unstable_share(model, search)
     if unstable > 0:
         stated.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
-                    + ("the scheduling stands still there, and a longer run diverges" if resting else
+                    + ("the scheduling is constant there, and a longer run diverges" if resting else
                        "the run is bounded there by the motion of the scheduling, not by the model"))
     return Identification(model, structure, layout, covariance, sure.condition, sure.condition,
                           search.data.rows, notes=tuple(stated), covariance_kind=sure.kind)

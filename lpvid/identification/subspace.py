@@ -150,9 +150,7 @@ class Subspace(StateSpaceStructure):
 
     def _estimate(self, records: Sequence[Record], box: Scheduling, notes: list[str]) -> Identification:
         traces, scales = self._traces(records, box)
-        words, stated = self._words(traces)
-        letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
-        predicted = [words.rows(t, letter, self._ahead) for t in traces]
+        predicted, stated = self._predicted(traces)
         singular, basis = _principal(predicted)
         equations = sum(t.y[self._back:].size for t in traces)
         known = [n for n in range(1, min(self._most - 1, MAX_ORDER) + 1) if 2 * self._parameters(n) <= equations]
@@ -170,6 +168,12 @@ class Subspace(StateSpaceStructure):
         notes.append("standard errors are those of an efficient estimate at this point: a lower bound")
         end = StateSpaceSearchEnd(safe, evaluate(safe, data), data, 0, "not begun")
         return package(replace(self, order=order), end, layout, records, notes)
+
+    def _predicted(self, traces: Sequence[Trace]) -> tuple[list[np.ndarray], str]:
+        """Predicted outputs of every record at the mean of the basis functions, and what the regression is."""
+        words, stated = self._words(traces)
+        mean = np.mean(np.vstack([t.phi for t in traces]), axis=0)
+        return [words.rows(t, mean, self._ahead) for t in traces], stated
 
     def _bounded(self, records: Sequence[Record], box: Scheduling, traces: Sequence[Trace],
                  states: Sequence[np.ndarray], scales: tuple[np.ndarray, np.ndarray]):
@@ -210,9 +214,7 @@ class Subspace(StateSpaceStructure):
         """
         box = scheduling_box(records, self.basis, check_basis=False)
         traces, scales = self._traces(records, box)
-        words, _ = self._words(traces)
-        letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
-        predicted = [words.rows(t, letter, self._ahead) for t in traces]
+        predicted, _ = self._predicted(traces)
         directions = _principal(predicted)[1]
         for order in orders:
             states = [g @ directions[:, :order] for g in predicted]

@@ -13,7 +13,7 @@ from lpvid.model.zone_lines import ZoneLines
 from lpvid.record import Record
 
 STILL = 1e-6
-"""spread over the whole range within which a scheduling variable stands still."""
+"""spread over the whole range within which a scheduling variable is constant."""
 CANDIDATES = np.linspace(0.02, 0.9, 45)
 """shares of a level's largest |velocity| between which v_high is sought, before the best interval is searched."""
 
@@ -48,7 +48,7 @@ class ZoneRegression:
 
 def regress_zones(records: Sequence[Record], input: str = "velocity", output: str = "force",
                   variable: str = "current", degree: int = 1) -> ZoneRegression:
-    """Fit (3.14) to every level at which the scheduling stands still, and its coefficients over the levels.
+    """Fit (3.14) to every level at which the scheduling is constant, and its coefficients over the levels.
 
     ::
 
@@ -89,7 +89,7 @@ def regress_zones(records: Sequence[Record], input: str = "velocity", output: st
     groups = _levels(records, variable)
     if len(groups) <= max(degree, 1):
         raise InputError(f"a regression of degree {max(degree, 1)} over '{variable}' needs {max(degree, 1) + 1} levels "
-                         "at which it stands still", got=f"{len(groups)}",
+                         "at which it is constant", got=f"{len(groups)}",
                          mend="add records at constant levels, or use stage='three-zone', which needs none")
     levels = np.array(sorted(groups))
     samples = [tuple(np.concatenate([r[c] for r in groups[g]]) for c in (input, output)) for g in sorted(groups)]
@@ -105,11 +105,11 @@ def regress_zones(records: Sequence[Record], input: str = "velocity", output: st
 
 
 def _levels(records: Sequence[Record], variable: str) -> dict[float, list[Record]]:
-    """Records at which the scheduling stands still, by their mean level.
+    """Records at which the scheduling is constant, by their mean level.
 
-    It stands still where it scatters about its mean by less than half of the way to the next level, so that a sensor's
-    noise does not blur the levels. Records are taken in the order of their scatter; those that move more are passed
-    over.
+    It counts as constant where it scatters about its mean by less than half of the way to the next level, so that a
+    sensor's noise does not blur the levels. Records are taken in the order of their scatter; those that move more are
+    passed over.
     """
     span = float(np.ptp(np.concatenate([r[variable] for r in records]))) or 1.0
     found: dict[float, list[Record]] = {}

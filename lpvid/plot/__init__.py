@@ -1,4 +1,4 @@
-"""Figures: every function takes nouns, draws on new axes or on those of ``ax=``, and returns its `Axes`.
+"""Figures: every function draws on new axes or on those of ``ax=``, and returns its `Axes`.
 
 `show`, `svg` and `png` take a figure or axes. Nothing global is touched.
 """

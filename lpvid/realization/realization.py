@@ -43,7 +43,7 @@ class Realization:
         "controllable", "observable", "shifted" or "augmented".
     exact : bool
         True when the form reproduces the input-output model for any scheduling trajectory; every form does so while
-        the scheduling stands still.
+        the scheduling is constant.
     causal : bool
         True when the form reads p(k) and earlier only.
     source : LPVTransferFunction

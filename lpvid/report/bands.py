@@ -76,8 +76,8 @@ def sureness(found: Identification, shown: Sequence[Comparison]) -> tuple[Sectio
         if not drawn:
             return ()
         items: list[Item] = [Paragraph(f"Bands of {DRAWS} models drawn from the covariance of the parameters "
-                                       f"({_kind(found)}); pointwise. They show how sure the estimate is within its "
-                                       "structure, not what the structure lacks.")]
+                                       f"({_kind(found)}); pointwise. They show the uncertainty of the parameters "
+                                       "within this structure, not errors of the structure.")]
         items.append(_free_run(drawn, shown[0]))
     return (Section("How sure the model is", tuple(items)),)
 

@@ -109,7 +109,7 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):
         lines.append(_coloured(found))
     if found.model.box.names and not isinstance(found.model, SelfScheduled):
-        lines.append("The frozen poles hold for a scheduling variable that stands still; see the stability report for "
+        lines.append("The frozen poles hold for a constant scheduling variable; see the stability report for "
                      "one that moves.")
     return tuple(lines)
 
@@ -137,5 +137,5 @@ def _parameters(found: Identification) -> list[Item]:
     items.append(PageTable(("parameter", "value", "standard error"), rows[:MOST_PARAMETERS], "In SI units.", (1, 2),
                        folded=f"{min(len(rows), MOST_PARAMETERS)} linear parameters"))
     if len(rows) > MOST_PARAMETERS:
-        items.append(Paragraph(f"{len(rows) - MOST_PARAMETERS} more parameters stand in identification.json."))
+        items.append(Paragraph(f"{len(rows) - MOST_PARAMETERS} more parameters are in identification.json."))
     return items

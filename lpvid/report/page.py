@@ -1,4 +1,4 @@
-"""A page as nouns: verdict, next steps, sections, tables, figures; `lpvid.report.rendering` turns it into HTML."""
+"""A page as data: verdict, next steps, sections, tables, figures; `lpvid.report.rendering` turns it into HTML."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class StabilityStudy(Shown):
         if self.certificate.verified:
             return f"Stable, and {self.certificate.verdict}: {self.certificate.claim}."
         if self.certificate.divergence is not None:
-            return (f"Stable only while the scheduling stands still: the model {self.certificate.divergence} when it "
+            return (f"Stable only while the scheduling is constant: the model {self.certificate.divergence} when it "
                     "moves within the range.")
         return ("Frozen-stable over the range, but not certified for a moving scheduling variable: no proof and no "
                 "counterexample was found.")

@@ -1,4 +1,4 @@
-"""Interactive time traces: nouns, and how their samples are packed into a page.
+"""Interactive time traces: their data, and how their samples are packed into a page.
 
 Every curve is quantised to 16 bits over the range of its panel, differenced, deflated and written in base64: about one
 byte a sample for measured signals. Where all curves of a page do not fit into what the page may weigh, each is replaced

@@ -99,7 +99,7 @@ class Product(Composite):
         Returns
         -------
         Basis
-            Equal to this one for a scheduling that stands still.
+            Equal to this one for a constant scheduling.
         """
         return Product(self.first.still(), self.second.still())
 

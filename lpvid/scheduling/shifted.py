@@ -96,6 +96,6 @@ class Shifted(Basis):
         Returns
         -------
         Basis
-            Equal to this one for a scheduling that stands still.
+            Equal to this one for a constant scheduling.
         """
         return self.basis.still()

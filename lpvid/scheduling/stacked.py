@@ -99,7 +99,7 @@ class Stacked(Composite):
         Returns
         -------
         Basis
-            Equal to this one for a scheduling that stands still.
+            Equal to this one for a constant scheduling.
         """
         return Stacked(tuple(f.still() for f in self.factors))
 

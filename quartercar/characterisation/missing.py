@@ -68,6 +68,10 @@ def unchecked_band(forces: Sequence[StandardForce], tolerance: Tolerance) -> tup
     return (Missing("tolerance band", why, run),)
 
 
+def _sines(speeds: Sequence[float]) -> str:
+    return "run sines: " + "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in speeds)
+
+
 def _forces(found: Readings) -> list[Missing]:
     if not found.forces:
         return [Missing("forces at standard speeds", "the current moves in all records with a force",
@@ -76,19 +80,15 @@ def _forces(found: Readings) -> list[Missing]:
     lacking = [f for f in found.forces if f.force is None]
     whole = {v: sum(f.speed == v for f in found.forces) for v in found.settings.speeds}
     short = {v: [f for f in lacking if f.speed == v] for v in found.settings.speeds}
-    never = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
-             and all(isinstance(f.why, TooSlow) for f in short[v])]
+    never, between = ([v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
+                       and all(isinstance(f.why, kind) for f in short[v])] for kind in (TooSlow, Between))
     if never:
-        tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
         fastest = max(float(np.quantile(np.abs(r.velocity), 0.999)) for r in found.data.runs)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
-                            f"fastest reaches {fastest:.3g} m/s", f"{_own_speeds(found)}run sines: {tests}"))
-    between = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
-               and all(isinstance(f.why, Between) for f in short[v])]
+                            f"fastest reaches {fastest:.3g} m/s", f"{_own_speeds(found)}{_sines(never)}"))
     if between:
-        tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in between)
         rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in between)} m/s", "the triangles have one speed "
-                            "each, and none of these", f"run sines: {tests}"))
+                            "each, and none of these", _sines(between)))
     for speed in found.settings.speeds:
         if speed in (*never, *between) or not short[speed]:
             continue

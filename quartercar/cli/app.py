@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from lpvid.cli.running import add, new_app
 from quartercar.cli.characterise import characterise
 from quartercar.cli.demo import demo
@@ -15,26 +11,8 @@ from quartercar.cli.fit import fit
 from quartercar.cli.ride import ride
 from quartercar.cli.rig import rig
 
-app = new_app()
-
-
-def _version(value: bool) -> None:
-    if value:
-        from lpvid import __version__
-
-        typer.echo(f"quartercar {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_version, is_eager=True,
-                                                  help="Print the version and stop.")] = False) -> None:
-    """Dampers and quarter cars: a virtual test rig, damper models fitted and compared, controllers and rides.
-
-    Exit codes: 0 done; 2 the input is at fault (one line, nothing is written); 3 a numerical outcome short of
-    the request, with the result written.
-    """
-
+app = new_app("quartercar", "Dampers and quarter cars: a virtual test rig, damper models fitted and compared, "
+                            "controllers and rides.")
 
 EXAMPLES = {
     rig: (

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solver_output_suppressed, working
+from quartercar.cli import car_options
 
 if TYPE_CHECKING:
     from quartercar.controllers.designed.lpv_hinf import LpvHinf
@@ -19,20 +19,15 @@ if TYPE_CHECKING:
     from quartercar.design.identified import IdentifiedDesign
     from quartercar.design.nominal import Design
 
-ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
-                                                   "take precedence over it.", show_default=False)]
-
-
 @command
 def design(
-    config: ConfigFile = None,
-    car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
-    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A model.json of lpvid identify, or a "
-                                                "damper that fit wrote; left out: the embedded one.")] = None,
+    config: car_options.Config = None,
+    car: car_options.Car = None,
+    damper: car_options.DamperFile = None,
     plant: Annotated[str | None, typer.Option("--plant", metavar="PLANT", help="identified: the damper's own dynamics "
                                               "(the default where it is an identified transfer function); nominal: "
                                               "c_nom alone.")] = None,
-    template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
+    template: car_options.Template = False,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of a CONFIG and stop.")] = False,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune the weights first, with N "
                                              "evaluations.")] = None,

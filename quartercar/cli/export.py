@@ -10,6 +10,7 @@ import typer
 from lpvid.cli import options
 from lpvid.cli.export import Name, Precision, To, deliver
 from lpvid.cli.running import Results, command, solver_output_suppressed, working
+from quartercar.cli import car_options
 
 if TYPE_CHECKING:
     from quartercar.controllers.contract import Controller
@@ -29,8 +30,7 @@ def export(
                                             "CONFIG.")] = None,
     damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A damper that fit wrote, without "
                                                 "CONFIG; left out: the embedded identified one.")] = None,
-    measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "
-                                                     "stroke-body-wheel or ideal.")] = None,
+    measurements: car_options.Measurements = None,
     road_ahead: Annotated[int | None, typer.Option("--road-ahead", metavar="SAMPLES", min=0, help="Coming samples "
                                                    "whose road is known, each an input: 69 for 2.7 m at 20 m/s and 512 "
                                                    "Hz. For preview-lqr and preview-lpv.")] = None,

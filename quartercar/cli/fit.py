@@ -36,7 +36,7 @@ def fit(
     thorough: Annotated[bool, typer.Option("--thorough", help="Fit slow models to all data from twenty starts, however "
                                            "long it takes.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="Fit lpv-arx so that it never gives energy, certified; the "
-                                          "other models' passivity is checked as ever.")] = False,
+                                          "other models' passivity is checked only.")] = False,
     budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time of the fits "
                                                  "after which those not yet done are left out; cheap models come "
                                                  "first. Reading and report come on top; what they took is printed "

@@ -11,6 +11,7 @@ import typer
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, solver_output_suppressed, working
 from lpvid.errors import InputError, NumericalError
+from quartercar.cli import car_options
 
 if TYPE_CHECKING:
     from quartercar.rides.bound import Bound
@@ -19,23 +20,17 @@ if TYPE_CHECKING:
     from quartercar.rides.tuning import Tuned
     from quartercar.vehicle.nonlinear import QuarterCar
 
-ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
-                                                   "take precedence over it.", show_default=False)]
-
-
 @command
 def ride(
-    config: ConfigFile = None,
-    car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
-    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A model.json of lpvid identify, or a "
-                                                "damper that fit wrote; left out: the embedded one.")] = None,
+    config: car_options.Config = None,
+    car: car_options.Car = None,
+    damper: car_options.DamperFile = None,
     road: Annotated[list[str] | None, typer.Option("--road", metavar="ROAD", help="iso-c@20, bump@8, sweep, or a file "
                                                    "with its speed, roads.csv@10 [m/s], where it has several tracks "
                                                    "roads.csv#TRACK@10; repeat, or with commas.")] = None,
     controller: Annotated[list[str] | None, typer.Option("--controller", metavar="LAW", help="A law by name or a "
                                                          "controller.json; repeat, or with commas.")] = None,
-    measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "
-                                                     "stroke-body-wheel or ideal.")] = None,
+    measurements: car_options.Measurements = None,
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="Number of random roads, each "
                                               "with its own sensor noise.")] = None,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune every law first, with N "
@@ -48,7 +43,7 @@ def ride(
                                                show_default=False)] = None,
     bound_seeds: Annotated[int | None, typer.Option("--bound-seeds", min=1, metavar="N", help="Number of seeds for "
                                                     "which the bound is computed (2).")] = None,
-    template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
+    template: car_options.Template = False,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:

@@ -84,7 +84,7 @@ class Damper(SimulatedDamper, Adaptable, Shown):
     metadata : mapping
     """
 
-    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.drawings"
 
     # -- what a model describes ---------------------------------------------------------------------------------
     @classmethod

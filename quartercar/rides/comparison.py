@@ -211,7 +211,7 @@ class RideComparison(Shown):
     notes : tuple of str
     """
 
-    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.drawings"
     rows: tuple[LawRow, ...]
     seeds: tuple[int, ...]
     reference: str

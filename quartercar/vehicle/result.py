@@ -68,7 +68,7 @@ class CarRun(Shown):
         What was driven.
     """
 
-    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.drawings"
     sample_time: float
     signals: Mapping[str, np.ndarray]
     units: Mapping[str, str]

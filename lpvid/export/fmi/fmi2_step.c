@@ -1,13 +1,4 @@
 
-/* One step of the model per communication step of @PERIOD@ s, or several; inputs are held meanwhile. */
-
-/** Outputs of the present states and inputs; the states stay. */
-static void look(Instance *m)
-{
-    @NAME@_states ahead = m->s;
-    @NAME@_step(&m->p, &ahead, &m->u, &m->y);
-}
-
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
                                        const fmi2Integer order[], const fmi2Real value[])
 {
@@ -29,23 +20,9 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize,
                       fmi2Boolean noSetFMUStatePriorToCurrentPoint)
 {
-    Instance *m = (Instance *)c;
-    const fmi2Real period = @PERIOD@;
-    const fmi2Real samples = communicationStepSize / period;
     (void)currentCommunicationPoint;
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!(samples > 0.5) || !(samples < 1e9)) {
-        return complain(m, "the communication step is shorter than the model's period");
-    }
-    const long count = (long)(samples + 0.5);
-    const fmi2Real off = samples - (fmi2Real)count;
-    if ((off > 1e-6 * samples) || (off < -1e-6 * samples)) {
-        return complain(m, "the communication step is no multiple of the model's period, @PERIOD@ s");
-    }
-    for (long k = 0; k < count; k++) {
-        @NAME@_step(&m->p, &m->s, &m->u, &m->y);
-    }
-    return fmi2OK;
+    return advance((Instance *)c, communicationStepSize);
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c)

@@ -31,7 +31,7 @@ class SlopeDiagnosis:
     trend : str
         ``"rising"``, ``"falling"``, ``"rising, then falling"``, ``"falling, then rising"``, ``"constant"``.
     points_left_out : int
-        Points whose force does not stand out of friction.
+        Points whose force does not exceed the friction.
     """
 
     speed: np.ndarray
@@ -88,7 +88,7 @@ def log_slopes(points: Points, friction: float, friction_std: float = 0.0) -> Sl
     error = np.hypot(points.force * points.error, friction_std)
     keep = net > CLEAR * error
     if keep.sum() < 6:
-        raise InputError("too few points stand out of friction", got=f"{keep.sum()} of {keep.size}, 6 needed",
+        raise InputError("too few points exceed the friction", got=f"{keep.sum()} of {keep.size}, 6 needed",
                          mend="higher speeds, or more repeats")
     u, y = np.log(points.speed[keep]), np.log(net[keep])
     sigma = points.force[keep] * points.error[keep] / net[keep]

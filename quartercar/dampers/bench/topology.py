@@ -20,7 +20,7 @@ DECISIVE = 6.0
 LEVEL = 0.01
 """probability below which a further loss counts as shown"""
 ASYMMETRIC = 0.03
-"""difference between the directions, as a share of the force, that is worth a word"""
+"""difference between the directions, as a share of the force, from which it is reported"""
 BEYOND = 30.0
 """factor by which missing speeds are looked for outside the range"""
 KINDS: dict[str, type[NetworkDamper]] = {"series": SeriesNetwork, "parallel": ParallelNetwork, "mixed": MixedNetwork}

@@ -51,13 +51,14 @@ def by_simulation_error(records: Sequence[Record], arx: ARX) -> tuple[Identifica
             notes.append(f"simulation error over the first {sum(r.n_samples for r in sample)} samples")
     except (InputError, NumericalError) as error:
         found = least
-        notes.append(f"least squares stands: {error}")
+        notes.append(f"the least-squares estimate is kept: {error}")
     drawn = [_drawn_in(f, sample) for f in (least, found)]
     (least, _), (found, shrunk) = drawn
     before, after = (_esr(f.model, sample) for f in (least, found))
     if not after <= before:
         found, shrunk = drawn[0]
-        notes.append(f"least squares stands: simulation error {after:.4g} is no better than its {before:.4g}")
+        notes.append("the least-squares estimate is kept: "
+                     f"simulation error {after:.4g} is no better than its {before:.4g}")
     elif found is not least:
         notes.append(f"re-estimated by simulation error: training free-run ESR {before:.4g} -> {after:.4g}")
     if shrunk < 1:

@@ -128,7 +128,7 @@ class Comparison(Shown):
         False when it was interrupted.
     """
 
-    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.drawings"
 
     rows: tuple[Compared, ...]
     not_fitted: tuple[tuple[str, str], ...]

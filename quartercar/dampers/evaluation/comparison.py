@@ -60,7 +60,7 @@ class CompareSettings:
     thorough : bool
         All data and twenty starts for every model, however long that takes.
     passive : bool
-        Models that can be fitted under the constraint of passivity (lpv-arx) are; the others are checked as ever.
+        Models that can be fitted under the constraint of passivity (lpv-arx) are; the others are checked only.
     workers : int or None
         Processes that fit; None for one on each processor. The comparison does not depend on it.
     budget : float or None

@@ -26,7 +26,7 @@ from quartercar.dampers.polarity import common_polarity
 FEWEST = 20
 """shortest stretch worth keeping [samples]."""
 CONSTANT = 0.1
-"""share of the squared error from which a constant force is worth a word."""
+"""share of the squared error from which a constant force is reported."""
 
 
 def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | Sequence[Record] = (),

@@ -34,7 +34,7 @@ class DamperFit(Shown):
         Time that the fit took [s].
     """
 
-    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.drawings"
 
     estimate: Estimate[Damper]
     training_score: Score

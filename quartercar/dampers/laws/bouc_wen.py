@@ -315,8 +315,9 @@ class BoucWen(DynamicDamper):
         return c1 / (c0 + c1) * (c0 * v + yielding * z) + self.conservative_force(np.array(displacement))
 
     def to_lpv(self, sample_time: float):
-        raise InputError("no LPV form of 'bouc-wen'", why="what it would be scheduled by, its hysteretic state, is not "
-                         "measured", mend="the compliance model of `quartercar.dampers`, or lpvid's own LPV estimates")
+        raise InputError("no LPV form of 'bouc-wen'", why="its scheduling variable would be its hysteretic state, "
+                         "which is not measured",
+                         mend="the compliance model of `quartercar.dampers`, or lpvid's own LPV estimates")
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """From the shape of the loop: plateau and slope at high speed, and a grid over what makes the hysteresis."""

@@ -292,7 +292,7 @@ def test_frozen_stable_is_not_enough(tmp_path):
     described = json.loads(run("stability", tmp_path / "pair.json", "--json", code=3).stdout)
     assert described["frozen"]["stable"] and described["frozen"]["max_modulus"] == pytest.approx(0.85, abs=1e-6)
     assert not described["certificate"]["verified"] and described["certificate"]["divergence"]["growth_rate"] > 0
-    assert "only while the scheduling stands still" in described["verdict"]
+    assert "only while the scheduling is constant" in described["verdict"]
 
 
 @pytest.mark.seconds

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import ctypes
 import io
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -50,6 +52,19 @@ def fmpy():
 def test_an_fmu_is_valid_and_agrees(case, version, fmpy, rng):
     made = content(CASES[case](rng), f"fmu{version}")
     assert made.passed and "valid; " in made.checks[0]
+
+
+@needs_compiler
+@pytest.mark.parametrize("of", [state_space, continuous])
+def test_a_library_of_fmi_3_has_every_function_of_the_standard(of, fmpy, tmp_path, rng):
+    made = lpv.export_fmu(of(rng), tmp_path, version=3, name="plant")
+    with zipfile.ZipFile(made.files[0]) as archive:
+        library = ctypes.CDLL(archive.extract("binaries/x86_64-linux/plant.so", tmp_path))
+        types = archive.read("sources/fmi3FunctionTypes.h").decode()
+    functions = re.findall(r"(fmi3\w+)TYPE", types)
+    assert len(functions) > 70 and not [f for f in functions if not hasattr(library, f)]
+    library.fmi3GetBinary.restype = ctypes.c_int
+    assert library.fmi3GetBinary(None, None, 0, None, None, 0) == 3  # fmi3Error
 
 
 @pytest.mark.thinned(2)

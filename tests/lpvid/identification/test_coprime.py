@@ -190,4 +190,4 @@ def test_growth_at_a_scheduling_that_rests_is_not_put_down_to_its_motion():
     found = lpv.identify([growing(0.0, 400, 1), growing(1.0, 400, 2)], RightCoprime(1, 1, "u", "y", BASIS))
     assert np.abs(found.model.frozen_poles([1.0])).max() == pytest.approx(1.003, abs=1e-3)
     (stated,) = [n for n in found.notes if "frozen pole outside" in n]
-    assert "the scheduling stands still there, and a longer run diverges" in stated and "50 %" in stated
+    assert "the scheduling is constant there, and a longer run diverges" in stated and "50 %" in stated

@@ -273,7 +273,7 @@ def test_a_filter_of_a_scheduling_at_rest_is_refused(structure):
         v, p = motion(rng, 400), np.full(400, level)
         held.append(Record({"velocity": v, "current": p, "force": respond(v[:, None], p, rng, 0.001)}, sample_time=TS,
                            units={"velocity": "m/s", "current": "A", "force": "N"}))
-    with pytest.raises(InputError, match="current stands still within every record"):
+    with pytest.raises(InputError, match="current is constant within every record"):
         identify(held, structure)
 
 

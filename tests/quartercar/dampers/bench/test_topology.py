@@ -148,7 +148,7 @@ def test_uncertain_friction_widens_the_slopes(rng: np.random.Generator) -> None:
     sure, unsure = log_slopes(points, 10.0), log_slopes(points, 10.0, 0.5)
     assert unsure.std[0] > 2 * sure.std[-unsure.std.size]
     assert unsure.points_left_out > 0
-    with pytest.raises(InputError, match="stand out of friction"):
+    with pytest.raises(InputError, match="exceed the friction"):
         log_slopes(points, float(points.force.max()))
 
 

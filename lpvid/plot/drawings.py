@@ -1,4 +1,4 @@
-"""Nouns on axes, and as cards in a notebook: records, audits, models, studies, diagnoses, syntheses."""
+"""Results drawn on axes, and as cards in a notebook: records, models, diagnoses, syntheses."""
 
 from __future__ import annotations
 
@@ -39,15 +39,14 @@ padding:.6em .9em}.lpvid-card pre{margin:.4em 0 0;white-space:pre-wrap;font-size
 filter:invert(.9) hue-rotate(180deg)}}</style>"""
 
 
-def plot(noun: Any, ax: Any = None, drawing: Callable[[Any], Drawing | None] | None = None) -> Any:
-    """Draw a noun on new axes or on the caller's.
+def plot(drawn: Any, ax: Any = None) -> Any:
+    """Draw a result on new axes or on the caller's.
 
     Parameters
     ----------
-    noun : object
+    drawn : object
+        A class with a drawing: see `drawing_of`.
     ax : matplotlib.axes.Axes or sequence of them, optional
-    drawing : callable, optional
-        What the noun looks like; `drawing_of` by default.
 
     Returns
     -------
@@ -58,9 +57,9 @@ def plot(noun: Any, ax: Any = None, drawing: Callable[[Any], Drawing | None] | N
     InputError
         Nothing to draw, or another number of axes than panels.
     """
-    found = (drawing or drawing_of)(noun)
+    found = drawing_of(drawn)
     if found is None:
-        raise InputError(f"this {type(noun).__name__} has nothing to draw", mend="print it")
+        raise InputError(f"this {type(drawn).__name__} has nothing to draw", mend="print it")
     count, draw = found
     if ax is None:
         with look():
@@ -70,47 +69,45 @@ def plot(noun: Any, ax: Any = None, drawing: Callable[[Any], Drawing | None] | N
     else:
         axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
         if axes.size != count:
-            raise InputError(f"a {type(noun).__name__} is drawn on {count} axes", got=f"{axes.size}",
+            raise InputError(f"a {type(drawn).__name__} is drawn on {count} axes", got=f"{axes.size}",
                              mend=f"plt.subplots({count}, 1)" if count > 1 else "one Axes")
         draw(axes)
     return axes[0] if count == 1 else axes
 
 
-def card(noun: Any, drawing: Callable[[Any], Drawing | None] | None = None) -> str:
-    """A noun as a small piece of HTML: its text and, where it has one, its figure; for dark and light pages.
+def card(drawn: Any) -> str:
+    """A result as a small piece of HTML: its text and, where it has one, its figure; for dark and light pages.
 
     Parameters
     ----------
-    noun : object
+    drawn : object
         Anything with a text of its own.
-    drawing : callable, optional
-        From a noun to its `Drawing` or None; left out, `drawing_of`.
 
     Returns
     -------
     str
         Safe inside a page: text is escaped, the figure embedded as PNG.
     """
-    found, picture = (drawing or drawing_of)(noun), ""
+    found, picture = drawing_of(drawn), ""
     if found is not None:
-        axes = np.atleast_1d(np.asarray(plot(noun, None, drawing), dtype=object))
+        axes = np.atleast_1d(np.asarray(plot(drawn), dtype=object))
         buffer = io.BytesIO()
         axes[0].figure.savefig(buffer, format="png", dpi=CARD_DPI)
-        title = axes[0].get_title(loc="left") or type(noun).__name__
+        title = axes[0].get_title(loc="left") or type(drawn).__name__
         picture = (f'<img alt="{html.escape(title)}" '
                    f'src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">')
-    first, _, rest = (str(noun) or type(noun).__name__).partition("\n")
+    first, _, rest = (str(drawn) or type(drawn).__name__).partition("\n")
     body = f"<pre>{html.escape(rest)}</pre>" if rest else ""
     return f'{STYLE}<div class="lpvid-card"><b>{html.escape(first)}</b>{body}{picture}</div>'
 
 
 @singledispatch
-def drawing_of(noun: Any) -> Drawing | None:
-    """What a noun looks like; None for one that is text only.
+def drawing_of(drawn: Any) -> Drawing | None:
+    """Drawing of a result; None for one that is text only. Packages on top register their classes here.
 
     Parameters
     ----------
-    noun : object
+    drawn : object
         Dispatched by its class.
 
     Returns
@@ -122,42 +119,42 @@ def drawing_of(noun: Any) -> Drawing | None:
 
 
 @drawing_of.register
-def _(noun: Record) -> Drawing:
-    names = list(noun.channels)[:MOST_CHANNELS]
+def _(drawn: Record) -> Drawing:
+    names = list(drawn.channels)[:MOST_CHANNELS]
 
     def draw(axes: Sequence[Axes]) -> None:
         for ax, name in zip(axes, names, strict=True):
-            ax.plot(*thinned(noun.times, noun[name]), color=BLUE, linewidth=0.8)
-            ax.set_ylim(*robust_limits(noun[name]))
-            ax.set_ylabel(label(name, noun.unit(name)))
-        axes[0].set_title(noun.name)
+            ax.plot(*thinned(drawn.times, drawn[name]), color=BLUE, linewidth=0.8)
+            ax.set_ylim(*robust_limits(drawn[name]))
+            ax.set_ylabel(label(name, drawn.unit(name)))
+        axes[0].set_title(drawn.name)
         axes[-1].set_xlabel(label("time", "s"))
 
     return len(names), draw
 
 
 @drawing_of.register
-def _(noun: LPVTransferFunction) -> Drawing | None:
-    return _locus(noun)
+def _(drawn: LPVTransferFunction) -> Drawing | None:
+    return _locus(drawn)
 
 
 @drawing_of.register
-def _(noun: LPVStateSpace) -> Drawing | None:
-    return _locus(noun) if noun.order else None
+def _(drawn: LPVStateSpace) -> Drawing | None:
+    return _locus(drawn) if drawn.order else None
 
 
 @drawing_of.register
-def _(noun: Identification) -> Drawing | None:
-    return drawing_of(noun.model)
+def _(drawn: Identification) -> Drawing | None:
+    return drawing_of(drawn.model)
 
 
 @drawing_of.register
-def _(noun: Diagnosis) -> Drawing | None:
-    stages = [("baseline", noun.before), ("extended", noun.after)] if noun.extended is not None else \
-        [("baseline", noun.before)]
+def _(drawn: Diagnosis) -> Drawing | None:
+    stages = [("baseline", drawn.before), ("extended", drawn.after)] if drawn.extended is not None else \
+        [("baseline", drawn.before)]
 
     def draw(axes: Sequence[Axes]) -> None:
-        parts = ["training", "held-out"] if noun.before.part == "held-out" else ["training"]
+        parts = ["training", "held-out"] if drawn.before.part == "held-out" else ["training"]
         place = np.arange(len(parts))
         for k, (name, figures) in enumerate(stages):
             shift = 0.4 * (k - 0.5 * (len(stages) - 1))
@@ -165,15 +162,15 @@ def _(noun: Diagnosis) -> Drawing | None:
             axes[0].bar(place + shift, shares, 0.36, color=CYCLE[k], label=name)
         axes[0].set_xticks(place, parts)
         axes[0].set_ylabel(label("free-run ESR", "1"))
-        axes[0].set_title(noun.verdict)
+        axes[0].set_title(drawn.verdict)
         axes[0].legend()
 
     return 1, draw
 
 
 @drawing_of.register
-def _(noun: Synthesis) -> Drawing | None:
-    return None if noun.closed_loop is None else _gains(noun.closed_loop, noun.gamma_verified)
+def _(drawn: Synthesis) -> Drawing | None:
+    return None if drawn.closed_loop is None else _gains(drawn.closed_loop, drawn.gamma_verified)
 
 
 # -- families of frozen systems ----------------------------------------------------------------------------------------

@@ -1,16 +1,14 @@
-"""Dampers, runs of a car and comparisons of control laws on axes, and as cards in a notebook."""
+"""Drawings of dampers, runs of a car and comparisons of control laws, for `lpvid.plot.drawings`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot import nouns
 from lpvid.plot.colours import BLUE, CYCLE
-from lpvid.plot.nouns import Drawing
+from lpvid.plot.drawings import Drawing, drawing_of
 from lpvid.plot.style import label, shades, thinned
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.compared import Comparison
@@ -31,84 +29,33 @@ STROKE, FREQUENCY = 0.02, 1.5
 """Amplitude [m] and frequency [Hz] of that sine where the damper has no trained stroke or speed."""
 
 
-def plot(noun: Any, ax: Any = None) -> Any:
-    """As `lpvid.plot.nouns.plot`.
-
-    Parameters
-    ----------
-    noun : object
-        A damper, its fit, a run of a car, a comparison of dampers or of rides, or a noun of lpvid.
-    ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw, one for each panel; left out, in a new figure.
-
-    Returns
-    -------
-    matplotlib.axes.Axes or (n,) array of them
-        One for each panel.
-    """
-    return nouns.plot(noun, ax, drawing_of)
-
-
-def card(noun: Any) -> str:
-    """As `lpvid.plot.nouns.card`.
-
-    Parameters
-    ----------
-    noun : object
-        As in `plot`; one that has no drawing has its text alone.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
-    return nouns.card(noun, drawing_of)
-
-
-@singledispatch
-def drawing_of(noun: Any) -> Drawing | None:
-    """What a noun looks like.
-
-    Parameters
-    ----------
-    noun : object
-        As in `plot`.
-
-    Returns
-    -------
-    Drawing or None
-        Number of panels and what draws on them; None for a noun that has nothing to draw.
-    """
-    return nouns.drawing_of(noun)
-
-
 @drawing_of.register
-def _(noun: Damper) -> Drawing:
+def _(drawn: Damper) -> Drawing:
     """Force over velocity along one sine, by current."""
     from lpvid.record import Channel, Record
 
-    speed = (noun.trained("velocity") or (0.0, 2 * np.pi * FREQUENCY * STROKE))[1]
-    stroke = (noun.trained("displacement") or (0.0, STROKE))[1] or STROKE
+    speed = (drawn.trained("velocity") or (0.0, 2 * np.pi * FREQUENCY * STROKE))[1]
+    stroke = (drawn.trained("displacement") or (0.0, STROKE))[1] or STROKE
     frequency = speed / (2 * np.pi * stroke) or FREQUENCY
-    period = noun.clock or 1.0 / (SAMPLES * frequency)
+    period = drawn.clock or 1.0 / (SAMPLES * frequency)
     time = np.arange(round(CYCLES / (frequency * period))) * period
     x = stroke * np.sin(2 * np.pi * frequency * time)
     v = 2 * np.pi * frequency * stroke * np.cos(2 * np.pi * frequency * time)
-    varies = "current" in noun.reads
-    low, high = noun.current_range or (0.0, 1.0)
+    varies = "current" in drawn.reads
+    low, high = drawn.current_range or (0.0, 1.0)
     levels = np.linspace(low, high, CURRENTS) if varies and high > low else [low]
-    unit = "" if noun.current_unit == "1" else noun.current_unit
+    unit = "" if drawn.current_unit == "1" else drawn.current_unit
 
     def draw(axes: Sequence[Axes]) -> None:
         for shade, level in zip(shades(len(levels)), levels, strict=True):
             record = Record({"displacement": Channel(x, "m"), "velocity": Channel(v, "m/s"),
                              "current": Channel(np.full(v.size, float(level)), unit)}, sample_time=period)
-            force = noun.polarity * noun.simulate(record).output[:, 0]
+            force = drawn.polarity * drawn.simulate(record).output[:, 0]
             last = slice(-round(1 / (frequency * period)), None)
             axes[0].plot(v[last], force[last], color=shade, label=f"{level:.3g} {unit}".strip() if varies else None)
         axes[0].set_xlabel(label("velocity", "m/s"))
         axes[0].set_ylabel(label("force", "N"))
-        axes[0].set_title(f"{noun.title}, sine of {1e3 * stroke:.3g} mm at {frequency:.3g} Hz, virtual")
+        axes[0].set_title(f"{drawn.title}, sine of {1e3 * stroke:.3g} mm at {frequency:.3g} Hz, virtual")
         if varies:
             axes[0].legend()
 
@@ -116,45 +63,45 @@ def _(noun: Damper) -> Drawing:
 
 
 @drawing_of.register
-def _(noun: DamperFit) -> Drawing | None:
-    return drawing_of(noun.damper)
+def _(drawn: DamperFit) -> Drawing | None:
+    return drawing_of(drawn.damper)
 
 
 @drawing_of.register
-def _(noun: Comparison) -> Drawing:
+def _(drawn: Comparison) -> Drawing:
     def draw(axes: Sequence[Axes]) -> None:
         from quartercar.plot.comparing import ranking
 
-        ranking(noun, ax=axes[0])
+        ranking(drawn, ax=axes[0])
 
     return 1, draw
 
 
 @drawing_of.register
-def _(noun: CarRun) -> Drawing:
-    names = [n for n in SHOWN if n in noun.signals]
+def _(drawn: CarRun) -> Drawing:
+    names = [n for n in SHOWN if n in drawn.signals]
 
     def draw(axes: Sequence[Axes]) -> None:
         for ax, name in zip(axes, names, strict=True):
-            ax.plot(*thinned(noun.time, noun[name]), color=BLUE, linewidth=0.8)
-            ax.set_ylabel(label(name.replace("_", "\n"), noun.units[name]))
+            ax.plot(*thinned(drawn.time, drawn[name]), color=BLUE, linewidth=0.8)
+            ax.set_ylabel(label(name.replace("_", "\n"), drawn.units[name]))
         axes[-1].set_xlabel(label("time", "s"))
 
     return len(names), draw
 
 
 @drawing_of.register
-def _(noun: RideComparison) -> Drawing:
+def _(drawn: RideComparison) -> Drawing:
     """Comfort against tyre load, each law against the reference on the first road."""
-    road = noun.roads[0]
-    reference = noun.row(noun.reference, road)
+    road = drawn.roads[0]
+    reference = drawn.row(drawn.reference, road)
 
     def draw(axes: Sequence[Axes]) -> None:
-        for k, row in enumerate(noun.on(road)):
+        for k, row in enumerate(drawn.on(road)):
             x, y = (100 * row.against(reference, n).mean for n in ("comfort", "tyre_load"))
             axes[0].plot([x], [y], "o", color=CYCLE[k % len(CYCLE)])
             axes[0].annotate(row.name, (x, y), xytext=(4, 4), textcoords="offset points", fontsize=8)
-        axes[0].set_xlabel(label(f"comfort against {noun.reference}", "%"))
+        axes[0].set_xlabel(label(f"comfort against {drawn.reference}", "%"))
         axes[0].set_ylabel(label("tyre load", "%"))
         axes[0].set_title(road)
 
