@@ -54,6 +54,33 @@ def output_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -
     return [*drawn, *(pair for pair, other in zip(found, drawn, strict=True) if pair[1] is not other[1])]
 
 
+def other_knees(records: Sequence[Record], problem: PredictionErrorProblem,
+                first: LPVTransferFunction) -> list[LPVTransferFunction]:
+    """Least squares with the input stage held at each of its own starts, where that stage is to be found.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Those of the problem.
+    problem : PredictionErrorProblem
+        Of output error.
+    first : LPVTransferFunction
+        The least-squares model, whose stage and filter least squares has fitted.
+
+    Returns
+    -------
+    list of LPVTransferFunction
+        Empty where the stage is given.
+    """
+    stage = first.input_stage
+    if stage is None or not problem.free_stages[0]:
+        return []
+    u = np.vstack([r.matrix([s.name for s in first.inputs]) for r in records])
+    p = np.vstack([r.matrix(first.box.names) for r in records])
+    held = [first.replace(input_stage=begin) for begin in stage.starts(u, p)]
+    return [_filtered_regression(problem, model, np.ones(1)) for model in held]
+
+
 def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction,
                    iterations: int) -> list[Start]:
     """A and B of an ARMAX model whose C is as rich as A, as found and drawn in.
