@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lpvid.identification.pem_problem import PredictionErrorProblem
-from lpvid.identification.pem_starts import Start, other_knees, output_starts
+from lpvid.identification.pem_starts import Start, knee_starts, output_starts
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -57,7 +57,4 @@ class OutputError(PredictionError):
     def starting_models(
         self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
     ) -> list[Start]:
-        found = output_starts(problem, first)
-        for model in other_knees(records, problem, first):
-            found += output_starts(problem, model)
-        return found
+        return [*output_starts(problem, first), *knee_starts(records, problem, first)]

@@ -80,7 +80,6 @@ class StructureSearch:
         self.trials: dict[int, Trial] = {}
         self.others: list[tuple[Structure, Trial]] = []
         self.barred: set[Structure] = set()
-        self.models: dict[Structure, Model] = {}
 
     # -- steps --------------------------------------------------------------------------------------------------
     def try_first(self, structures: Iterable[Structure]) -> None:
@@ -408,45 +407,20 @@ class StructureSearch:
         list of (Structure, CandidateRow)
             Failed, untried and refused candidates at the end, with their reasons.
         """
-        good, failed = self._tested()
-        rows = [*self._chosen(good), *(replace(row, reason=tried.trial.failure) for row, tried in failed),
-                *self._untried(), *self.refused]
-        return [(row.structure, row) for row in rows]
-
-    def choice_of(self, left: Sequence[Structure]) -> Structure:
-        """The choice among some of those that were cross-validated, by the rule by which `ranked` chooses among all.
-
-        Parameters
-        ----------
-        left : sequence of Structure
-            With figures, least free-run error first.
-
-        Returns
-        -------
-        Structure
-            The first of them where the time is up.
-        """
-        if self.late() or len(left) < 2:
-            return left[0]
-        good = [item for item in self._tested()[0] if item[0].structure in left]
-        return good[simplest_supported([tried for _, tried in good], self.records)][0].structure
-
-    def _tested(self) -> tuple[list[tuple[CandidateRow, Tried]], list[tuple[CandidateRow, Tried]]]:
-        """Rows with what the choice compares: least free-run error first, and those that failed."""
         tested = [(self._row(i), Tried(t, self.screened[i].n_parameters, partial(self._of_screened, i)))
                   for i, t in self.trials.items()]
         tested += [(CandidateRow(s, t.n_parameters, outside=t.outside),
                     Tried(t, t.n_parameters, partial(self._of_structure, s))) for s, t in self.others]
         good = sorted((item for item in tested if not item[1].trial.failure), key=lambda item: item[1].trial.mean)
-        return good, [item for item in tested if item[1].trial.failure]
+        failed = [replace(row, reason=tried.trial.failure) for row, tried in tested if tried.trial.failure]
+        rows = [*self._chosen(good), *failed, *self._untried(), *self.refused]
+        return [(row.structure, row) for row in rows]
 
     def _of_screened(self, index: int) -> Model:
         return self.screened[index].identification(self.records).model
 
     def _of_structure(self, structure: Structure) -> Model:
-        if structure not in self.models:
-            self.models[structure] = structure.estimate(self.records).model
-        return self.models[structure]
+        return structure.estimate(self.records).model
 
     def _chosen(self, good: Sequence[tuple[CandidateRow, Tried]]) -> list[CandidateRow]:
         """Rows with reasons, least error first, but the choice before all."""

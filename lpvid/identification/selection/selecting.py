@@ -181,18 +181,12 @@ def _concluded(
     final: Identification | None = None
     chosen, highest = tested[0] if tested else 0, -np.inf
     try:
-        left = [i for i in tested if not table[i].diverges] or tested
-        # a lead of the folds over the ranking's first has been counted there
-        expected_of = {i: min(table[i].fit_percent or 0.0, table[tested[0]].fit_percent or 0.0) for i in left}
-        while left and expected_of[left[0]] >= highest + NEAR:
-            i = left[0]
-            if i != tested[0]:
-                taken = search.choice_of([ranked[j][0] for j in left])
-                i = next(j for j in left if ranked[j][0] == taken)
-            left = [j for j in left if j != i]
-            expected = expected_of[i]
+        for i in [i for i in tested if not table[i].diverges] or tested:
+            own, first_of_all = table[i].fit_percent, table[tested[0]].fit_percent
+            assert own is not None and first_of_all is not None
+            expected = min(own, first_of_all)  # a lead of the folds over the ranking's first has been counted there
             if expected < highest + NEAR:
-                continue
+                break
             if final is not None and search.late() and ranked[i][0] not in refits:
                 continue  # what the search took for the best has been refitted: no time is needed to weigh it
             found, fault = refits.get(ranked[i][0]) or _refit(search, in_full(ranked[i][0]), pieces)

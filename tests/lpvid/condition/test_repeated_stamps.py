@@ -173,3 +173,28 @@ def test_parts_of_a_bus_are_the_record_in_memory(rows, messages, tmp_path):
     for i, (place, _) in enumerate(placed):  # and from where a stream was left
         again = [part["c0"] for _, part in chunks.located(place)]
         np.testing.assert_array_equal(np.concatenate([*(p["c0"] for _, p in placed[: i + 1]), *again]), whole["c0"])
+
+
+@pytest.mark.parametrize("run", [lambda m, r: lpv.simulate(m, r).output, lambda m, r: lpv.predict(m, r, 1).output])
+def test_a_channel_that_the_model_does_not_use_may_contradict_itself(run):
+    """A second temperature at one stamp is no matter to a model of velocity and force."""
+    table = repeated(columns(), [50, 51, 300])
+    model = lpv.identify(columns(), lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    expected = run(model, columns())
+    table["temperature [K]"] = table["temperature [K]"] + np.arange(len(table["time [s]"]))
+    np.testing.assert_array_equal(run(model, table), expected)
+    table["force [N]"][51] += 1.0
+    with pytest.raises(InputError, match="time repeats in row 52 with another value of 'force'"):
+        run(model, table)
+    table["force [N]"][51] -= 1.0
+    table["velocity [m/s]"][51] += 1.0
+    with pytest.raises(InputError, match="another value of 'velocity'"):
+        run(model, table)
+
+
+def test_a_free_run_from_rest_does_not_read_the_output():
+    table = repeated(columns(), [50])
+    model = lpv.identify(columns(), lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    table["force [N]"][51] += 1.0
+    expected = lpv.simulate(model, columns(), "zero").output
+    np.testing.assert_array_equal(lpv.simulate(model, table, "zero").output, expected)

@@ -225,7 +225,7 @@ def test_what_was_refitted_in_time_takes_the_place_of_a_first_that_runs_worse_th
     rows = [CandidateRow(first, esr=0.08, reason="chosen: least free-run error"), CandidateRow(second, esr=0.11)]
     search = SimpleNamespace(ranked=lambda: [(r.structure, r) for r in rows], late=lambda: True, limit=0.0, budget=1.0,
                              first=(), direct=(), screened=[], unscreened=0, unreached=(), left_out=[],
-                             choice_of=lambda left: left[0], unfinished=lambda structures: 0)
+                             unfinished=lambda structures: 0)
     fits = {3: -694.0, 2: 66.0}
     monkeypatch.setattr(selecting, "fit_from_measured_samples", lambda model, *_: fits[model.na])
     refits = {second: (identify(record, second), "")}
