@@ -34,8 +34,8 @@ def test_the_time_traces_have_the_unit_of_the_channel():
     t = np.arange(400) / 500.0
     v, current = np.sin(9 * t), 1.0 + np.sin(t)
     units = {"velocity": "m/s", "current": "V"}
-    shown = BeforeAfter("run", "held-out", 0.002, {"velocity": v, "current": current}, 900 * v, 800 * v, 890 * v, "force",
-                        "N", units)
+    channels = {"velocity": v, "current": current}
+    shown = BeforeAfter("run", "held-out", 0.002, channels, 900 * v, 800 * v, 890 * v, "force", "N", units)
     drawn = str(_before_after_traces([shown]))
     assert "current [V]" in drawn and "current [A]" not in drawn
     assert "current [A]" in str(_before_after_traces([replace(shown, units={})]))
