@@ -403,9 +403,9 @@ def _refuse_a_files_name(folder: Path) -> None:
     """Refuse to make a folder that is called like a file: whoever asks for `run.parquet` expects that file."""
     if folder.suffix.lower() in WRITTEN and not folder.exists():
         form = folder.suffix.lower().removeprefix(".")
+        tables = f"; a table's format is --format {form}, where there is one" if form in ("parquet", "mat") else ""
         raise InputError("--out names a folder", got=f"{folder}, the name of a file",
-                         mend=f"--out {folder.with_suffix('')}" + (f"; a table's format is --format {form}, where the "
-                                                                   "command has it" if form in ("parquet", "mat") else ""))
+                         mend=f"--out {folder.with_suffix('')}{tables}")
 
 
 def _check_writable(folder: Path) -> None:

@@ -353,6 +353,18 @@ def with_thousands(path: Path, layout: _Layout, where: str) -> _Layout:
 
     One cell decides for the whole column, however far it stands from the others: ``1.024`` is 1024 in the first part
     of a file too where the last holds ``1.345,25``.
+
+    Parameters
+    ----------
+    path : Path
+    layout : _Layout
+        Of the file.
+    where : str
+        The file, for messages.
+
+    Returns
+    -------
+    _Layout
     """
     stat = path.stat()
     found = _thousands(path, layout, where, (stat.st_mtime_ns, stat.st_size))

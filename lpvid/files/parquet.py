@@ -99,7 +99,16 @@ def _texts(metadata: dict | None) -> dict[str, str]:
 
 
 def holds_text(kind: Any) -> bool:
-    """Whether a column of this type holds text, in which numbers may stand."""
+    """Whether a column of this type holds text, in which numbers may stand.
+
+    Parameters
+    ----------
+    kind : pyarrow.DataType
+
+    Returns
+    -------
+    bool
+    """
     import pyarrow as pa
 
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind
