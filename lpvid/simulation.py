@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.repeated_stamps import one_row_per_stamp, refuse_contradictions
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
@@ -114,13 +115,12 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     >>> simulate(model, record, "zero").output.ravel()
     array([0.  , 1.5 , 2.25])
     """
-    record = one_record(record, "simulate")
-    model = _acting(model, record)
+    needs_output = isinstance(initial, str) and initial != "zero"
+    model, record = _acting(model, one_record(record, "simulate"), needs_output)
     if isinstance(model, LPVStateSpace) and model.sample_time is None:
         return _simulate_continuous(model, record, initial)
     u, p = _signals(model, record)
     warn_outside(model, p, record.name)
-    needs_output = isinstance(initial, str) and initial != "zero"
     y = _outputs(model, record) if needs_output else np.zeros((record.n_samples, model.n_outputs))
     if isinstance(model, LPVTransferFunction):
         return _simulate_io(model, u, p, y, initial)
@@ -179,8 +179,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
     from lpvid import _kernels
 
     horizon = _checks.count(horizon, "horizon", at_least=1)
-    record = one_record(record, "predict")
-    model = _acting(model, record)
+    model, record = _acting(model, one_record(record, "predict"), True)
     u, p = _signals(model, record)
     y = _outputs(model, record)
     if len(y) <= model.start:
@@ -481,15 +480,21 @@ def one_record(given: Any, verb: str) -> Record:
     return listed[0]
 
 
-def _acting(model: Model | Adaptable, record: Record) -> Model:
-    """What runs along this record."""
+def _acting(model: Model | Adaptable, record: Record, needs_output: bool) -> tuple[Model, Record]:
+    """What runs along this record, and the record, rows of one time stamp as one as far as the channels in use go."""
     checked_model(model, "only a model or a damper runs along records")
     if isinstance(model, LFTModel):
         raise InputError("a linear fractional form does not run along a record", got=repr(model),
                          mend="use model.simulate(inputs, scheduling), or lpvid.to_gridded(model).model")
+    if record.sample_time is None and record.time_base.duplicates:
+        runs = acting(model, record.time_base.period)
+        measured = runs.outputs if needs_output else ()
+        wanted = [*(s.name for s in (*runs.inputs, *measured)), *runs.box.names]
+        refuse_contradictions(record, wanted)
+        record = one_row_per_stamp(record, wanted)
     if isinstance(model, Adaptable) and record.sample_time is None:
         raise InputError(f"record '{record.name}' is not uniformly sampled", mend="resample it first")
-    return acting(model, record.sample_time or 0.0)
+    return acting(model, record.sample_time or 0.0), record
 
 
 def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:

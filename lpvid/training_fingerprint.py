@@ -334,18 +334,21 @@ def roles(record: Record, names: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def of_files(record: Record, names: Sequence[str]) -> dict[str, dict[str, str]]:
+def of_files(records: Record | Sequence[Record], names: Sequence[str]) -> dict[str, Any]:
     """What a model keeps of the files of its training data: ``roles``, and ``reading`` where roles stated more.
 
     Parameters
     ----------
-    record, names
+    records : Record or sequence of Record
+        The training records, with the roles that the user gave. ``roles`` are those of the first.
+    names : sequence of str
         As for `roles`.
 
     Returns
     -------
-    dict of str to dict of str to str
-        Entries of the metadata; of ``reading`` the clock, and the units of the channels that the model reads.
+    dict
+        Entries of the metadata; of ``reading`` the clock, and the units of the channels that the model reads: a mapping
+        of str to str, or a list of them where the records were read differently.
 
     Examples
     --------
@@ -353,11 +356,16 @@ def of_files(record: Record, names: Sequence[str]) -> dict[str, dict[str, str]]:
     >>> of_files(run, ["s"])["reading"], of_files(run, ["F"])["reading"]
     ({'time': 'Zeit', 'displacement': 's [mm]'}, {'time': 'Zeit'})
     """
-    found = roles(record, names)
-    read = set(found.values())
-    reading = {role: text for role, text in record.reading.items()
-               if role == TIME_ROLE or channel_of(text, record.channels)[0] in read}
-    return {"roles": found, **({READING: reading} if reading else {})}
+    listed = (records,) if isinstance(records, Record) else records
+    readings: list[dict[str, str]] = []
+    for record in listed:
+        read = {record.resolve(n) for n in names if record.has(n)} | set(roles(listed[0], names).values())
+        reading = {role: text for role, text in record.reading.items()
+                   if role == TIME_ROLE or channel_of(text, record.channels)[0] in read}
+        if reading and reading not in readings:
+            readings.append(reading)
+    kept: dict[str, Any] = {READING: readings[0] if len(readings) == 1 else readings} if readings else {}
+    return {"roles": roles(listed[0], names), **kept}
 
 
 def with_sources(names: Sequence[str], metadata: Mapping) -> tuple[str, ...]:

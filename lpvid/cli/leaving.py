@@ -6,8 +6,10 @@ into errors of their own.
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
+import threading
 from collections.abc import Callable
 from types import FrameType
 
@@ -17,7 +19,10 @@ NOTHING_WRITTEN = "interrupted: nothing was written"
 
 
 def run_program(load: Callable[[], Callable[..., object]], name: str) -> None:
-    """Load a program and run it; Ctrl-C ends it with one line and exit code 130 from here on, or by itself at the end.
+    """Load a program and run it; Ctrl-C ends it with one line and exit code 130 from here on.
+
+    A caller that goes on behind it has its own handler again. Where the process ends, Ctrl-C ends it by itself: what
+    was to be written is.
 
     Parameters
     ----------
@@ -26,19 +31,30 @@ def run_program(load: Callable[[], Callable[..., object]], name: str) -> None:
     name : str
         Of the program, for its help.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a shell may have it ignored
+    # a shell may have it ignored, and only the main thread may handle it
+    ours = (threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+    if ours:
         signal.signal(signal.SIGINT, _leave)
+        atexit.unregister(_end_by_itself)
+        atexit.register(_end_by_itself)
     try:
         load()(prog_name=name)
-    finally:  # what was to be written is
-        if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, _leave):
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+    finally:
+        if ours and signal.getsignal(signal.SIGINT) is _leave:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def command_begins() -> None:
     """From here on Ctrl-C is an exception: the command keeps what it has, or states that it keeps nothing."""
-    if signal.getsignal(signal.SIGINT) is _leave:
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is _leave:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _end_by_itself() -> None:
+    """Where Python ends: its modules are taken down, and an exception among them would be a traceback."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

@@ -32,6 +32,8 @@ ASKED: ContextVar[Invocation | None] = ContextVar("ASKED", default=None)
 """How the command that runs was called, for the foot of its report."""
 P = ParamSpec("P")
 T = TypeVar("T")
+WRITTEN = (".json", ".html", ".csv", ".parquet", ".mat", ".png", ".toml")
+"""Extensions of files that commands write into their folder."""
 SHORTFALL = 3
 """Exit code of a numerical outcome short of the request."""
 PATIENCE = 3.0
@@ -269,6 +271,7 @@ class Results:
         self._absent: list[str] = []
         self._data: list[str] = []
         if folder is not None:
+            _refuse_a_files_name(folder)
             _check_writable(folder)
             _spare(folder, names)
 
@@ -423,6 +426,15 @@ class Results:
             raise
         finally:
             shutil.rmtree(stage, ignore_errors=True)
+
+
+def _refuse_a_files_name(folder: Path) -> None:
+    """Refuse to make a folder that is called like a file: whoever asks for `run.parquet` expects that file."""
+    if folder.suffix.lower() in WRITTEN and not folder.exists():
+        form = folder.suffix.lower().removeprefix(".")
+        tables = f"; a table's format is --format {form}, where there is one" if form in ("parquet", "mat") else ""
+        raise InputError("--out names a folder", got=f"{folder}, the name of a file",
+                         mend=f"--out {folder.with_suffix('')}{tables}")
 
 
 def _check_writable(folder: Path) -> None:

@@ -10,7 +10,7 @@ from lpvid.errors import InputError
 
 TIME_ROLE = "time"
 READING = "reading"
-"""Key of a model's metadata that holds a `Record.reading`."""
+"""Key of a model's metadata that holds a `Record.reading`, or several where the files were read differently."""
 
 
 def channel_of(text: str, names: Iterable[str]) -> tuple[str, str | None]:
@@ -55,9 +55,12 @@ def readings_of(like: Any) -> tuple[Mapping[str, str], ...]:
     >>> from types import SimpleNamespace
     >>> readings_of(SimpleNamespace(metadata={"reading": {"time": "Zeit [ms]"}})), readings_of([None])
     (({'time': 'Zeit [ms]'},), ())
+    >>> readings_of(SimpleNamespace(metadata={"reading": [{"time": "Zeit [ms]"}, {"time": "uhr"}]}))
+    ({'time': 'Zeit [ms]'}, {'time': 'uhr'})
     """
     listed = like if isinstance(like, (list, tuple)) else (like,)
-    found = [getattr(one, "metadata", {}).get(READING) for one in listed]
+    kept = [getattr(one, "metadata", {}).get(READING) for one in listed]
+    found = [one for own in kept for one in (own if isinstance(own, (list, tuple)) else (own,))]
     return tuple({str(r): str(c) for r, c in one.items()} for one in found if isinstance(one, Mapping) and one)
 
 

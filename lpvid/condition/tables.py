@@ -139,6 +139,30 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     return one_row_per_stamp(record)
 
 
+def stamps_of(table: ColumnTable, where: str, roles: Mapping[str, str],
+              readings: Sequence[Mapping[str, str]] = ()) -> np.ndarray | None:
+    """The time column of a file's columns as `to_record` finds it.
+
+    Parameters
+    ----------
+    table : ColumnTable
+    where : str
+        The file, for messages.
+    roles : mapping of str to str
+    readings : sequence of mapping of str to str
+        As for `to_record`.
+
+    Returns
+    -------
+    (n,) array or None
+        In the unit of the file; None where it has no clock.
+    """
+    names = [c.name for c in table.columns]
+    asked = channel_of(roles[TIME_ROLE], names)[0] if TIME_ROLE in roles else None
+    clock = _time_column(table.columns, asked or recalled_clock(readings, names, where), where)
+    return None if clock is None else clock.values
+
+
 def _lacking_clock(readings: Sequence[Mapping[str, str]]) -> str:
     """Columns that were the clock of models' training data, in quotes; empty for none."""
     return " or ".join(f"'{c}'" for c in dict.fromkeys(channel_of(r[TIME_ROLE], ())[0] for r in readings

@@ -298,8 +298,8 @@ def _channels(model: Any) -> tuple[str, ...]:
 
 def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     """The extended model with, in its metadata, the channel of the files for each of its roles."""
-    raw = with_current(task.raw[:1])[0][0]
-    names = [n for n in (*extended.reads, task.baseline.output) if raw.has(n)]
+    raw = with_current(task.raw)[0]
+    names = [n for n in (*extended.reads, task.baseline.output) if raw[0].has(n)]
     return replace(extended, metadata={**extended.metadata, **of_files(raw, names)})
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
-from lpvid.files._table import fault_text, headed, stated_period
+from lpvid.files._table import fault_text, headed, stated_period, the_thousands, thousands_in
 
 Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
 """(path, rows of a part, row to begin with, channels wanted or None for all) to tables."""
@@ -33,7 +33,7 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
     where = str(path)
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
-    layout = csv._layout(path, where)
+    layout = csv.with_thousands(path, csv._layout(path, where), where)
     line, row, midnights = layout.data_line, 0, layout.midnights()
     with path.open(encoding=layout.encoding, newline=None) as stream:
         lines = islice(stream, layout.data_line - 1, None)
@@ -66,15 +66,9 @@ def _columns(block: list[str], layout: Any, where: str, row: int, midnights: Map
 
     `midnights` carries times of day on from the block before.
     """
-    text = [line.replace(",", ".") for line in block] if layout.decimal_comma else block
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            values = np.loadtxt(text, delimiter=layout.delimiter, comments=None, ndmin=2)
-        if values.shape[1] == len(layout.names):
-            return [csv._column(header, values[:, i], None) for i, header in enumerate(layout.names)]
-    except (ValueError, UserWarning):
-        pass
+    numbers = None if any(layout.thousands) else _numbers(block, layout)
+    if numbers is not None:
+        return [csv._column(header, numbers[:, i], None) for i, header in enumerate(layout.names)]
     numbered = list(csv._rows(block, layout, where))
     columns = []
     for i in range(len(layout.names)):
@@ -89,6 +83,18 @@ def _columns(block: list[str], layout: Any, where: str, row: int, midnights: Map
     return columns
 
 
+def _numbers(block: list[str], layout: Any) -> np.ndarray | None:
+    """(n, columns) samples of lines that hold nothing but numbers; None for others."""
+    text = [line.replace(",", ".") for line in block] if layout.decimal_comma else block
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            values = np.loadtxt(text, delimiter=layout.delimiter, comments=None, ndmin=2)
+    except (ValueError, UserWarning):
+        return None
+    return values if values.shape[1] == len(layout.names) else None
+
+
 # -- Parquet ---------------------------------------------------------------------------------------------------------
 def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[ColumnTable]:
     where, origin = str(path), dict[str, float]()
@@ -99,12 +105,25 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
             raise InputError(f"{where}: there are no samples", mend="export the data again")
         period = stated_period(parquet._texts(file.schema_arrow.metadata), where)
         columns = _in_use(file.schema_arrow.names, wanted)
+        thousands = _text_thousands(file, columns)
         if first:
-            _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin)
+            _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin,
+                           thousands)
         groups, behind = _groups_from(file.metadata, first)
         batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
         for content in _batches(batches, rows, behind):
-            yield ColumnTable(*_batch_columns(content, period, origin))
+            yield ColumnTable(*_batch_columns(content, period, origin, thousands))
+
+
+def _text_thousands(file: Any, columns: Sequence[str] | None) -> dict[str, str]:
+    """What separates thousands in each column of text, by all of its cells."""
+    names = [f.name for f in file.schema_arrow if parquet.holds_text(f.type) and (columns is None or f.name in columns)]
+    shown: dict[str, set[str]] = {n: set() for n in names}
+    for group in range(file.metadata.num_row_groups if names else 0):
+        for batch in file.iter_batches(row_groups=[group], columns=names, use_threads=False):
+            for name in names:
+                shown[name] |= thousands_in(cell or "" for cell in batch.column(name).to_pylist())
+    return {name: the_thousands(found) for name, found in shown.items()}
 
 
 def _in_use(names: Sequence[str], wanted: Sequence[str] | None) -> list[str] | None:
@@ -149,14 +168,14 @@ def _batches(batches: Iterator[Any], rows: int, drop: int) -> Iterator[Any]:
         yield pa.Table.from_batches(held)
 
 
-def _batch_columns(content: Any, period: float | None, origin: dict[str, float],
+def _batch_columns(content: Any, period: float | None, origin: dict[str, float], thousands: Mapping[str, str],
                    ) -> tuple[list[Column], float | None, list[str]]:
     """Columns of one batch; calendar stamps count from the first one of the whole file, kept in `origin`."""
     import pyarrow as pa
 
     columns, notes = [], []
     for entry, data in zip(content.schema, content.columns, strict=True):
-        column = parquet._column(entry, data)
+        column = parquet._column(entry, data, thousands.get(entry.name, ""))
         if column is None:
             notes.append(f"column '{entry.name}' is left out: it holds {entry.type}, not numbers")
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -31,7 +31,7 @@ def check_claim(claimed: int, where: str, *, held: int | None = None, what: str 
                          mend="split the file, or export it at a lower rate")
 
 
-def parse_cells(cells: Sequence[str], decimal_comma: bool = False) -> tuple[np.ndarray, list[int]]:
+def parse_cells(cells: Sequence[str], decimal_comma: bool = False, thousands: str = "") -> tuple[np.ndarray, list[int]]:
     """Numbers from text cells: NaN where a cell is missing, and where it holds text, whose places are listed.
 
     Parameters
@@ -39,6 +39,8 @@ def parse_cells(cells: Sequence[str], decimal_comma: bool = False) -> tuple[np.n
     cells : sequence of str
     decimal_comma : bool
         Whether a comma separates decimals, where it separates no thousands.
+    thousands : str
+        Point or comma, where it separates thousands in the column that these cells are of (`thousands_in`).
 
     Returns
     -------
@@ -50,15 +52,17 @@ def parse_cells(cells: Sequence[str], decimal_comma: bool = False) -> tuple[np.n
     --------
     >>> parse_cells(["1.5", "", "abc"])
     (array([1.5, nan, nan]), [2])
+    >>> parse_cells(["1.024", "12,5"], decimal_comma=True, thousands=".")[0]
+    array([1024. ,   12.5])
     """
     joined = "".join(cells)
-    if joined.isascii() and "_" not in joined:
+    if not thousands and joined.isascii() and "_" not in joined:
         try:
             plain = [c.replace(",", ".") for c in cells] if decimal_comma else cells
             return np.array(list(map(float, plain))), []
         except ValueError:
             pass
-    numbers = [_number(cell, decimal_comma) for cell in _grouped_alike(cells)]
+    numbers = [_number(cell, decimal_comma) for cell in _grouped_alike(cells, thousands)]
     at_fault = [i for i, number in enumerate(numbers) if number is None]
     return np.array([np.nan if number is None else number for number in numbers], dtype=float), at_fault
 
@@ -74,7 +78,7 @@ def ungrouped(cell: str) -> str:
 
     Only where it can be read in one way: ``1.024,5`` and ``1,024.5`` hold two separators, ``1.024.735`` cannot be a
     decimal, and neither an apostrophe nor a hard space separates decimals. ``1.024`` stays as it is; in a column whose
-    other cells show what the point is, `parse_cells` reads it as those.
+    other cells show what the point is (`thousands_in`), `parse_cells` reads it as those.
 
     Parameters
     ----------
@@ -104,13 +108,37 @@ def _is_open(found: re.Match[str]) -> bool:
     return separator in ".," and point is None and groups.count(separator) == 1
 
 
-def _grouped_alike(cells: Sequence[str]) -> Sequence[str]:
-    """Cells of a column, those that are open (``1.024``) without the separator that others show to be of thousands."""
-    found = [_GROUPED.fullmatch(cell.strip()) for cell in cells]
-    of_thousands = {m[3] for m in found if m and m[3] in ".," and not _is_open(m) and m[4] != m[3]}
-    if len(of_thousands) != 1:
+def thousands_in(cells: Iterable[str]) -> set[str]:
+    """Point or comma that cells of a column can only have between thousands; both where they contradict each other.
+
+    Parameters
+    ----------
+    cells : iterable of str
+
+    Returns
+    -------
+    set of str
+
+    Examples
+    --------
+    >>> thousands_in(["1.024", "1.345,25"]), thousands_in(["1.024", "12,5"])
+    ({'.'}, set())
+    """
+    found = (_GROUPED.fullmatch(cell.strip()) for cell in cells)
+    return {m[3] for m in found if m and m[3] in ".," and not _is_open(m) and m[4] != m[3]}
+
+
+def the_thousands(shown: set[str]) -> str:
+    """The separator of a column whose cells show these; empty where none or several do."""
+    return next(iter(shown)) if len(shown) == 1 else ""
+
+
+def _grouped_alike(cells: Sequence[str], thousands: str) -> Sequence[str]:
+    """Cells of a column, those that are open (``1.024``) without the separator that is of thousands there."""
+    if not thousands:
         return cells
-    return [m[1] + m[2].replace(m[3], "") if m and _is_open(m) and m[3] in of_thousands else cell
+    found = [_GROUPED.fullmatch(cell.strip()) for cell in cells]
+    return [m[1] + m[2].replace(m[3], "") if m and _is_open(m) and m[3] == thousands else cell
             for m, cell in zip(found, cells, strict=True)]
 
 

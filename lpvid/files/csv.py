@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
@@ -17,7 +18,16 @@ from lpvid import units
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files._stamps import Midnight, Stamps, instant, stamps
-from lpvid.files._table import MISSING, fault_text, headed, is_number, parse_cells, ungrouped
+from lpvid.files._table import (
+    MISSING,
+    fault_text,
+    headed,
+    is_number,
+    parse_cells,
+    the_thousands,
+    thousands_in,
+    ungrouped,
+)
 
 EXTENSIONS = (".csv", ".tsv", ".txt")
 _BLOCK = 50_000
@@ -26,6 +36,13 @@ _PREAMBLE = 100
 """Lines that are looked at for the first row of numbers, where the first line of the file is no header."""
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _WORDS = re.compile(r"[^\s\[\]()]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
+_TWO_SEPARATORS = tuple(re.compile(p) for p in (r"\.\d{3}[.,]\d", r",\d{3}[.,]\d"))
+"""In the text of every number that shows which separator is of thousands, and of few others; two patterns, since one
+that begins with a character and not a class is searched three times as fast."""
+_TWO_POINTS = (re.compile(r"\.\d{3}\.\d"),)
+"""The same where a comma separates cells and none is quoted."""
+_LONGEST_NUMBER = 200
+"""Characters of a chunk that are looked at again with the next: a number may stand on the border."""
 _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
 
 
@@ -33,7 +50,8 @@ _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
 class _Layout:
     """How the text is laid out; `data_line` is the number of the first data line, from 1.
 
-    `stamps` states how columns of dates or times of day count, and is None for the others.
+    `stamps` states how columns of dates or times of day count, and is None for the others; `thousands` is the point or
+    comma that separates thousands in a column, empty where none of its cells shows one.
     """
 
     encoding: str
@@ -42,6 +60,7 @@ class _Layout:
     header_line: int
     data_line: int
     stamps: tuple[Stamps | None, ...] = ()
+    thousands: tuple[str, ...] = ()
 
     @property
     def decimal_comma(self) -> bool:
@@ -69,7 +88,9 @@ class _Layout:
     def parsed(self, place: int, cells: Sequence[str]) -> tuple[np.ndarray, list[int]]:
         """Numbers of one column, seconds since its first stamp where it holds dates or times; places of other text."""
         dated = self.stamps[place] if self.stamps else None
-        return parse_cells(cells, self.decimal_comma) if dated is None else dated.seconds(self.with_points(cells))
+        thousands = self.thousands[place] if self.thousands else ""
+        return (parse_cells(cells, self.decimal_comma, thousands) if dated is None else
+                dated.seconds(self.with_points(cells)))
 
     def midnights(self) -> dict[int, Midnight]:
         """What carries the columns of times of day over midnight, by the place of the column."""
@@ -107,7 +128,7 @@ def read_table(path: Path) -> ColumnTable:
     if values is not None:
         columns = [_column(header, values[:, i], None) for i, header in enumerate(layout.names)]
     else:
-        columns = _read_cells(path, layout, where)
+        columns = _read_cells(path, with_thousands(path, layout, where), where)
     return ColumnTable(_without_trailing(columns))
 
 
@@ -325,6 +346,50 @@ def _read_numbers(path: Path, layout: _Layout) -> np.ndarray | None:
         except (ValueError, UserWarning):
             return None
     return values if values.shape[1] == len(layout.names) else None
+
+
+def with_thousands(path: Path, layout: _Layout, where: str) -> _Layout:
+    """The layout with the thousands separators that the cells of each column show, anywhere in the file.
+
+    One cell decides for the whole column, however far it stands from the others: ``1.024`` is 1024 in the first part
+    of a file too where the last holds ``1.345,25``.
+
+    Parameters
+    ----------
+    path : Path
+    layout : _Layout
+        Of the file.
+    where : str
+        The file, for messages.
+
+    Returns
+    -------
+    _Layout
+    """
+    stat = path.stat()
+    found = _thousands(path, layout, where, (stat.st_mtime_ns, stat.st_size))
+    return replace(layout, thousands=found) if any(found) else layout
+
+
+@lru_cache(maxsize=64)
+def _thousands(path: Path, layout: _Layout, where: str, version: tuple[int, int]) -> tuple[str, ...]:
+    """Separator of each column, empty for none; no cell is looked at in a file without a number of two separators."""
+    with path.open(encoding=layout.encoding, newline=None) as stream:
+        end = ""
+        while text := stream.read(_CHUNK):
+            commas = layout.delimiter != "," or '"' in text
+            if any(p.search(end + text) for p in (_TWO_SEPARATORS if commas else _TWO_POINTS)):
+                break
+            end = text[-_LONGEST_NUMBER:]
+        else:
+            return ("",) * len(layout.names)
+    shown: list[set[str]] = [set() for _ in layout.names]
+    with path.open(encoding=layout.encoding, newline=None) as stream:
+        rows = _rows(islice(stream, layout.data_line - 1, None), layout, where)
+        while block := list(islice(rows, _BLOCK)):
+            for own, cells in zip(shown, zip(*(row for _, row in block), strict=True), strict=True):
+                own |= thousands_in(cells)
+    return tuple(map(the_thousands, shown))
 
 
 def _read_cells(path: Path, layout: _Layout, where: str) -> list[Column]:

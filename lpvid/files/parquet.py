@@ -11,7 +11,17 @@ import numpy as np
 
 from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
-from lpvid.files._table import check_claim, corrupt, fault_text, headed, parse_cells, stated_period, without_library
+from lpvid.files._table import (
+    check_claim,
+    corrupt,
+    fault_text,
+    headed,
+    parse_cells,
+    stated_period,
+    the_thousands,
+    thousands_in,
+    without_library,
+)
 
 EXTENSIONS = (".parquet", ".pq")
 
@@ -88,7 +98,25 @@ def _texts(metadata: dict | None) -> dict[str, str]:
     return {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (metadata or {}).items()}
 
 
-def _column(field: Any, data: Any) -> Column | None:
+def holds_text(kind: Any) -> bool:
+    """Whether a column of this type holds text, in which numbers may stand.
+
+    Parameters
+    ----------
+    kind : pyarrow.DataType
+
+    Returns
+    -------
+    bool
+    """
+    import pyarrow as pa
+
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind)
+
+
+def _column(field: Any, data: Any, thousands: str | None = None) -> Column | None:
+    """A column; `thousands` is what separates them in text, by all of its cells where it is left out."""
     import pyarrow as pa
 
     name, unit = headed(field.name)
@@ -97,9 +125,10 @@ def _column(field: Any, data: Any) -> Column | None:
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
         data = data.cast(kind)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    if holds_text(kind):
         cells = [cell or "" for cell in data.to_pylist()]
-        values, at_fault = parse_cells(cells)
+        values, at_fault = parse_cells(cells, thousands=the_thousands(thousands_in(cells)) if thousands is None
+                                       else thousands)
         fault = fault_text(cells[at_fault[0]], at_fault[0] + 1, len(at_fault)) if at_fault else None
     elif pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
         values, unit = _from_first(data) / {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[kind.unit], "s"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,12 +12,11 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.recalling import TIME_ROLE, channel_of, readings_of
-from lpvid.condition.tables import ColumnTable, to_record
+from lpvid.condition.tables import ColumnTable, stamps_of, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
-from lpvid.remark import Repeated
 
 T = TypeVar("T")
 _END = object()
@@ -96,7 +95,11 @@ class Chunks:
         """Records of one set; clocks that a file only states run on, and time must run forward."""
         last: Record | None = None
         rows_before = row + sum(_length(p) for p in parts[:first])
-        for k, after, table in _no_lone_row(self._tables(parts, first, row)):
+
+        def clock(table: ColumnTable, k: int) -> np.ndarray | None:
+            return stamps_of(table, str(parts[k]), self.roles, self.readings)
+
+        for k, after, table in _no_lone_row(_whole_stamps(self._tables(parts, first, row), clock)):
             path, size = parts[k], table.columns[0].values.size
             record = self._record(table, str(path), name)
             if record.time is None:
@@ -147,7 +150,8 @@ def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, r
         Files, patterns and folders, each file a record of its own. A folder named ``*.parquet`` is one data set, whose
         files continue each other in natural order.
     rows : int
-        Samples in memory at once (the last record of a file may have one more).
+        Samples in memory at once (the last record of a file may have one more, and any those rows that repeat its last
+        time stamp).
     roles : mapping of str to str, optional
         Role name to channel name.
     sample_rate : float, optional
@@ -225,18 +229,9 @@ def read_ahead(items: Iterable[T]) -> Iterator[T]:
 
 
 def _behind(last: Record, record: Record, where: str, row: int) -> Record:
-    """The next part, without its first row where that repeats the last stamp of the part before with no other value."""
+    """The next part; its clock begins behind that of the part before."""
     assert last.time is not None and record.time is not None
     before, begin = last.time[-1], record.time[0]
-    ends = {n: (last.channels[n].values[-1], c.values[0]) for n, c in record.channels.items()}
-    alike = all(a == b or np.isnan(a) or np.isnan(b) for a, b in ends.values())
-    if begin == before and alike and record.n_samples > 2:
-        rest = record.slice(1, record.n_samples)
-        lost = ", ".join(f"'{n}'" for n, (a, b) in ends.items() if np.isnan(a) and not np.isnan(b))
-        with_it = f", and with it one sample of {lost}, which the part before lacks" if lost else ""
-        return replace(rest, time=record.time[1:], sample_time=None,
-                       notes=(*rest.notes, Repeated("its first row repeats the last time stamp of the part before with "
-                                                    f"no other value: left out{with_it}")))
     if begin <= before:
         raise InputError(f"{where}: time {'repeats' if begin == before else 'runs backward'} in row {row + 1}",
                          got=f"{begin:.9g} s after {before:.9g} s", mend="sort the rows, or drop the repeated one")
@@ -253,6 +248,36 @@ def _length(path: Path) -> int:
 
 
 _Placed = tuple[int, int, ColumnTable]
+
+
+def _whole_stamps(tables: Iterable[_Placed],
+                  clock: Callable[[ColumnTable, int], np.ndarray | None]) -> Iterator[_Placed]:
+    """The same tables, rows that repeat the last time stamp of the table before moved to its end.
+
+    Rows of one stamp may complete each other (`one_row_per_stamp`), and whether they do shows only where all of them
+    are in one record.
+    """
+    held: _Placed | None = None
+    for k, after, table in tables:
+        stamps, size, same = clock(table, k), table.columns[0].values.size, 0
+        before = None if held is None else clock(held[2], held[0])
+        if held is not None and stamps is not None and before is not None and before.size:
+            other = np.flatnonzero(stamps != before[-1])
+            same = int(other[0]) if other.size else size
+        if held is not None and same:
+            held = k, after - size + same, _joined(held[2], _rows(table, 0, same))
+            if same == size:
+                continue
+            table = _rows(table, same, size)
+        if held is not None:
+            yield held
+        held = k, after, table
+    if held is not None:
+        yield held
+
+
+def _rows(table: ColumnTable, first: int, last: int) -> ColumnTable:
+    return replace(table, columns=[replace(c, values=c.values[first:last]) for c in table.columns])
 
 
 def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:

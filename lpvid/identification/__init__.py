@@ -84,7 +84,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
                       remedy="a lower order")
     require_motion(pieces, structure)
-    found = _remember(structure.estimate(pieces), pieces, listed[0])
+    found = _remember(structure.estimate(pieces), pieces, listed)
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     found = _coloured(found.replace(training=figures(found.model, pieces, "training"), notes=notes), pieces)
     apart = separated(found, pieces)
@@ -128,14 +128,14 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
     return found.with_covariance(covariance).replace(notes=(*found.notes, stated), covariance_kind=SANDWICH)
 
 
-def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:
+def _remember(found: Identification, pieces: Sequence[Record], listed: Sequence[Record]) -> Identification:
     """Restore what the model states of its training data: first samples, ranges, roles, region of scheduling space."""
     model = found.model
     names = list(model.box.names)
     read = list(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *names)))
     training = {**model.metadata.get("training", {}), "heads": heads(pieces, model.outputs[0].name),
                 "ranges": ranges(pieces, read), "usual": {n: usual_range([r[n] for r in pieces]) for n in names}}
-    metadata = {**model.metadata, "training": training, **of_files(first, read)}
+    metadata = {**model.metadata, "training": training, **of_files(listed, read)}
     if len(names) > 1:
         metadata["hull"] = Hull.of(names, np.vstack([r.matrix(names) for r in pieces])).to_dict()
     return found.replace(model=model.replace(metadata=metadata))

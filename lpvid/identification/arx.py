@@ -219,7 +219,7 @@ class ARX(Structure):
     # -- estimate -----------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record]) -> Identification:
         for name in (*self.input, *self.output):
-            _moves(records, name, "input" if name in self.input else "output")
+            require_motion_of(records, name, "input" if name in self.input else "output")
         if self.weight is not None and not all(r[self.weight].min() >= 0 for r in records):
             raise InputError(f"weights in channel '{self.weight}' must not be negative",
                              got=min(float(r[self.weight].min()) for r in records))
@@ -429,7 +429,22 @@ def _stage_fits(stage: InputStage, inputs: int, variables: int) -> None:
                          got=f"variable {stage.variable} of {variables}", mend="count variables from 0")
 
 
-def _moves(records: Sequence[Record], name: str, what: str) -> None:
+def require_motion_of(records: Sequence[Record], name: str, what: str) -> None:
+    """Refuse a channel that has one value in all records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Finite.
+    name : str
+    what : {"input", "output"}
+        What it is, for the message.
+
+    Raises
+    ------
+    InputError
+        With the value, why it matters, and the mend.
+    """
     low, high = min(float(r[name].min()) for r in records), max(float(r[name].max()) for r in records)
     if not high > low:
         raise InputError(f"{what} '{name}' never moves", got=f"the constant {low:.6g}",

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
-from lpvid.identification.arx import _moves, scheduling_box
+from lpvid.identification.arx import require_motion_of, scheduling_box
 from lpvid.identification.compliance_problem import ComplianceProblem
 from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.result import Identification
@@ -132,7 +132,7 @@ class Compliance(Structure):
     # -- estimate -----------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record]) -> Identification:
         for name in (self.input, self.output, *self.side):
-            _moves(records, name, "output" if name == self.output else "input")
+            require_motion_of(records, name, "output" if name == self.output else "input")
         work = sum(float(r[self.input] @ r[self.output]) for r in records)
         if not work > 0:
             raise InputError("force and velocity have opposite senses", got=f"mean(F·v) {work:.3g} < 0",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lpvid.identification.pem_problem import PredictionErrorProblem
-from lpvid.identification.pem_starts import Start, output_starts
+from lpvid.identification.pem_starts import Start, knee_starts, output_starts
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -57,4 +57,4 @@ class OutputError(PredictionError):
     def starting_models(
         self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
     ) -> list[Start]:
-        return output_starts(problem, first)
+        return [*output_starts(problem, first), *knee_starts(records, problem, first)]

@@ -16,6 +16,9 @@ PREFILTERS = (0.5, 0.8, 0.95)
 """double poles of the low-pass filters under which least squares is repeated."""
 ITERATIONS = 8
 """rounds of Steiglitz & McBride, and of extended least squares."""
+KNEE_ITERATIONS = 5
+"""rounds of Steiglitz & McBride at each knee of a stage: from three a search ends at a training fit of 89.9 %, from
+five at 94.3 % (seventh order of a measured circuit), and eight do no better."""
 SHRINKING = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.3, 0.0)
 LONG_AR = 30
 Start = tuple[str, LPVTransferFunction]
@@ -52,6 +55,46 @@ def output_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -
             found.append((f"{label}, then Steiglitz-McBride {round_ + 1}", model))
     drawn = [(label, stabilised(problem, model)) for label, model in found]
     return [*drawn, *(pair for pair, other in zip(found, drawn, strict=True) if pair[1] is not other[1])]
+
+
+def knee_starts(records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction) -> list[Start]:
+    """Starts of an output-error search at each knee from which a stage's own search begins, where a knee is all it has.
+
+    The free-run error has several minima over the knee, and a descent ends in the one in which it begins. Least squares
+    fits the knee to its own coefficients, which the noise biases: on a measured positioning system it began at 0.05 m/s
+    and ended at a training fit of 92.2 % (na=2, nb=3), from the knees here at 95.9 % and 0.1 mm/s. A stage that has
+    slopes too can follow noise with them: with its starts the best figure of the search over the folds of a measured
+    race damper fell from 99.1 to 98.7 %.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Those of the problem.
+    problem : PredictionErrorProblem
+        Of output error.
+    first : LPVTransferFunction
+        The least-squares model, with the stage that it has fitted.
+
+    Returns
+    -------
+    list of (label, model)
+        Least squares at each knee, then `KNEE_ITERATIONS` rounds of Steiglitz & McBride, all drawn in to a bounded free
+        run. Empty where the stage is given or has other free parameters.
+    """
+    stage = first.input_stage
+    if stage is None or not problem.free_stages[0] or np.count_nonzero(stage.scales(0.0)) > 1:
+        return []
+    u = np.vstack([r.matrix([s.name for s in first.inputs]) for r in records])
+    p = np.vstack([r.matrix(first.box.names) for r in records])
+    found: list[Start] = []
+    for begin in stage.starts(u, p):
+        label = f"least squares at a knee of {begin.first_knee:.3g}"
+        model = _filtered_regression(problem, first.replace(input_stage=begin), np.ones(1))
+        found.append((label, model))
+        for round_ in range(KNEE_ITERATIONS):
+            model = _filtered_regression(problem, model, _mean_denominator(problem, model))
+            found.append((f"{label}, then Steiglitz-McBride {round_ + 1}", model))
+    return [(label, stabilised(problem, model)) for label, model in found]
 
 
 def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction,

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError, TooFewSamples
-from lpvid.identification.arx import _moves, scheduling_box
+from lpvid.identification.arx import require_motion_of, scheduling_box
 from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.identification.result import Identification
@@ -149,7 +149,7 @@ class QuasiLPV(Structure):
     # -- estimate -----------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record]) -> Identification:
         for name in (*self.input, *self.output):
-            _moves(records, name, "input" if name in self.input else "output")
+            require_motion_of(records, name, "input" if name in self.input else "output")
         box = scheduling_box(records, self.external)
         wanted = self.basis.size * self.external.size * (self.na + sum(self._tuple(self.nb)) + 1)
         equations = sum(r.n_samples - self.start for r in records)

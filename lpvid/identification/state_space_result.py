@@ -12,7 +12,7 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.condition.constancy import DISTINCT
 from lpvid.errors import InputError, TooFewSamples
-from lpvid.identification.arx import _moves
+from lpvid.identification.arx import require_motion_of
 from lpvid.identification.covariance import bartlett, block_length, residual_memory
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.staged_search import StagedLayout
@@ -110,7 +110,7 @@ def refuse_poor_data(records: Sequence[Record], inputs: Sequence[str], outputs: 
     """
     for names, what in ((inputs, "input"), (outputs, "output")):
         for name in names:
-            _moves(records, name, what)
+            require_motion_of(records, name, what)
     equations = len(outputs) * sum(max(r.n_samples - past, 0) for r in records)
     if equations <= parameters:
         raise TooFewSamples(f"{equations} equations cannot determine {parameters} parameters",

@@ -144,10 +144,10 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
 
 def _remembered(found: Identification, facts: Facts) -> Identification:
     """Restore what the model states of its training data: first samples, ranges, roles."""
-    model, first = found.model, facts.named_heads()[0]
+    model = found.model
     training = {**model.metadata.get("training", {}), "heads": facts.heads, "ranges": facts.ranges,
                 "usual": facts.usual}
-    metadata = {**model.metadata, "training": training, **of_files(first, list(facts.ranges))}
+    metadata = {**model.metadata, "training": training, **of_files(facts.named_heads(), list(facts.ranges))}
     return found.replace(model=model.replace(metadata=metadata))
 
 

@@ -271,7 +271,7 @@ def _before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
     unit = worst.unit or "1"
     runs = {"measured": worst.measured, "baseline": worst.before, "extended model": worst.after}
     errors = {n: worst.measured - runs[n] for n in ("baseline", "extended model")}
-    moving = {label(n, draw.ROLES_UNITS[n]): {n: v} for n, v in worst.channels.items() if n in ("velocity", "current")}
+    moving = {label(n, worst.unit_of(n)): {n: v} for n, v in worst.channels.items() if n in ("velocity", "current")}
     return signal_traces(worst.times, {f"{worst.output} [{unit}]": runs, f"error [{unit}]": errors, **moving},
                          f"{worst.name}, {worst.label}: the record on which the baseline is most wrong, free run.")
 

@@ -13,7 +13,7 @@ from lpvid.condition import segments, with_derived
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
-from lpvid.identification.arx import ARX
+from lpvid.identification.arx import ARX, require_motion_of
 from lpvid.identification.selection.competing import NEAR, compete
 from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.hasty import in_full
@@ -87,7 +87,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     Raises
     ------
     InputError
-        No candidates, or none that these data can carry.
+        No candidates, or none that these data can carry; an input or output that stands still.
     """
     listed = as_records(records)
     _checks.instance(candidates, Iterable, "a selection is among several structures", "[ARX(...), ARX(...)]")
@@ -103,6 +103,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     listed = with_derived(listed, channels)
     start = max(s.start for s in structures)
     pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2, remedy="lower orders")
+    _require_motion(pieces, structures)
     sample = _shortened(pieces, start)
     with single_thread():
         parts, notes = make_folds(sample, folds, start, _driving(structures))
@@ -257,6 +258,16 @@ def _driving(structures: Sequence[Structure]) -> tuple[str, ...]:
     """Inputs and measured scheduling variables; of what is not an ARX, its first channel, an input."""
     found = [(*s.input, *s.basis.names) if isinstance(s, ARX) else s.channels[:1] for s in structures]
     return tuple(dict.fromkeys(name for names in found for name in names))
+
+
+def _require_motion(pieces: Sequence[Record], structures: Sequence[Structure]) -> None:
+    """Refuse, before the search, an output or an input of all candidates that stands still: none can be fitted."""
+    plain = [s for s in structures if isinstance(s, ARX)]
+    if len(plain) < len(structures):
+        return
+    for what, shared in (("input", [set(s.input) for s in plain]), ("output", [set(s.output) for s in plain])):
+        for name in sorted(set.intersection(*shared)):
+            require_motion_of(pieces, name, what)
 
 
 def _shortened(pieces: Sequence[Record], start: int) -> list[Record]:

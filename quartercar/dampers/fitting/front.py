@@ -195,4 +195,4 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
     training["ranges"] = ranges(records, seen)
     if "current" in damper.reads:
         training["usual_currents"] = usual_range([r["current"] for r in records])
-    return damper.replace(metadata={**damper.metadata, "training": training, **of_files(records[0], seen)})
+    return damper.replace(metadata={**damper.metadata, "training": training, **of_files(records, seen)})

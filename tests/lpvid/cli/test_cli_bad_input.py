@@ -156,6 +156,17 @@ def test_no_such_file(tmp_path, command):
     refused(tmp_path, command, str(tmp_path / "*.csv"), "--out", tmp_path / "out", parts=("no file matches",))
 
 
+@pytest.mark.parametrize(("name", "mend"), [("run.parquet", "run; a table's format is --format parquet"),
+                                            ("report.html", "report.")])
+def test_a_folder_that_is_called_like_a_file(tmp_path, name, mend):
+    (tmp_path / "a.csv").write_text(table())
+    refused(tmp_path, "inspect", tmp_path / "a.csv", "--out", tmp_path / name,
+            parts=("--out names a folder: got", name, f"Mend: --out {tmp_path}/{mend}"))
+    (tmp_path / name).mkdir()  # one that is there is meant
+    done = CliRunner().invoke(app, ["inspect", str(tmp_path / "a.csv"), "--out", str(tmp_path / name)])
+    assert done.exit_code == 0, done.output
+
+
 def test_records_of_different_rates(tmp_path):
     (tmp_path / "a.csv").write_text(table())
     (tmp_path / "b.csv").write_text(table(t=2 * T))

@@ -51,3 +51,37 @@ def test_a_program_in_the_background_ignores_it():
     done = interrupted("lpvid", 0.05, "SIG_IGN")
     assert done.returncode == 2
     assert "there is no such file" in done.stderr
+
+
+@pytest.mark.parametrize("handler", ["default_int_handler", "SIG_IGN"])
+def test_a_caller_that_goes_on_has_its_own_handler_again(handler, monkeypatch, capsys):
+    from lpvid.cli import main
+
+    monkeypatch.setattr(sys, "argv", ["lpvid", "--version"])
+    before = signal.signal(signal.SIGINT, own := getattr(signal, handler))
+    try:
+        with pytest.raises(SystemExit):
+            main()
+        assert signal.getsignal(signal.SIGINT) is own
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_once_the_process_ends_ctrl_c_ends_it_by_itself():
+    code = START.format(package="lpvid", handler="default_int_handler").replace("main()\n", (
+        "import atexit, os, sys\natexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\nmain()\n"))
+    done = subprocess.run([sys.executable, "-c", code, "--version"], capture_output=True, text=True, timeout=60)
+    assert "Traceback" not in done.stderr
+    assert done.returncode == -signal.SIGINT
+
+
+def test_a_program_in_another_thread_runs(monkeypatch, capsys):
+    from concurrent.futures import ThreadPoolExecutor
+
+    from lpvid.cli import main
+
+    monkeypatch.setattr(sys, "argv", ["lpvid", "--version"])
+    with ThreadPoolExecutor(1) as other:
+        ended = other.submit(main).exception(timeout=60)
+    assert isinstance(ended, SystemExit)
+    assert not ended.code

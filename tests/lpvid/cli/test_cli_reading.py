@@ -119,3 +119,19 @@ def test_models_that_disagree_are_refused_only_where_the_file_leaves_it_open(fol
     with pytest.raises(InputError, match="different clocks: got Zeit, uhr"):
         lpv.read(both, like=[model, other], roles={"velocity": "v [mm/s]"})
     lpv.read(both, like=[model, other], roles={"velocity": "v [mm/s]", "time": "Zeit [ms]"})
+
+
+def test_a_model_of_files_with_different_clocks_remembers_each(folder, tmp_path):
+    other = write(tmp_path / "other.csv", 1, "uhr,w,force [N]", 1.0, 100.0)
+    given = [lpv.read(folder / "run0.csv", roles={"time": "Zeit [ms]", "velocity": "v [mm/s]"})[0],
+             lpv.read(other, roles={"time": "uhr [s]", "velocity": "w [cm/s]"})[0]]
+    model = lpv.identify(given, lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    kept = [{"time": "Zeit [ms]", "velocity": "v [mm/s]"}, {"time": "uhr [s]", "velocity": "w [cm/s]"}]
+    assert model.metadata["reading"] == kept
+    lpv.save(model, tmp_path / "m.json")
+    again = lpv.load(tmp_path / "m.json")
+    assert again.metadata["reading"] == kept
+    for path, column in ((folder / "run1.csv", "v"), (other, "w")):
+        record, = lpv.read(path, like=again)
+        assert record.sample_time == pytest.approx(1 / RATE)
+        assert np.abs(record[column]).max() < 1.0

@@ -152,11 +152,49 @@ def test_parts_of_a_file_follow_the_same_rule(row, tmp_path):
                             lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force"))
 
 
-def test_a_sample_that_is_lost_between_parts_is_stated(tmp_path):
-    """Two rows of a bus complete each other, and the first of them has been passed on as the end of a part."""
-    path = tmp_path / "bus.csv"
-    rows = [f"{0.1 * k:.1f},{k},\n{0.1 * k:.1f},,{2 * k}" for k in range(6)]
-    path.write_text("\n".join(["time [s],v [m/s],F [N]", *rows]), encoding="utf-8")
-    one, two, *_ = read_chunks(path, 5)
-    assert np.isnan(one["F"][-1]) and two["v"][0] == 3.0
-    assert any("one sample of 'F', which the part before lacks" in note for note in two.notes)
+@pytest.mark.parametrize("rows", [2, 3, 5, 7])
+@pytest.mark.parametrize("messages", [2, 3, 6])
+def test_parts_of_a_bus_are_the_record_in_memory(rows, messages, tmp_path):
+    """Rows of one stamp complete each other, on whichever side of the end of a part they stand."""
+    path, cells = tmp_path / "bus.csv", []
+    for k in range(8):
+        cells += [[f"{0.1 * k:.1f}", *("" for _ in range(messages))] for _ in range(messages)]
+        for m in range(messages):
+            cells[m - messages][1 + m] = str(100 * m + k)
+    header = ["time [s]", *(f"c{m} [N]" for m in range(messages))]
+    path.write_text("\n".join(",".join(row) for row in [header, *cells]), encoding="utf-8")
+    whole, = lpv.read(path)
+    chunks = read_chunks(path, rows)
+    placed = list(chunks.located())
+    for name in whole.channels:
+        together = np.concatenate([part[name] for _, part in placed])
+        np.testing.assert_array_equal(together, whole[name])
+        assert np.isfinite(together).all()
+    for i, (place, _) in enumerate(placed):  # and from where a stream was left
+        again = [part["c0"] for _, part in chunks.located(place)]
+        np.testing.assert_array_equal(np.concatenate([*(p["c0"] for _, p in placed[: i + 1]), *again]), whole["c0"])
+
+
+@pytest.mark.parametrize("run", [lambda m, r: lpv.simulate(m, r).output, lambda m, r: lpv.predict(m, r, 1).output])
+def test_a_channel_that_the_model_does_not_use_may_contradict_itself(run):
+    """A second temperature at one stamp is no matter to a model of velocity and force."""
+    table = repeated(columns(), [50, 51, 300])
+    model = lpv.identify(columns(), lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    expected = run(model, columns())
+    table["temperature [K]"] = table["temperature [K]"] + np.arange(len(table["time [s]"]))
+    np.testing.assert_array_equal(run(model, table), expected)
+    table["force [N]"][51] += 1.0
+    with pytest.raises(InputError, match="time repeats in row 52 with another value of 'force'"):
+        run(model, table)
+    table["force [N]"][51] -= 1.0
+    table["velocity [m/s]"][51] += 1.0
+    with pytest.raises(InputError, match="another value of 'velocity'"):
+        run(model, table)
+
+
+def test_a_free_run_from_rest_does_not_read_the_output():
+    table = repeated(columns(), [50])
+    model = lpv.identify(columns(), lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")).model
+    table["force [N]"][51] += 1.0
+    expected = lpv.simulate(model, columns(), "zero").output
+    np.testing.assert_array_equal(lpv.simulate(model, table, "zero").output, expected)

@@ -6,7 +6,7 @@ import pytest
 import lpvid as lpv
 from lpvid.condition import segments
 from lpvid.errors import InputError
-from lpvid.files import _parts
+from lpvid.files import _parts, csv
 from lpvid.files._stamps import Midnight
 from lpvid.files.streaming import read_chunks
 
@@ -336,6 +336,31 @@ def test_thousands_separators_are_read_where_they_have_one_meaning(delimiter, wr
     assert record.channel("force").fault is None
     assert record["force"].tolist() == expected
     assert [r for c in read_chunks(path, 2) for r in c["force"].tolist()] == expected
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("place", [0, 3, 6])
+def test_one_cell_shows_what_separates_thousands_in_a_column_wherever_it_stands(suffix, place, tmp_path, monkeypatch):
+    """In another block than the cells that leave it open, in memory and in parts, read from the beginning or not."""
+    monkeypatch.setattr(csv, "_BLOCK", 2)
+    cells, truth = [f"{k}.024" for k in range(1, 8)], [1000.0 * k + 24 for k in range(1, 8)]
+    cells[place], truth[place] = "1.345,25", 1345.25
+    other = [f"{k}.5" for k in range(7)]  # of another column, whose point is of decimals
+    path = tmp_path / f"run{suffix}"
+    if suffix == ".csv":
+        rows = [f"0,{k};{c};{o}" for k, (c, o) in enumerate(zip(cells, other, strict=True))]
+        path.write_text("time [s];force [N];x [m]\n" + "\n".join(rows))
+    else:
+        pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+        held = {"time [s]": [0.1 * k for k in range(7)], "force [N]": cells, "x [m]": [float(o) for o in other]}
+        pq.write_table(pa.table(held), path, row_group_size=3)
+    record, = lpv.read(path)
+    assert record["force"].tolist() == truth
+    assert record["x"].tolist() == [k + 0.5 for k in range(7)]
+    chunks = read_chunks(path, 2)
+    (_, begun), (behind, second), *rest = chunks.located()
+    assert [f for part in (begun, second, *(p for _, p in rest)) for f in part["force"].tolist()] == truth
+    assert [f for _, part in chunks.located(behind) for f in part["force"].tolist()] == truth[behind[2]:]
 
 
 def test_what_thousands_separators_leave_open_stays_as_it_was(tmp_path):

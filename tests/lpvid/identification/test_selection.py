@@ -193,6 +193,18 @@ def test_two_records_and_mistakes(record):
         Candidates("u", "y", affine=("some",))
 
 
+@pytest.mark.parametrize(("still", "stated"), [("velocity", "input 'velocity' never moves: got the constant 0.5"),
+                                               ("force", "output 'force' never moves")])
+def test_a_channel_that_stands_still_is_refused_before_the_search(still, stated):
+    rng = np.random.default_rng(2)
+    held = {"velocity": rng.normal(size=600), "force": rng.normal(size=600)}
+    record = Record({**held, still: np.full(600, 0.5)}, sample_time=0.01)
+    begun: list[str] = []
+    with pytest.raises(InputError, match=stated):
+        auto(record, "velocity", "force", progress=lambda done, total, text: begun.append(text))
+    assert not begun
+
+
 @pytest.mark.slow
 def test_gyroscope_by_itself_comes_within_half_a_point_of_the_ceiling(shared_data):
     from lpvid.files import read
