@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.frozen_norms import h_infinity_norm
-from lpvid.analysis.gain import Gain
+from lpvid.analysis.induced_gain import Gain
 from lpvid.lmi.affine import block, he
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import frame_of
@@ -80,7 +80,7 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
             if found.holds:
                 proof = HullCertificate(gamma * (1 + share), p, hull.names, vertices, plant.sample_time, plant.digest,
                                         *signals, found.margin, solver)
-                return Gain("certified", proof.gamma, min(lower, proof.gamma), None, proof,  # type: ignore[arg-type]
+                return Gain("certified", proof.gamma, min(lower, proof.gamma), None, proof,
                             *signals, seconds=time.perf_counter() - started)
     return Gain("not certified", math.inf, lower, None, None, *signals,
                 "no constant storage function was found that bounds the gain", "a smaller hull, or l2_gain with rate "

@@ -14,7 +14,6 @@ from lpvid.lmi.certificate_common import Certificate
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,17 +92,18 @@ def affine_driven(system: LPVStateSpace, names: tuple[str, ...]) -> Driven:
     Raises
     ------
     InputError
-        A basis of higher degree, a variable that the hull lacks.
+        A function of higher degree, a variable that the hull lacks.
     """
-    basis = system.basis
-    if not isinstance(basis, Polynomial) or basis.degree > 1:
+    basis, found = system.basis, driven(system)
+    if not found.affine:
         raise InputError("a hull needs a system that is affine in its scheduling variables",
                          got=", ".join(basis.labels), mend="name products as further variables, or use l2_gain on the "
                          "box")
-    if set(basis.names) - set(names):
+    if {r.label for r in found.readings} - set(names):
         raise InputError("the hull lacks a scheduling variable of the system", got=", ".join(names),
-                         why=f"it reads {', '.join(basis.names)}", mend="a hull of samples of all of them")
-    return driven(system)
+                         why=f"it reads {', '.join(r.label for r in found.readings)}",
+                         mend="a hull of samples of all of them")
+    return found
 
 
 def scheduling_points(system: Driven, names: tuple[str, ...], vertices: np.ndarray) -> np.ndarray:

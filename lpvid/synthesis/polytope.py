@@ -17,7 +17,7 @@ from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.hull_certificate import hull_gain
 from lpvid.errors import InputError
 from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at
-from lpvid.model.hull import KEY, Hull
+from lpvid.model.hull import GRID, KEY, Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.controller_formula import FeedbackLaw
@@ -29,8 +29,6 @@ from lpvid.synthesis.scaling import Matrices
 SHARES = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3)
 """by which the certified bound may lie above the one that the storage function keeps in two blocks: rounding of one
 matrix of both"""
-GRID = {1: 41, 2: 9}
-"""Points per variable of the box, of which those inside are looked at; 4 for more variables."""
 
 
 @dataclass(frozen=True, eq=False)
