@@ -1,4 +1,4 @@
-"""Stability on a polytope of scheduling values: one Lyapunov matrix that serves at the vertices.
+"""Stability and pole regions on a polytope of scheduling values: one Lyapunov matrix that serves at the vertices.
 
 For A(p) affine in p and one P the decrease He(PA) + 2αP ≺ 0 is affine in p, and AᵀPA ≺ exp(−2αT) P, convex in A, too
 holds on a polytope where it holds at the vertices (Boyd, El Ghaoui, Feron & Balakrishnan 1994, section 5.1).
@@ -7,23 +7,97 @@ holds on a polytope where it holds at the vertices (Boyd, El Ghaoui, Feron & Bal
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.analysis.stability_certificate import StabilityCertificate
-from lpvid.lmi.driven import Driven, Model, autonomous
+from lpvid.lmi.bound_certificate import BoundCertificate
+from lpvid.lmi.driven import Driven, Model, autonomous, driven
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, frozen_rates
 from lpvid.model.hull import Hull
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
+
+if TYPE_CHECKING:
+    from lpvid.lmi.affine import Affine
 
 MARGIN = 1e-7
 """of P, in coordinates in which the frozen systems are nearly contractions"""
 STEPS = 5
 """halvings of the interval between the decay of the first P and that of the slowest frozen mode"""
+
+
+def region_on(system: LPVStateSpace, hull: Hull, region: tuple[np.ndarray, np.ndarray]) -> BoundCertificate | None:
+    """The certificate of one P for the poles of every system whose scheduling is held in a polytope, or None.
+
+    −(L ⊗ P + M ⊗ PA + Mᵀ ⊗ AᵀP) ≻ 0 (Chilali & Gahinet 1996, theorem 2.2) is affine in A.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Affine in its scheduling; None for another.
+    hull : Hull
+        Over the system's variables.
+    region : (L, M)
+        {s : L + sM + s̄Mᵀ ≺ 0}.
+
+    Returns
+    -------
+    BoundCertificate or None
+    """
+    plant = driven(system)
+    names = tuple(r.label for r in plant.readings)
+    if not names or not plant.affine:
+        return None
+    vertices, box = hull.over(names).vertices(), box_of(plant.readings, hull.enclosing(system.box))
+    if frozen_rates(plant, vertices).max() >= 0:
+        return None
+    empty = BoundCertificate("pole-region", 0.0, region, "quadratic", np.zeros((0, 0, 0)), Polynomial((), 0), box,
+                             plant.sample_time, plant.digest, plant.inputs, plant.outputs, math.nan, True, "", vertices)
+    fixed, varying = region
+
+    def stated(p: Affine, a: np.ndarray, time: float) -> Affine:
+        from lpvid.lmi.affine import block
+
+        product = p @ a
+        return block([[-(float(time * fixed[i, j]) * p + float(varying[i, j]) * product
+                         + float(varying[j, i]) * product.T) for j in range(len(fixed))] for i in range(len(fixed))])
+
+    for matrix, solver in _proposals(plant, box, vertices, stated):
+        made = replace(empty, matrices=matrix[None], solver=solver)
+        found = made.recheck(system, plant)
+        if found.holds:
+            return replace(made, margin=found.margin)
+    return None
+
+
+def decay_on(system: LPVStateSpace, hull: Hull) -> BoundCertificate | None:
+    """The certificate of the fastest decay that one P was found to prove on a polytope, or None.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Affine in its scheduling; None for another.
+    hull : Hull
+        Over the system's variables.
+
+    Returns
+    -------
+    BoundCertificate or None
+    """
+    found, plant = certificate_on(system, hull, system.box), driven(system)
+    if found is None:
+        return None
+    made = BoundCertificate("decay-rate", found.decay_rate, None, "quadratic", found.matrices, found.basis, found.box,
+                            plant.sample_time, plant.digest, plant.inputs, plant.outputs, math.nan, True, found.solver,
+                            found.vertices)
+    outcome = made.recheck(system, plant)
+    return replace(made, margin=outcome.margin) if outcome.holds else None
 
 
 def certificate_on(model: Model, hull: Hull, scheduling: Scheduling) -> StabilityCertificate | None:
@@ -81,7 +155,14 @@ def certificate_on(model: Model, hull: Hull, scheduling: Scheduling) -> Stabilit
 def _holding(empty: StabilityCertificate, system: Driven, vertices: np.ndarray, exponent: float, slowest: float
              ) -> Iterator[StabilityCertificate]:
     """Certificates that pass the re-check at a decay α [1/s], each with the largest that its own P allows."""
-    for matrix, solver in _proposals(system, empty.box, vertices, exponent):
+    def stated(p: Affine, a: np.ndarray, time: float) -> Affine:
+        from lpvid.lmi.affine import he
+
+        if system.sample_time is not None:
+            return math.exp(-2 * exponent * system.sample_time) * p - a.T @ p @ a
+        return -he(p @ a) - (2 * exponent * time) * p
+
+    for matrix, solver in _proposals(system, empty.box, vertices, stated):
         made = replace(empty, matrices=matrix[None], solver=solver)
         found = made.decrease(system, exponent)
         if found.holds:
@@ -97,9 +178,12 @@ def _decay(made: StabilityCertificate, system: Driven, low: float, slowest: floa
     return low
 
 
-def _proposals(system: Driven, box: Scheduling, vertices: np.ndarray, exponent: float
-               ) -> Iterator[tuple[np.ndarray, str]]:
-    """P over the states: the mean of the frozen Lyapunov matrices, then that of the largest margin."""
+def _proposals(system: Driven, box: Scheduling, vertices: np.ndarray,
+               stated: Callable[[Affine, np.ndarray, float], Affine]) -> Iterator[tuple[np.ndarray, str]]:
+    """P over the states: the mean of the frozen Lyapunov matrices, then that of the largest margin.
+
+    `stated` gives what must be positive of P, A and the unit of time, all in the program's coordinates.
+    """
     n, discrete = system.order, system.sample_time is not None
     if not n:
         yield np.zeros((0, 0)), "closed form"
@@ -111,8 +195,7 @@ def _proposals(system: Driven, box: Scheduling, vertices: np.ndarray, exponent: 
         states = np.linalg.inv(np.linalg.cholesky(mean)).T
     except np.linalg.LinAlgError:
         return
-    from lpvid.lmi.affine import he  # here, so that checking a certificate needs numpy alone
-    from lpvid.lmi.program import Program
+    from lpvid.lmi.program import Program  # here, so that checking a certificate needs numpy alone
     from lpvid.lmi.storage_search import SOLVERS
 
     a = system.state_matrices(vertices)
@@ -123,12 +206,8 @@ def _proposals(system: Driven, box: Scheduling, vertices: np.ndarray, exponent: 
     program.require(p, margin=MARGIN)
     program.require(np.eye(n) - p)
     for m in inside:
-        if discrete:
-            assert system.sample_time is not None
-            decrease = math.exp(-2 * exponent * system.sample_time) * p - m.T @ p @ m
-        else:
-            decrease = -he(p @ m) - (2 * exponent * time) * p
-        program.require(decrease - t.times(np.eye(n)))
+        inequality = stated(p, m, time)
+        program.require(inequality - t.times(np.eye(inequality.shape[0])))
     program.minimise(-t)
     for found in program.solve(solvers=SOLVERS):
         yield frame.outside(found[p][None])[0], found.solver

@@ -11,7 +11,7 @@ from lpvid.analysis.divergence import Divergence
 from lpvid.codec import UNWRITTEN, null
 from lpvid.lmi.bounds import recheck_decrease, recheck_decrease_at
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import StorageCertificate, describe_box, verdict_of
+from lpvid.lmi.certificate_common import StorageCertificate, describe_set, polytope_fault, verdict_of
 from lpvid.lmi.driven import Driven, Model, autonomous
 from lpvid.scheduling import Polynomial, Scheduling
 
@@ -51,8 +51,7 @@ class StabilityCertificate(StorageCertificate):
         What proposed the matrices.
     vertices : (V, len(box.names)) array or None
         Of a polytope in which the scheduling stays, in place of the box (which then encloses it): one P that serves at
-        its vertices, of a system that is affine in its readings, serves at all their mixtures. In continuous time the
-        inequality is affine in A; in discrete time it is concave, (ΣλA)ᵀP(ΣλA) ⪯ Σ λAᵀPA for λ ≥ 0, Σλ = 1.
+        its vertices, of a system that is affine in its readings, serves at all their mixtures.
     """
 
     kind: str
@@ -101,9 +100,7 @@ class StabilityCertificate(StorageCertificate):
         """What the certificate states, in words."""
         if not self.verified:
             return "no statement about a moving scheduling variable"
-        covered = (describe_box(self.box, self.kind) if self.vertices is None else
-                   f" for every trajectory of {', '.join(self.box.names)} in a polytope of {len(self.vertices)} "
-                   "vertices, however fast it moves")
+        covered = describe_set(self.box, self.vertices, self.kind)
         return (f"with zero input the state decays{covered}" if covered else "the state decays") + self.where
 
     def subject(self, model: Model) -> Driven:
@@ -113,17 +110,8 @@ class StabilityCertificate(StorageCertificate):
         if not self.verified or self.kind == "none":
             return "the certificate makes no claim"
         fault = super().fault(model, subject)
-        if not fault and self.vertices is not None:
-            fault = self._polytope_fault(self.vertices, subject)
+        fault = fault or polytope_fault(self.vertices, self.storage, subject)
         return fault or ("" if self.decay_rate >= 0 else "the certificate holds a negative rate")
-
-    def _polytope_fault(self, vertices: np.ndarray, subject: Driven) -> str:
-        """Why a claim on a polytope cannot be one by its vertices."""
-        if not subject.affine:
-            return "the certificate is on a polytope, and the model is not affine in its scheduling"
-        if vertices.ndim != 2 or vertices.shape[1] != len(self.box.names) or not np.isfinite(vertices).all():
-            return "the certificate's polytope is over other variables than the model reads"
-        return "the certificate is on a polytope, and its function moves" if self.basis.names else ""
 
     def decrease(self, subject: Driven, exponent: float = 0.0) -> Recheck:
         """What numpy finds about the decrease at least as exp(−αt), on the box or on the polytope.

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.lmi.certificate import EPS, Recheck, diagonal
+from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
-from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality, root_of
+from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality, recheck_vertices
 from lpvid.lmi.storage import Storage
 
 
@@ -222,13 +222,4 @@ def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, 
     """
     if system.order == 0:
         return Recheck(True, True, 1.0, "the model has no memory")
-    problem, root = DecayBound(system, storage, exponent, in_seconds=True), root_of(storage)
-    if root is None:
-        return Recheck(False, False, -math.inf, "P is not positive definite")
-    values, rounding = problem.evaluate(vertices, np.full((1, vertices.shape[1]), 0.5), problem.congruence(root))
-    size = np.abs(root) @ np.abs(storage.matrices[0]) @ np.abs(root.T)
-    positive = np.linalg.eigvalsh(root @ storage.matrices[0] @ root.T)[0]
-    positive -= (4 * len(root) + 30) * EPS * float(size.sum(axis=1).max())
-    margin = min(float(np.linalg.eigvalsh(values)[..., 0].min()) - rounding, math.inf if positive > 0 else positive)
-    why = "proven on the polytope by its vertices" if margin > 0 else "the inequality fails at a vertex"
-    return Recheck(margin > 0, margin > 0, margin, why)
+    return recheck_vertices(DecayBound(system, storage, exponent, in_seconds=True), vertices)

@@ -7,25 +7,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.lmi.affine import combined
 from lpvid.lmi.program import Program
+from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
-from lpvid.synthesis.design_grid import (
-    columns,
-    fitted,
-    tensor,
-)
+from lpvid.synthesis.design_grid import columns, fitted
 from lpvid.synthesis.gain_design import GainDesign, GainProblem
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.polytope import Polytope, affine_in, refuse_beside_hull
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import listed, settle
+from lpvid.synthesis.shaped_design import Values, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, moves
 from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
@@ -53,12 +52,25 @@ class Observer(GainDesign):
         Grid points per scheduling variable, where corners are not enough.
     back_off : float
         Factor above the lowest level at which the gain is then made small.
+    hull : Hull, optional
+        A polytope in which the scheduling stays, in place of its box: with one P the inequalities are affine in a plant
+        that is, and stand at the vertices. The gain is affine beside steady measurements, or constant (``gain=
+        Polynomial((), 0)``).
 
     Examples
     --------
     >>> Observer(HInfinity("road", "speed"), regions=()).points
     7
     """
+
+    hull: Hull | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_beside_hull(self.hull, self.lyapunov)
+        if self.hull is not None and self.gain is not None and not affine_in(self.gain):
+            raise InputError("a hull needs a gain of degree one", got=", ".join(self.gain.labels),
+                             mend="leave the gain out")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The observer as `controller`, with inputs (controls, measurements) and outputs named ``…_estimate``.
@@ -75,11 +87,23 @@ class Observer(GainDesign):
         Synthesis
             "undetectable" where measurements do not show a mode that does not decay.
         """
-        problem = self.problem(_ObserverProblem, plant, ("C2", "D21"))
-        points = tensor(problem.axes)
+        problem = self.problem(_ObserverProblem, plant, ("C2", "D21"), self._polytope(plant))
+        points = problem.points
         at = plant.at(points)
         reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
         return settle(problem, fault_of(plant, reached, points))
+
+    def _polytope(self, plant: GeneralizedPlant) -> Polytope | None:
+        """The hull for a plant in which the error of the observer is affine."""
+        if self.hull is None:
+            return None
+        found = Polytope.affine(self.hull, plant)
+        moving = found.moving_measurements(plant)
+        if moving and (self.gain is None or self.gain.names):
+            raise InputError("a hull needs steady gains of measurements, or a constant gain of the observer",
+                             got=", ".join(moving), mend="gain=lpv.Polynomial((), 0), or a fast constant filter behind "
+                             "them (lpv.add_actuator_filters)")
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +121,8 @@ class Filter:
         Allow D_F.
     points : int
     back_off : float
+    hull : Hull, optional
+        A polytope in which the scheduling stays, in place of its box, as for `MultiObjective`.
     """
 
     criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
@@ -104,6 +130,7 @@ class Filter:
     feedthrough: bool = True
     points: int = 7
     back_off: float = 1.02
+    hull: Hull | None = None
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The filter as `controller`, from measurements (and known controls) to ``…_estimate``.
@@ -121,7 +148,8 @@ class Filter:
         criteria = [replace(c, performance=tuple(f"{n}_error" for n in c.performance),
                             disturbances=(*c.disturbances, *plant.controls) if c.disturbances else ())
                     for c in listed(self.criteria, Criterion, "the criteria")]
-        design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off)
+        design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off,
+                                hull=self.hull)
         found = design.solve(estimation_plant(plant))
         if found.verdict != "unstabilisable":
             return found
@@ -177,15 +205,18 @@ class _ObserverProblem(GainProblem):
     def storage(self) -> Basis | None:
         return self.lyapunov
 
-    def storage_of(self, shaped: Shaped) -> None:
-        return None
+    def storage_of(self, shaped: Shaped) -> Values | None:
+        if self.polytope is None:
+            return None
+        p, scale = shaped.values("lyapunov")[0], np.outer(self.coordinates.states, self.coordinates.states)
+        return lambda points: np.broadcast_to(p / scale, (len(points), *p.shape))
 
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
         h = [program.unknowns.matrix(n, n) for _ in p] if discrete else p
         y = [program.unknowns.matrix(n, len(plant.measurements)) for _ in range(self.gain.size)]
-        points = tensor(self.axes)
+        points = self.points
         psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
         loops: list[ShapedLoop] = []
         for k, point in enumerate(points):
@@ -198,7 +229,7 @@ class _ObserverProblem(GainProblem):
             loops += [ShapedLoop(pk, move, front @ m.A - yk @ m.C2, front @ m.B1 - yk @ m.D21, m.C1, m.D11, discrete,
                                  self.coordinates.pace) for move in away]
         size = size_and_condition(program, above=[combined(p, w) for w in psi], below=[combined(y, w) for w in phi])
-        return Shaping(tuple(loops), size, {"front": tuple(h), "gain": tuple(y)})
+        return Shaping(tuple(loops), size, {"front": tuple(h), "gain": tuple(y), "lyapunov": tuple(p)})
 
     def observer_gain(self, shaped: Shaped) -> MatrixFunction:
         """L(p)."""

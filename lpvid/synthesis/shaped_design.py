@@ -324,6 +324,12 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
     blocks = problem.blocks_of(shaped)
     if blocks is None or not affine_in(loop.basis) or not polytope.stable(loop):
         return None  # one without a storage function of its own has no designs on polytopes
+    inside = [polytope.holds(region, loop, blocks) for region in problem.regions]
+    if not all(inside):
+        return None
+    notes = tuple(f"frozen poles lie in {region!r} " + ("in the whole polytope" if where == "whole" else
+                  f"at {len(polytope.looked)} points, not proven between them")
+                  for region, where in zip(problem.regions, inside, strict=True))
     figures = []
     for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
         part = channel(loop, *criterion.indices(problem.plant))
@@ -338,8 +344,8 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
             else figures[bounded])
     if gain is None:
         return None
-    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, ()), back_off,
-                   started, most)
+    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, notes),
+                   back_off, started, most)
 
 
 def _kept_to(found: Figure | None, bound: float | None) -> bool:

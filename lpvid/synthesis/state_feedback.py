@@ -79,7 +79,7 @@ class StateFeedback(GainDesign):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        refuse_beside_hull(self.hull, self.lyapunov, self.regions)  # type: ignore[arg-type]
+        refuse_beside_hull(self.hull, self.lyapunov)
         if self.hull is not None and self.gain is not None and not affine_in(self.gain):
             raise InputError("a hull needs a gain of degree one", got=", ".join(self.gain.labels),
                              mend="leave the gain out")
