@@ -131,3 +131,17 @@ def test_decay_over_a_hull_is_between_its_slowest_pole_and_the_vertices(rng):
     slowest = -np.linalg.eigvals(found.closed_loop.at(mixtures(400, rng))[0]).real.max()
     assert decay.verdict == "certified" and 0.5 * slowest < decay.lower <= slowest * (1 + 1e-6)
     assert lpv.verify(decay.certificate, found.closed_loop).holds
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_a_half_plane_makes_no_controller_of_millions_of_hertz(scale):
+    """At a back-off of 1 % the coupling stayed at its limit, with a pole at 2e7 Hz; units of states change nothing."""
+    system = mixed().system
+    turned = lpv.LPVStateSpace(system.A * [[1, scale], [1 / scale, 1]], system.B * [[scale], [1]],
+                               system.C * [1 / scale, 1], system.D, system.basis, None,
+                               lpv.Scheduling(NAMES, (0.0, 0.0), (0.5, 0.5)), inputs=system.inputs,
+                               outputs=system.outputs)
+    case = lpv.GeneralizedPlant(turned, ["u1"], ["y1"])
+    found = lpv.synthesize(case, lpv.OutputFeedback(regions=lpv.HalfPlane(0.8)))
+    poles = [np.abs(np.linalg.eigvals(found.controller.frozen(p)[0])).max() for p in case.box.grid(3)]
+    assert found.verdict == "solved" and max(poles) < 2 * np.pi * 100
