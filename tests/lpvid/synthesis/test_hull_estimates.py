@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.synthesis_plants import column, plant
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
 
 import lpvid as lpv
 
@@ -145,3 +145,34 @@ def test_a_half_plane_makes_no_controller_of_millions_of_hertz(scale):
     found = lpv.synthesize(case, lpv.OutputFeedback(regions=lpv.HalfPlane(0.8)))
     poles = [np.abs(np.linalg.eigvals(found.controller.frozen(p)[0])).max() for p in case.box.grid(3)]
     assert found.verdict == "solved" and max(poles) < 2 * np.pi * 100
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.1])
+def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
+    """Against Gramians with the scheduling held, the design's own figure, and the covariance along jumps.
+
+    The design bounds the covariance of the states from above; the analysis, the energy of impulse responses.
+    """
+    found = lpv.synthesize(mixed(sample_time), lpv.MultiObjective(lpv.H2(), feedthrough=False, hull=TRIANGLE))
+    loop = found.closed_loop
+    norm = lpv.h2_norm(loop)
+    solve = solve_continuous_lyapunov if sample_time is None else solve_discrete_lyapunov
+    held = []
+    for p in mixtures(100, rng):
+        a, b, c, d = loop.frozen(p)
+        q = solve(a, -b @ b.T if sample_time is None else b @ b.T)
+        held.append(np.sqrt(np.trace(c @ q @ c.T) + (0.0 if sample_time is None else np.sum(d**2))))
+    assert max(held) <= norm.upper <= 1.05 * found.h2_verified and norm.lower == pytest.approx(max(held), rel=1e-6)
+    assert lpv.verify(norm.certificate, loop).holds
+    q, squares = np.zeros((loop.order,) * 2), []
+    for p in mixtures(400, rng):  # covariance of the states while the scheduling jumps
+        a, b, c, d = loop.frozen(p)
+        if sample_time is None:
+            step = expm(0.3 * a)
+            still = solve(a, -b @ b.T)
+            q = still + step @ (q - still) @ step.T
+            squares.append(np.trace(c @ q @ c.T))
+        else:
+            squares.append(np.trace(c @ q @ c.T) + np.sum(d**2))
+            q = a @ q @ a.T + b @ b.T
+    assert np.sqrt(np.mean(squares)) <= norm.upper
