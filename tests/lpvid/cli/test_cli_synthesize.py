@@ -283,3 +283,20 @@ def test_a_hull_that_is_none_ends_with_two(tmp_path, rows, line):
     out = tmp_path / "out"
     found = run("synthesize", written(tmp_path, TURNING + HINF + f"hull = {rows}\n"), "--out", out)
     assert found.exit_code == 2 and line in found.output and not out.exists(), found.output
+
+
+@pytest.mark.parametrize("design", ["observer", "filter", "multi-objective"])
+def test_a_hull_with_a_pole_region_from_a_file(tmp_path, design):
+    """Poles of the loop at mixtures of the vertices; the plant is stable inside the hull for the filter."""
+    text = (TURNING + f'[design]\ndesign = "{design}"\nhull = [[-0.2, -0.2], [0.2, -0.2], [-0.2, 0.2]]\n'
+            '[[design.criteria]]\nkind = "h-infinity"\n[[design.regions]]\nkind = "half-plane"\ndecay = 0.05\n')
+    out = tmp_path / "out"
+    found = run("synthesize", written(tmp_path, text), "--out", out)
+    assert found.exit_code == 0, found.output
+    data = json.loads((out / "synthesis.json").read_text())
+    assert any("HalfPlane(decay=0.05) in the whole polytope" in note for note in data["notes"])
+    loop = lpv.load(out / "closed_loop.json")
+    weights = np.random.default_rng(1).dirichlet(np.ones(3), 50)
+    for p in weights @ np.array([[-0.2, -0.2], [0.2, -0.2], [-0.2, 0.2]]):
+        assert np.linalg.eigvals(loop.frozen(p)[0]).real.max() < -0.05
+    assert run("verify", out / "certificate.json", out / "closed_loop.json").exit_code == 0
