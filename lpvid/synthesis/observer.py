@@ -22,10 +22,10 @@ from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
-from lpvid.synthesis.polytope import Polytope, affine_in, refuse_beside_hull
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Values, listed, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, moves
+from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
 
@@ -53,24 +53,14 @@ class Observer(GainDesign):
     back_off : float
         Factor above the lowest level at which the gain is then made small.
     hull : Hull, optional
-        A polytope in which the scheduling stays, in place of its box: with one P the inequalities are affine in a plant
-        that is, and stand at the vertices. The gain is affine beside steady measurements, or constant (``gain=
-        Polynomial((), 0)``).
+        As in `GainDesign`. The inequalities are affine in a plant that is, and stand at the vertices. The gain is
+        affine beside steady measurements, or constant (``gain=Polynomial((), 0)``).
 
     Examples
     --------
     >>> Observer(HInfinity("road", "speed"), regions=()).points
     7
     """
-
-    hull: Hull | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        refuse_beside_hull(self.hull, self.lyapunov)
-        if self.hull is not None and self.gain is not None and not affine_in(self.gain):
-            raise InputError("a hull needs a gain of degree one", got=", ".join(self.gain.labels),
-                             mend="leave the gain out")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The observer as `controller`, with inputs (controls, measurements) and outputs named ``…_estimate``.
@@ -206,7 +196,7 @@ class _ObserverProblem(GainProblem):
         return self.lyapunov
 
     def storage_of(self, shaped: Shaped) -> Values | None:
-        if self.polytope is None:
+        if self.polytope is None or self.lyapunov.names:
             return None
         p, scale = shaped.values("lyapunov")[0], np.outer(self.coordinates.states, self.coordinates.states)
         return lambda points: np.broadcast_to(p / scale, (len(points), *p.shape))
@@ -214,15 +204,15 @@ class _ObserverProblem(GainProblem):
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
-        h = [program.unknowns.matrix(n, n) for _ in p] if discrete else p
+        h = [program.unknowns.matrix(n, n) for _ in range(self.slack.size)] if discrete else p
         y = [program.unknowns.matrix(n, len(plant.measurements)) for _ in range(self.gain.size)]
         points = self.points
-        psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
+        psi, phi, chi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain, self.slack))
         loops: list[ShapedLoop] = []
         for k, point in enumerate(points):
             m = self.matrices.point(k)
-            pk, hk, yk = combined(p, psi[k]), combined(h, psi[k]), combined(y, phi[k])
-            steps = moves(plant.box, self.lyapunov, point, plant.sample_time)
+            pk, hk, yk = combined(p, psi[k]), combined(h, chi[k] if discrete else psi[k]), combined(y, phi[k])
+            steps = self.steps(point, psi)
             away = [hk + hk.T - combined(p, step) for step in steps or [psi[k]]] if discrete else [
                 combined(p, step) for step in steps] or [None]
             front = hk.T if discrete else pk
@@ -234,7 +224,7 @@ class _ObserverProblem(GainProblem):
     def observer_gain(self, shaped: Shaped) -> MatrixFunction:
         """L(p)."""
         front, y, c = shaped.values("front"), shaped.values("gain"), self.coordinates
-        if not self.lyapunov.names:
+        if len(front) == 1:
             solved = np.linalg.solve(np.broadcast_to(front[0].T, (len(y), *front[0].shape)), y)
             return MatrixFunction(self.gain, c.states[:, None] * solved / c.measurements)
         box = self.plant.box

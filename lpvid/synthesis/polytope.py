@@ -280,18 +280,20 @@ class Polytope:
                                        subject.inputs, subject.outputs, found.margin)
         return None
 
-    def searched(self, loop: LPVStateSpace) -> HullCertificate | None:
+    def searched(self, loop: LPVStateSpace, moving: bool = False) -> HullCertificate | None:
         """The certificate of the least gain that an analysis finds for a loop; None for none.
 
         Parameters
         ----------
         loop : LPVStateSpace
+        moving : bool
+            In discrete time: by a P that follows the scheduling.
 
         Returns
         -------
         HullCertificate or None
         """
-        found = hull_gain(loop, self.hull).certificate if affine_in(loop.basis) else None
+        found = hull_gain(loop, self.hull, moving=moving).certificate if affine_in(loop.basis) else None
         return found if isinstance(found, HullCertificate) else None
 
 
@@ -308,7 +310,8 @@ def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None) -> None:
     """Refuse what is no hull, and one together with a Lyapunov matrix that moves.
 
     With P(p) affine the inequality He(PA) + Ṗ is of degree two in p, and the gain F(p)X(p)⁻¹ (or that of the change of
-    variables) is a ratio: neither it nor the loop is decided by vertices.
+    variables) is a ratio: neither it nor the loop is decided by vertices. State feedbacks and observers in discrete
+    time have a constant slack matrix in its place (`GainDesign`).
 
     Parameters
     ----------
@@ -330,7 +333,7 @@ def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None) -> None:
                          why="with one that moves the inequality is of higher degree in the scheduling, which vertices "
                              "do not decide",
                          mend="leave one of the two out; an angle whose rate is bounded has a Fourier basis over its "
-                              "box")
+                              "box, and in discrete time StateFeedback and Observer take Polynomial(names, 1)")
 
 
 def affine_in(basis: Basis) -> bool:

@@ -321,8 +321,19 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
 def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
                  loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
     """A synthesis for a scheduling set that is no box: figures by the design's own storage function at its vertices."""
-    blocks = problem.blocks_of(shaped)
-    if blocks is None or not affine_in(loop.basis) or not polytope.stable(loop):
+    blocks, moving = problem.blocks_of(shaped), problem.storage is not None and bool(problem.storage.names)
+    if not affine_in(loop.basis) or not polytope.stable(loop):
+        return None
+    if moving:
+        figures = [searched_figure(c.description(problem.plant), channel(loop, *c.indices(problem.plant)), promised,
+                                   polytope, moving=True) for c, promised in zip(problem.criteria, shaped.promised,
+                                                                                 strict=True)]
+        kept = [f for f in figures if f is not None]
+        if len(kept) < len(figures):
+            return None
+        return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (kept, kept[0], ()),
+                       back_off, started, most)
+    if blocks is None:
         return None  # one without a storage function of its own has no designs on polytopes
     inside = [polytope.holds(region, loop, blocks) for region in problem.regions]
     if not all(inside):

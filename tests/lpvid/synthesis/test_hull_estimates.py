@@ -113,11 +113,15 @@ def test_poles_stay_in_their_region_at_every_mixture(sample_time, region, rng):
             assert found.gamma_verified >= 0.99 * free.infimum
 
 
+def measured(sample_time=None):
+    """The oscillator with all states measured exactly."""
+    base = mixed(sample_time).system
+    return plant(base.A, base.B[:, :, :2], base.B[:, :, 2:], base.C[:, :2], base.D[:, :2, :2], base.D[:, :2, 2:],
+                 _still(np.eye(2)), np.zeros((3, 2, 2)), base.basis, base.box, sample_time)
+
+
 def test_state_feedback_with_a_region_over_a_hull(rng):
-    n = 2
-    base = mixed().system
-    states = plant(base.A, base.B[:, :, :2], base.B[:, :, 2:], base.C[:, :2], base.D[:, :2, :2], base.D[:, :2, 2:],
-                   _still(np.eye(n)), np.zeros((3, n, 2)), base.basis, base.box)
+    states = measured()
     region = lpv.HalfPlane(2.0)
     found = lpv.synthesize(states, lpv.StateFeedback(regions=region, hull=TRIANGLE))
     assert found.verdict == "solved" and any("in the whole polytope" in n for n in found.notes)
@@ -176,3 +180,41 @@ def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
             squares.append(np.trace(c @ q @ c.T) + np.sum(d**2))
             q = a @ q @ a.T + b @ b.T
     assert np.sqrt(np.mean(squares)) <= norm.upper
+
+
+@pytest.mark.parametrize(("case", "design"), [(mixed, lpv.Observer), (measured, lpv.StateFeedback)])
+def test_in_discrete_time_the_lyapunov_matrix_may_follow_the_scheduling(case, design, rng):
+    """Against one P, frozen norms, V along jumps with disturbances, and the inequality at steps between mixtures."""
+    still, found = (lpv.synthesize(case(0.1), design(hull=TRIANGLE, lyapunov=x))
+                    for x in (None, lpv.Polynomial(NAMES, 1)))
+    loop, gamma = found.closed_loop, found.gamma_verified
+    assert found.verdict == "solved" and found.certificate.kind == "poly-quadratic" and found.region == "polytope"
+    assert found.infimum <= still.infimum * (1 + 1e-6) and gamma <= still.gamma_verified * (1 + 1e-3)
+    assert lpv.verify(found.certificate, loop).holds and largest(loop, mixtures(60, rng)) <= gamma
+    p = mixtures(300, rng)
+    at = found.certificate.matrix + np.tensordot(p, found.certificate.slopes, axes=1)
+    x, supplied, reached = np.zeros(loop.order), 0.0, 0.0
+    for k in range(len(p) - 1):
+        a, b, c, d = loop.frozen(p[k][[NAMES.index(n) for n in loop.basis.names]])
+        now = np.block([[at[k], np.zeros_like(b)], [np.zeros_like(b.T), gamma * np.eye(b.shape[1])]])
+        step, out = np.hstack([a, b]), np.hstack([c, d])
+        assert np.linalg.eigvalsh(now - step.T @ at[k + 1] @ step - out.T @ out / gamma)[0] > -1e-9 * np.abs(now).max()
+        w = rng.standard_normal(b.shape[1])
+        supplied, reached = supplied + w @ w, reached + np.sum((c @ x + d @ w) ** 2)
+        x = a @ x + b @ w
+    assert np.sqrt(reached / supplied) <= gamma
+    one, moved = lpv.hull_gain(loop, TRIANGLE), lpv.hull_gain(loop, TRIANGLE, moving=True)
+    assert moved.upper <= one.upper * (1 + 1e-6)
+
+
+def test_what_vertices_do_not_decide_is_refused_in_one_line():
+    moving = lpv.Polynomial(NAMES, 1)
+    with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*degree in the scheduling"):
+        lpv.synthesize(mixed(), lpv.Observer(hull=TRIANGLE, lyapunov=moving))
+    with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*degree in the scheduling"):
+        lpv.Observer(hull=TRIANGLE, lyapunov=lpv.Polynomial(NAMES, 2))
+    for more in ({"regions": lpv.Disc(0.0, 0.9)}, {"criteria": lpv.H2()}, {"criteria": ()}):
+        with pytest.raises(lpv.InputError, match="bounds gains only"):
+            lpv.Observer(hull=TRIANGLE, lyapunov=moving, **more)
+    with pytest.raises(lpv.InputError, match=r"moves on a hull needs discrete time"):
+        lpv.hull_gain(mixed().system, TRIANGLE, moving=True)

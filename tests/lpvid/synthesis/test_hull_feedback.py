@@ -231,7 +231,10 @@ def test_bad_input_in_one_line():
             design(hull="disc")
     for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.StateFeedback, lpv.Observer):
         with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*degree in the scheduling"):
-            design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
+            design(hull=DISC, lyapunov=lpv.Polynomial("c", 2))
+        if design in (lpv.OutputFeedback, lpv.MultiObjective):
+            with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*StateFeedback and Observer"):
+                design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
     with pytest.raises(lpv.InputError, match="a gain of degree one"):
         lpv.StateFeedback(hull=DISC, gain=lpv.Polynomial(NAMES, 2))
     bent = wu(None)
