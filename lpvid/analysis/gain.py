@@ -25,6 +25,10 @@ from lpvid.model.hull import Hull, design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 
+MOST_EFFORT = 2_000_000
+"""unknowns times inequalities times entries of P, some ten seconds of a solver: beyond it the steps between all pairs
+of vertices are left out"""
+
 __all__ = ["Gain", "l2_gain", "l2_gains", "rated", "requested"]
 
 
@@ -36,7 +40,8 @@ def l2_gain(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     inequality (equations sheet, 5.3); a solver only proposes it. The lower bound is reached: the largest frozen
     H-infinity norm, or a moving scheduling with its worst input. The linear part is meant: after an input stage, and
     without affine terms. Of a closed loop that was designed for a hull that polytope is meant: one P at its vertices
-    (`hull_gain`), or P(p) on the box around it, whichever is lower; trajectories are not searched for there.
+    (`hull_gain`), in discrete time an affine P(p) too, or P(p) on the box around it, whichever is lower; trajectories
+    are not searched for there.
 
     Parameters
     ----------
@@ -150,6 +155,10 @@ def _on_hull(system: LPVStateSpace, plant: Driven, hull: Hull, rate: Rate, basis
     still = system.sample_time is None and all(r is None for r in box.rate)  # then P may not move, and one P on the box
     if not found or found[0].certificate is None or not still:               # is one on the polytope
         found.append(l2_gain(system, rate, basis, range=box.limits, trajectories=False))
+    n, pairs = plant.order, len(hull.vertices()) ** 2
+    effort = (1 + len(hull.names)) * n * (n + 1) // 2 * pairs * n**2
+    if system.is_discrete and basis is None and plant.affine and effort <= MOST_EFFORT:
+        found.append(hull_gain(system, hull, moving=True))
     best = min(found, key=lambda gain: (not gain.between_grid, gain.upper))
     if best.certificate is None:
         lost = _judged(plant, frozen, None, time.perf_counter() - started)

@@ -156,7 +156,8 @@ def test_gain_of_a_designed_loop_is_that_of_its_hull(sample_time, rng):
     most = max(h_infinity_norm(model.frozen(p), sample_time is not None)[0]
                for p in mixtures(TRIANGLE.vertices(), 200, rng))
     assert found.verdict == "certified" and most <= found.upper and found.lower >= 0.98 * most
-    assert found.upper == pytest.approx(lpv.hull_gain(model, TRIANGLE).upper, rel=1e-6)
+    one = lpv.hull_gain(model, TRIANGLE).upper
+    assert found.upper == pytest.approx(one, rel=1e-6) if sample_time is None else found.upper <= one * (1 + 1e-6)
     assert lpv.l2_gain(model, range=((0, 1), (0, 1)), trajectories=False).verdict == "unstable"
     assert lpv.l2_gain(scalar()).upper == pytest.approx(2.0, rel=1e-3)  # 1/0.5
     assert lpv.l2_gain(scalar(), range=((0, 0.5), (0, 0.5)), trajectories=False).upper == pytest.approx(2.0, rel=1e-3)

@@ -205,6 +205,7 @@ def test_in_discrete_time_the_lyapunov_matrix_may_follow_the_scheduling(case, de
     assert np.sqrt(reached / supplied) <= gamma
     one, moved = lpv.hull_gain(loop, TRIANGLE), lpv.hull_gain(loop, TRIANGLE, moving=True)
     assert moved.upper <= one.upper * (1 + 1e-6)
+    assert lpv.l2_gain(loop).upper <= gamma * (1 + 1e-6)  # the analysis finds what the design did
 
 
 def test_what_vertices_do_not_decide_is_refused_in_one_line():
