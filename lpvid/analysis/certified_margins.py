@@ -233,7 +233,9 @@ def certified_share(certificate: StabilityCertificate, models: Iterable[Model], 
     storage = Storage(certificate.matrices, certificate.basis, certificate.box, certificate.sample_time)
     hits, count, exact = 0, 0, True
     for model in models:
-        found = recheck_decrease(autonomous(model), storage, budget=PATIENCE)
+        system = autonomous(model)
+        found = (recheck_decrease(system, storage, budget=PATIENCE) if certificate.vertices is None
+                 else certificate.decrease(system))
         hits += found.holds and found.between_grid >= certificate.between_grid
         exact &= found.between_grid or not found.holds
         count += 1

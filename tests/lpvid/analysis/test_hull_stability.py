@@ -177,6 +177,15 @@ def test_gain_with_bounded_rates_is_no_higher():
     assert all(lpv.verify(g.certificate, model).holds for g in (slow, fast))
 
 
+def test_share_of_draws_that_the_same_matrix_covers_on_the_polytope(rng):
+    """Draws within a thousandth are covered; on the box around it none is, for its corner is unstable."""
+    model = oscillator()
+    certificate = lpv.certify_stability(model)
+    draws = [model.replace(A=model.A * (1 + 1e-3 * rng.standard_normal(model.A.shape))) for _ in range(20)]
+    assert lpv.certified_share(certificate, draws).probability == 1.0
+    assert lpv.certified_share(certificate, [model.replace(A=model.A * 3.0 - 2.0 * model.A[:1])]).probability == 0.0
+
+
 def test_region_of_training_data_is_no_set_of_a_design():
     trained = scalar().replace(metadata={KEY: TRIANGLE.to_dict()})
     assert design_hull(trained) is None and design_hull(scalar()) is not None
