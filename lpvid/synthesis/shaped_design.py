@@ -321,18 +321,11 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
 def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
                  loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
     """A synthesis for a scheduling set that is no box: figures by the design's own storage function at its vertices."""
-    blocks, moving = problem.blocks_of(shaped), problem.storage is not None and bool(problem.storage.names)
     if not affine_in(loop.basis) or not polytope.stable(loop):
         return None
-    if moving:
-        figures = [searched_figure(c.description(problem.plant), channel(loop, *c.indices(problem.plant)), promised,
-                                   polytope, moving=True) for c, promised in zip(problem.criteria, shaped.promised,
-                                                                                 strict=True)]
-        kept = [f for f in figures if f is not None]
-        if len(kept) < len(figures):
-            return None
-        return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (kept, kept[0], ()),
-                       back_off, started, most)
+    if problem.storage is not None and problem.storage.names:
+        return _by_steps(problem, polytope, shaped, controller, loop, back_off, started, most)
+    blocks = problem.blocks_of(shaped)
     if blocks is None:
         return None  # one without a storage function of its own has no designs on polytopes
     inside = [polytope.holds(region, loop, blocks) for region in problem.regions]
@@ -357,6 +350,19 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
         return None
     return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, notes),
                    back_off, started, most)
+
+
+def _by_steps(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
+              loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
+    """A synthesis in discrete time whose Lyapunov matrix follows the scheduling: gains by steps between vertices."""
+    figures = [searched_figure(c.description(problem.plant), channel(loop, *c.indices(problem.plant)), promised,
+                               polytope, moving=True)
+               for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
+    found = [f for f in figures if f is not None]
+    if len(found) < len(figures):
+        return None
+    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (found, found[0], ()), back_off,
+                   started, most)
 
 
 def _kept_to(found: Figure | None, bound: float | None) -> bool:
