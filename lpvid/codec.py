@@ -26,6 +26,8 @@ VERBATIM = {"verbatim": True}
 """of a field that is the caller's own: passed on as it is"""
 ADDED = {"added": True}
 """of a field that older files lack: its default holds"""
+UNWRITTEN = {"added": True, "unwritten": True}
+"""of a field that older files lack, and that is not written where it is None"""
 
 
 def null(value: float) -> dict[str, float]:
@@ -84,7 +86,8 @@ class Encoded:
         """
         own = _metadata(type(self))
         return {key: dict(value) if own.get(name, {}).get("verbatim") else encode(value)
-                for key, name in layout(type(self)) for value in (getattr(self, name),)}
+                for key, name in layout(type(self)) for value in (getattr(self, name),)
+                if not (own.get(name, {}).get("unwritten") and getattr(self, name) is None)}
 
 
 class Coded(Encoded):

@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.divergence import diverging_trajectory
+from lpvid.analysis.hull_stability import certificate_on
 from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
 from lpvid.errors import InputError
 from lpvid.lmi.bounds import recheck_decrease
@@ -21,6 +22,7 @@ from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, dependent, frozen_rates
 from lpvid.lmi.storage import Storage
 from lpvid.model.adaptable import checked_matrices
+from lpvid.model.hull import design_hull
 from lpvid.scheduling import Polynomial, Scheduling
 
 _range = range  # `range` is an argument of the public function
@@ -58,8 +60,9 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
 
     A model with a scheduling filter is tried on any motion of the filter's output first, then on what the filter
     lets through, for its lag bounds the rate whatever the command does; the filter's own state decays and never leaves
-    the range. Without a certificate, an admissible trajectory along which the model grows is searched for; that is
-    sufficient for instability, and the lack of both leaves the question open.
+    the range. A controller or closed loop that was designed for a hull is examined on that polytope: one P at its
+    vertices, else P(p) on the box around it. Without a certificate, an admissible trajectory along which the model
+    grows is searched for; that is sufficient for instability, and the lack of both leaves the question open.
 
     Parameters
     ----------
@@ -67,7 +70,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     rate : float, sequence or mapping of name to float, optional
         Bound on |dp/dt| [units per second]; None, as a whole or for a variable, leaves the variation arbitrary.
     range : (lower, upper), one pair for each variable, or mapping of name to pair, optional
-        Left out, the model's own box.
+        Left out, the model's own box, or the hull of its design.
 
     Returns
     -------
@@ -92,14 +95,17 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     'certified'
     """
     checked_matrices(model, "a stability certificate is for a model")
-    scheduling = requested_box(model.box, rate, range)
-    found = certificate_for(model, scheduling)
+    scheduling, hull = requested_box(model.box, rate, range), design_hull(model) if range is None else None
+    found = None if hull is None else certificate_on(model, hull, scheduling)
+    scheduling = scheduling if hull is None else hull.enclosing(scheduling)
+    found = certificate_for(model, scheduling) if found is None else found
     if found is not None:
         return found
     system, scheduling = autonomous(model), behind_filter(model, scheduling)
     n, box = system.order, box_of(system.readings, scheduling)
     return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
-                                system.digest, False, math.nan, False, 0.0, diverging_trajectory(system, scheduling))
+                                system.digest, False, math.nan, False, 0.0,
+                                diverging_trajectory(system, scheduling, hull))
 
 
 def certificate_for(model: Model, scheduling: Scheduling) -> StabilityCertificate | None:

@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.analysis.certificates import Range, Rate, certificate_for, requested_box
 from lpvid.analysis.frozen import Model
+from lpvid.analysis.hull_stability import certificate_on
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability, share_of
 from lpvid.errors import InputError
@@ -20,6 +21,7 @@ from lpvid.lmi.driven import autonomous
 from lpvid.lmi.search import frozen_rates
 from lpvid.lmi.storage import Storage
 from lpvid.model.adaptable import checked_matrices
+from lpvid.model.hull import design_hull
 from lpvid.scheduling import Scheduling
 
 WIDEST = 16.0
@@ -175,15 +177,17 @@ def largest_rate(model: Model, range: Range = None) -> LargestRate:
     ----------
     model : LPVTransferFunction or LPVStateSpace
     range
-        As for `certify_stability`.
+        As for `certify_stability`: left out, the box, or the hull of a design.
 
     Returns
     -------
     LargestRate
     """
     checked_matrices(model, "a certificate is for a model")
-    box = requested_box(model.box, None, range)
-    found = certificate_for(model, box)
+    box, hull = requested_box(model.box, None, range), design_hull(model) if range is None else None
+    found = None if hull is None else certificate_on(model, hull, box)
+    box = box if hull is None else hull.enclosing(box)
+    found = certificate_for(model, box) if found is None else found
     if found is not None and found.between_grid:
         return LargestRate((math.inf,) * len(box.names), box.names, box.units, found)
     system = autonomous(model)
@@ -229,7 +233,9 @@ def certified_share(certificate: StabilityCertificate, models: Iterable[Model], 
     storage = Storage(certificate.matrices, certificate.basis, certificate.box, certificate.sample_time)
     hits, count, exact = 0, 0, True
     for model in models:
-        found = recheck_decrease(autonomous(model), storage, budget=PATIENCE)
+        system = autonomous(model)
+        found = (recheck_decrease(system, storage, budget=PATIENCE) if certificate.vertices is None
+                 else certificate.decrease(system))
         hits += found.holds and found.between_grid >= certificate.between_grid
         exact &= found.between_grid or not found.holds
         count += 1

@@ -6,9 +6,12 @@ import math
 
 from lpvid.analysis.bound import Bound, BoundSearch, judged, largest
 from lpvid.analysis.certificates import Range, Rate
+from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.gain import requested
 from lpvid.analysis.gain_bounds import storage_bases, worst_pole
+from lpvid.analysis.hull_stability import decay_on
 from lpvid.lmi.bound_certificate import BoundCertificate
+from lpvid.model.hull import Hull, design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 
@@ -17,6 +20,9 @@ STEPS = 7
 
 def decay_rate(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None, *, range: Range = None) -> Bound:
     """The largest α [1/s] for which √(xᵀP(p)x) is certified to decrease at least as exp(−αt), with zero input.
+
+    Of a closed loop that was designed for a hull that polytope is meant: one P at its vertices, or P(p) on the box
+    around it, whichever decreases faster.
 
     Parameters
     ----------
@@ -38,6 +44,9 @@ def decay_rate(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = N
     >>> found.upper, round(found.lower, 1)
     (2.0, 2.0)
     """
+    hull = design_hull(system) if range is None else None
+    if hull is not None:
+        return _on_hull(system, hull, rate, basis)
     plant, box = requested(system, rate, basis, range)
     worst = worst_pole(plant, box)[0]
     frozen = -worst if plant.sample_time is None else -math.log(max(1 + worst, 1e-6)) / plant.sample_time
@@ -66,4 +75,19 @@ def decay_rate(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = N
     if best is None:
         best = search.at(0.0, storage_bases(plant, box))
     return judged("decay-rate", best, -math.inf if best is None else best.level, frozen,
+                  "no storage function was found that decreases")
+
+
+def _on_hull(system: LPVStateSpace, hull: Hull, rate: Rate, basis: Basis | None) -> Bound:
+    """One P at the vertices, and P(p) where the box around the hull is stable and something may move."""
+    points = hull.points[:, [hull.names.index(n) for n in system.basis.names]]
+    worst = float(pole_margins(system.at(points)[0], system.is_discrete).max(initial=-math.inf))
+    frozen = -worst if system.sample_time is None else -math.log(max(1 + worst, 1e-6)) / system.sample_time
+    if worst >= 0:
+        return Bound("decay-rate", "unstable", -math.inf, frozen, None, "a frozen pole does not decay")
+    found = None if basis is not None else decay_on(system, hull)
+    around = decay_rate(system, rate, basis, range=hull.enclosing(system.box).limits)
+    if around.certificate is not None and (found is None or around.lower > found.level):
+        found = around.certificate
+    return judged("decay-rate", found, -math.inf if found is None else found.level, frozen,
                   "no storage function was found that decreases")

@@ -13,6 +13,7 @@ from lpvid.codec import Coded
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.search import frozen_rates
+from lpvid.model.hull import Hull
 from lpvid.scheduling import Scheduling
 
 GROWTH = 1e-9  # what counts as growth, per sample or relative to the fastest pole
@@ -65,7 +66,7 @@ class Divergence(Coded):
         return f"{speed} {what} {' | '.join(shown)}{more}" if self.names else speed
 
 
-def diverging_trajectory(system: Driven, scheduling: Scheduling) -> Divergence | None:
+def diverging_trajectory(system: Driven, scheduling: Scheduling, hull: Hull | None = None) -> Divergence | None:
     """The fastest-growing trajectory found: frozen values first, then periodic ones within the rate bound.
 
     Products along cycles bound the joint spectral radius from below, max ρ(Π)^{1/L}; a search with a beam does not
@@ -76,6 +77,8 @@ def diverging_trajectory(system: Driven, scheduling: Scheduling) -> Divergence |
     system : Driven
     scheduling : Scheduling
         The variables themselves (not their delayed copies) with the box and the rates in question.
+    hull : Hull, optional
+        Polytope over the same variables that the trajectory must not leave; the box encloses it.
 
     Returns
     -------
@@ -86,13 +89,18 @@ def diverging_trajectory(system: Driven, scheduling: Scheduling) -> Divergence |
         return None
     columns = [scheduling.names.index(r.name) for r in system.readings]
     points = grid(scheduling, {0: 1, 1: 401, 2: 41, 3: 13}.get(len(scheduling.names), 5))
+    points = points if hull is None else np.vstack([points[hull.contains(points)], hull.vertices()])
     rates = frozen_rates(system, points[:, columns])
     worst = int(rates.argmax())
     scale = 1 / system.sample_time if system.sample_time else float(np.abs(system.coefficients).sum())
     if rates[worst] > GROWTH * scale:
         return _found(system, scheduling, "frozen", points[worst : worst + 1], np.ones(1), float(rates[worst]))
     best: tuple[float, np.ndarray, np.ndarray] | None = None
-    for path, durations in _paths(system, scheduling, columns):
+    paths = _paths(system, scheduling, columns)
+    if hull is not None:
+        paths = (path for path in itertools.chain(_paths(system, scheduling, columns, _ends(hull)), paths)
+                 if hull.contains(path[0]).all())
+    for path, durations in paths:
         rate = _growth(system, path, durations, columns)
         if best is None or rate > best[0]:
             best = (rate, path, durations)
@@ -141,17 +149,28 @@ def _growth(system: Driven, path: np.ndarray, durations: np.ndarray, columns: li
     return (log + math.log(radius)) / period if radius > 0 else -math.inf
 
 
-def _paths(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _ends(hull: Hull) -> np.ndarray:
+    """At most 16 vertices and the middle; one variable has five equidistant points."""
+    vertices = hull.vertices()
+    if len(hull.names) == 1:
+        return np.linspace(vertices[0], vertices[-1], 5)
+    return np.vstack([vertices[:: max(1, math.ceil(len(vertices) / 16))], hull.middle])
+
+
+def _paths(system: Driven, scheduling: Scheduling, columns: list[int], ends: np.ndarray | None = None
+           ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Periodic paths between points of the box, or between the points given."""
     if not any(up > low for low, up in zip(scheduling.lower, scheduling.upper, strict=True)):
         return
     bounded = any(rate is not None for rate in scheduling.rate)
     if system.sample_time is None:
-        yield from (_slow_cycles(system, scheduling) if bounded else _switched_cycles(system, scheduling, columns))
+        yield from (_slow_cycles(system, scheduling, ends) if bounded
+                    else _switched_cycles(system, scheduling, columns, ends))
         return
-    for path in _words(system, scheduling, columns):
+    for path in _words(system, scheduling, columns, ends):
         yield path, np.ones(len(path))
     if bounded:
-        yield from _slow_cycles(system, scheduling)
+        yield from _slow_cycles(system, scheduling, ends)
 
 
 def _neighbourhoods(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[np.ndarray]:
@@ -188,9 +207,10 @@ def _steps(system: Driven, scheduling: Scheduling) -> np.ndarray | None:
     return grid(scheduling, max(count, 5)) if count <= 41 else None
 
 
-def _words(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[np.ndarray]:
+def _words(system: Driven, scheduling: Scheduling, columns: list[int], ends: np.ndarray | None) -> Iterator[np.ndarray]:
     stepped = _steps(system, scheduling)
-    for points in (*_neighbourhoods(system, scheduling, columns), *(() if stepped is None else (stepped,))):
+    for points in ([ends] if ends is not None else
+                   (*_neighbourhoods(system, scheduling, columns), *(() if stepped is None else (stepped,)))):
         allowed = _admissible(system, scheduling, points)
         if any(r.lag for r in system.readings):
             yield from _delayed_words(points, allowed)
@@ -230,9 +250,9 @@ def _admissible(system: Driven, scheduling: Scheduling, points: np.ndarray) -> n
     return np.all(np.abs(points[:, None] - points[None]) <= reach, axis=2)
 
 
-def _slow_cycles(system: Driven, scheduling: Scheduling, longest: int = 1_500
+def _slow_cycles(system: Driven, scheduling: Scheduling, ends: np.ndarray | None = None, longest: int = 1_500
                  ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Ramps at the rate bound between two points, with holds at the ends."""
+    """Ramps at the rate bound between two points, with holds at the ends; of points given each and the farthest."""
     corners = grid(scheduling, 2)
     centre, half = scheduling.centre, corners[-1] - scheduling.centre
     pairs = [(corners[0], corners[-1])]
@@ -240,6 +260,11 @@ def _slow_cycles(system: Driven, scheduling: Scheduling, longest: int = 1_500
               for f, shifts in ((0.5, (-0.5, 0.0, 0.5)), (0.25, (-0.75, 0.0, 0.75))) for s in shifts]
     if len(scheduling.names) == 2:
         pairs.append((corners[1], corners[2]))
+    if ends is not None:
+        apart = np.linalg.norm((ends[:, None] - ends[None]) / np.maximum(half, 1e-300), axis=2)
+        pairs = [(ends[i], ends[j]) for i, j in sorted({(min(i, j), max(i, j)) for i, j in enumerate(apart.argmax(1))})]
+        middle = ends.mean(axis=0)
+        pairs += [(0.5 * (middle + a), 0.5 * (middle + b)) for a, b in pairs]
     speeds = np.array([math.inf if r is None else r for r in scheduling.rate])
     for first, second in pairs:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -258,10 +283,10 @@ def _slow_cycles(system: Driven, scheduling: Scheduling, longest: int = 1_500
             yield first + share[:, None] * (second - first), np.full(len(share), tick)
 
 
-def _switched_cycles(system: Driven, scheduling: Scheduling, columns: list[int]
+def _switched_cycles(system: Driven, scheduling: Scheduling, columns: list[int], ends: np.ndarray | None = None
                      ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Continuous time, arbitrary variation: two or three points in turn, each held for a share of its own period."""
-    points = _corners(np.array(scheduling.lower), np.array(scheduling.upper))
+    points = _corners(np.array(scheduling.lower), np.array(scheduling.upper)) if ends is None else ends
     poles = np.linalg.eigvals(system.state_matrices(points[:, columns]))
     natural = np.abs(poles.imag).max(axis=1)
     natural = np.where(natural > 0, natural, np.abs(poles).max(axis=1))

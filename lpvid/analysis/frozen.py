@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.hull import Hull, design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling
@@ -32,7 +33,7 @@ class Line:
     origin, direction : (n_scheduling,) array
         In the units of the variables.
     low, high : float
-        Values of s inside the box; −1 and 1 where the line misses it.
+        Values of s inside the box, or the hull of a design; −1 and 1 where the line misses the box.
     """
 
     label: str
@@ -89,7 +90,8 @@ def lines(model: Model, variable: str | Sequence[str] | None = None,
           direction: Mapping[str, float] | Sequence[float] | None = None) -> tuple[Line, ...]:
     """The line along `direction` through `at`, or the axis of every variable (or of those named) through `at`.
 
-    `at` is a point or a mapping of names, by default the middle of the box; variables left out of a mapping stay there.
+    `at` is a point or a mapping of names, by default the middle of the box, or of the hull for which a controller or
+    loop was designed; variables left out of a mapping stay there.
 
     Parameters
     ----------
@@ -112,8 +114,8 @@ def lines(model: Model, variable: str | Sequence[str] | None = None,
     InputError
         Both a variable and a direction, a direction of zeros, an unknown name, or a vector of another length.
     """
-    box = model.box
-    origin = _vector(at, box, "at", box.centre)
+    box, hull = model.box, design_hull(model)
+    origin = _vector(at, box, "at", box.centre if hull is None else hull.middle)
     if direction is not None:
         if variable is not None:
             raise InputError("give either a variable or a direction", got=f"both '{variable}' and {direction}")
@@ -121,9 +123,17 @@ def lines(model: Model, variable: str | Sequence[str] | None = None,
         if not np.any(along):
             raise InputError("a direction needs a component other than zero", got=direction)
         terms = [f"{x:+.4g}·{n}" for n, x in zip(box.names, along, strict=True) if x]
-        return (Line(f"s (along {' '.join(terms)})", "", origin, along, *_range(box, origin, along)),)
+        found = Line(f"s (along {' '.join(terms)})", "", origin, along, *_range(box, origin, along))
+        return (_inside(hull, found),)
     wanted = box.names if variable is None else _checks.names(variable, "variable")
-    return tuple(_axis(box, _checks.known_name(name, box.names, "scheduling variable"), origin) for name in wanted)
+    return tuple(_inside(hull, _axis(box, _checks.known_name(name, box.names, "scheduling variable"), origin))
+                 for name in wanted)
+
+
+def _inside(hull: Hull | None, line: Line) -> Line:
+    """The line with its range inside a hull; unchanged where it misses the hull."""
+    span = None if hull is None else hull.span(line.origin, line.direction)
+    return line if span is None else replace(line, low=span[0], high=span[1])
 
 
 def _axis(box: Scheduling, name: str, origin: np.ndarray) -> Line:

@@ -12,6 +12,8 @@ from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability
 from lpvid.codec import Encoded
 from lpvid.lmi.certificate import tensor
 from lpvid.model.adaptable import checked_matrices
+from lpvid.model.hull import Hull, design_hull
+from lpvid.scheduling import Scheduling
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,8 @@ class FrozenStability(Encoded):
         Points of the grid.
     critical : CriticalScheduling
         Along the axis of every variable, through the middle of the box.
+    hull : Hull or None
+        Examined in place of the box: that for which a controller or closed loop was designed.
     """
 
     caveat = CAVEAT
@@ -45,15 +49,19 @@ class FrozenStability(Encoded):
     at: dict[str, float]
     points: int
     critical: CriticalScheduling
+    hull: Hull | None = None
 
     def __str__(self) -> str:
         where = ", ".join(f"{n} = {v:.6g}" for n, v in self.at.items()) or "every time"
         size = (f"largest pole modulus {self.max_modulus:.6g}" if self.max_modulus is not None
                 else f"largest real part {self.max_real_part:.6g} 1/s")
-        rows = [f"{'frozen-stable' if self.stable else 'NOT frozen-stable'} over the box: {size} at {where}",
+        span = "the box" if self.hull is None else self.hull.text
+        rows = [f"{'frozen-stable' if self.stable else 'NOT frozen-stable'} over {span}: {size} at {where}",
                 *(f"  {v}" for v in self.critical.values)]
         if len(self.critical.lines) > 1:
-            rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the box")
+            middle = "box" if self.hull is None else "polytope"
+            rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the "
+                        f"{middle}")
         return "\n".join([*rows, CAVEAT])
 
     __repr__ = __str__
@@ -61,6 +69,8 @@ class FrozenStability(Encoded):
 
 def frozen_stability(model: Model, points: int | None = None) -> FrozenStability:
     """Whether every frozen model of the box is stable: exactly for one scheduling variable, on a grid for several.
+
+    Of a controller or closed loop that was designed for a hull: every frozen model of that polytope, its vertices too.
 
     Parameters
     ----------
@@ -84,27 +94,38 @@ def frozen_stability(model: Model, points: int | None = None) -> FrozenStability
     (True, 0.75, {'current': -1.0})
     """
     checked_matrices(model, "frozen stability is that of a model")
-    models, box = family(model), model.box
+    models, hull, box = family(model), design_hull(model), model.box
+    box = box if hull is None else hull.enclosing(box)
     count = len(box.names)
     if points is None:
         points = int(np.clip(20_000 ** (1 / max(count, 1)), 2, 401))
     _checks.count(points, "points", at_least=2)
-    grid = box.grid(points)
+    grid = _of_set(box, hull, box.grid(points))
     if models.order == 0:
-        worst, at = (-1.0 if models.discrete else -np.inf), box.centre
+        worst, at = (-1.0 if models.discrete else -np.inf), box.centre if hull is None else hull.middle
     else:
         worst, at = _worst(models, grid)
         cube = tensor([np.linspace(-1.0, 1.0, 9 if count < 3 else 3)] * count)
         for shrink in range(1, 13 if count <= 8 else 1):
-            reach = box.half_width * 2.0 / (points - 1) * 0.5 ** (shrink - 1)
-            local = np.clip(at + cube * reach, box.lower, box.upper)
+            share = 2.0 / (points - 1) * 0.5 ** (shrink - 1)
+            local = _of_set(box, hull, at + cube * box.half_width * share, at, share)
             better, place = _worst(models, local)
             if better > worst:
                 worst, at = better, place
     critical = critical_scheduling(model)
     stable = bool(worst < 0) and critical.stable
     return FrozenStability(stable, 1.0 + worst if models.discrete else None, None if models.discrete else worst,
-                           dict(zip(box.names, at.tolist(), strict=True)), len(grid), critical)
+                           dict(zip(box.names, at.tolist(), strict=True)), len(grid), critical, hull)
+
+
+def _of_set(box: Scheduling, hull: Hull | None, points: np.ndarray, at: np.ndarray | None = None, share: float = 1.0
+            ) -> np.ndarray:
+    """Points (N, n) moved into the box; of a hull those inside and its vertices, drawn to a share of their way from
+    `at`."""
+    if hull is None:
+        return np.clip(points, box.lower, box.upper)
+    vertices = hull.vertices()
+    return np.vstack([points[hull.contains(points)], vertices if at is None else at + share * (vertices - at)])
 
 
 def _worst(models: FrozenFamily, p: np.ndarray) -> tuple[float, np.ndarray]:

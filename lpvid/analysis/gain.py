@@ -5,76 +5,31 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
+
+import numpy as np
 
 from lpvid.analysis.certificates import Range, Rate, requested_box
-from lpvid.analysis.frozen_norms import largest_frozen_norm
+from lpvid.analysis.frozen import pole_margins
+from lpvid.analysis.frozen_norms import h_infinity_norm, largest_frozen_norm
 from lpvid.analysis.gain_bounds import GainBounds, usable, worst_pole
+from lpvid.analysis.hull_certificate import hull_gain
+from lpvid.analysis.induced_gain import Gain
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
-from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.certificate_common import verdict_of
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import GainCertificate
-from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.lmi.readings import box_of
+from lpvid.model.hull import Hull, design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 
-VERDICTS = ("certified", "certified on a grid only", "not certified", "unstable")
+MOST_EFFORT = 2_000_000
+"""unknowns times inequalities times entries of P, some ten seconds of a solver: beyond it the steps between all pairs
+of vertices are left out"""
 
-
-@dataclass(frozen=True, eq=False)
-class Gain(Coded):
-    """What is known of sup ‖z‖/‖w‖ over all inputs and all admissible trajectories of the scheduling.
-
-    Parameters
-    ----------
-    verdict : str
-        One of `VERDICTS`.
-    upper : float
-        Certified; infinite where nothing could be certified.
-    lower : float
-        Reached by `worst`; infinite for a frozen system that is unstable.
-    worst : WorstCase or None
-        A scheduling, held or moving, with which the gain is at least `lower`.
-    certificate : GainCertificate or None
-        What `lpvid.verify` re-checks.
-    inputs, outputs : tuple of str
-    why, mend : str
-        Why there is no certificate, and what can be done.
-    seconds : float
-    """
-
-    JSON = ("verdict", "upper", "lower", "between_grid", "inputs", "outputs", "worst", "certificate", "why", "mend",
-            "seconds")
-
-    verdict: str
-    upper: float = field(metadata=null(math.inf))
-    lower: float = field(metadata=null(math.inf))
-    worst: WorstCase | None
-    certificate: GainCertificate | None = field(metadata={"read": lambda data, _: _certificate(data)})
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    why: str = ""
-    mend: str = ""
-    seconds: float = 0.0
-
-    @property
-    def between_grid(self) -> bool:
-        """`upper` is proven on the whole scheduling box."""
-        return self.certificate is not None and self.certificate.between_grid
-
-    def __repr__(self) -> str:
-        lines = [f"{self.verdict}: {self.why or self.certificate.claim if self.certificate else self.why}"]
-        if math.isfinite(self.lower):
-            lines.append(f"  at least {self.lower:.6g}: {self.worst}" if self.worst else f"  at least {self.lower:.6g}")
-        if self.certificate is not None:
-            lines.append(f"  {self.certificate.kind} storage function, margin {self.certificate.margin:.3g}, "
-                         "re-checked with numpy")
-        if self.mend:
-            lines.append(f"  mend: {self.mend}")
-        return "\n".join(lines)
+__all__ = ["Gain", "l2_gain", "l2_gains", "rated", "requested"]
 
 
 def l2_gain(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None, *, range: Range = None,
@@ -84,7 +39,9 @@ def l2_gain(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     The upper bound is the least γ for which a storage function xᵀP(p)x passes our own re-check of the bounded-real
     inequality (equations sheet, 5.3); a solver only proposes it. The lower bound is reached: the largest frozen
     H-infinity norm, or a moving scheduling with its worst input. The linear part is meant: after an input stage, and
-    without affine terms.
+    without affine terms. Of a closed loop that was designed for a hull that polytope is meant: one P at its vertices
+    (`hull_gain`), in discrete time an affine P(p) too, or P(p) on the box around it, whichever is lower; trajectories
+    are not searched for there.
 
     Parameters
     ----------
@@ -95,7 +52,7 @@ def l2_gain(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     basis : Basis, optional
         Functions of p in P(p); left out, a constant and then polynomials up to degree 3.
     range : (lower, upper), one pair for each variable, or mapping of name to pair, optional
-        Left out, the model's own box.
+        Left out, the model's own box, or the hull of its design.
     trajectories : bool
         Look for moving schedulings that raise the lower bound.
 
@@ -145,6 +102,9 @@ def l2_gains(system: LPVStateSpace, rates: Sequence[Rate], basis: Basis | None =
     """
     also = () if basis is None else tuple(n for n in basis.names if n in system.box.names)
     plant = driven(system, also)
+    hull = design_hull(system) if range is None else None
+    if hull is not None and rates:
+        return tuple(_on_hull(system, plant, hull, rate, basis) for rate in rates)
     boxes = [box_of(plant.readings, rated(system.box, rate, range)) for rate in rates]
     if not boxes:
         raise InputError("a sweep needs at least one rate", got="none")
@@ -172,6 +132,38 @@ def l2_gains(system: LPVStateSpace, rates: Sequence[Rate], basis: Basis | None =
         certificate = bounds[pattern].certify(box.rate)
         found.append(_judged(plant, worst, certificate, time.perf_counter() - started))
     return tuple(found)
+
+
+def _on_hull(system: LPVStateSpace, plant: Driven, hull: Hull, rate: Rate, basis: Basis | None) -> Gain:
+    """The lower of the bounds by one P at the vertices and by P(p) on the box around the hull, which is no smaller."""
+    started = time.perf_counter()
+    box = hull.enclosing(rated(system.box, rate, None))
+    points = hull.points
+    a, b, c, d = system.at(points[:, [box.names.index(n) for n in system.basis.names]])
+    levels = pole_margins(a, system.is_discrete)
+    worst = int(levels.argmax())
+    signals = plant.inputs, plant.outputs
+    if levels[worst] >= 0:
+        where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(box.names, points[worst], strict=True))
+        return Gain("unstable", math.inf, math.inf, None, None, *signals,
+                    f"the model has a pole that does not decay at {where}",
+                    "a smaller hull, or stabilise the model first", time.perf_counter() - started)
+    norms = [h_infinity_norm(m, system.is_discrete) for m in zip(a, b, c, d, strict=True)]
+    most = int(np.argmax([norm for norm, _ in norms]))
+    frozen = WorstCase.frozen(box, points[most], norms[most][1], norms[most][0])
+    found = [hull_gain(system, hull)] if basis is None and plant.affine else []
+    still = system.sample_time is None and all(r is None for r in box.rate)  # then P may not move, and one P on the box
+    if not found or found[0].certificate is None or not still:               # is one on the polytope
+        found.append(l2_gain(system, rate, basis, range=box.limits, trajectories=False))
+    n, pairs = plant.order, len(hull.vertices()) ** 2
+    effort = (1 + len(hull.names)) * n * (n + 1) // 2 * pairs * n**2
+    if system.is_discrete and basis is None and plant.affine and effort <= MOST_EFFORT:
+        found.append(hull_gain(system, hull, moving=True))
+    best = min(found, key=lambda gain: (not gain.between_grid, gain.upper))
+    if best.certificate is None:
+        lost = _judged(plant, frozen, None, time.perf_counter() - started)
+        return replace(lost, mend="a smaller hull, or rate bounds")
+    return replace(best, lower=min(frozen.gain, best.upper), worst=frozen, seconds=time.perf_counter() - started)
 
 
 def _judged(plant: Driven, worst: WorstCase, certificate: GainCertificate | None, seconds: float) -> Gain:
@@ -232,7 +224,3 @@ def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
         rate = [bounded_rate(value) for value in rate]
     return requested_box(box, None if rate == math.inf else rate, range, keep=rate is None)
 
-
-def _certificate(data: Mapping) -> GainCertificate:
-    kind = HullCertificate if data.get("schema") == HullCertificate.SCHEMA else GainCertificate
-    return kind.from_dict(data)  # type: ignore[return-value]

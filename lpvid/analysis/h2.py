@@ -10,13 +10,15 @@ import numpy as np
 
 from lpvid.analysis.bound import Bound, BoundSearch, first_proven, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
-from lpvid.analysis.gain import requested
+from lpvid.analysis.gain import rated, requested
 from lpvid.analysis.gain_bounds import blended, storage_bases, worst_pole
+from lpvid.analysis.hull_variance import variance_on
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, gramian
 from lpvid.lmi.storage_search import ROUGHLY, Claim, StorageProposal, StorageSearch
+from lpvid.model.hull import Hull, design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 
@@ -32,7 +34,8 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     """Bounds of the rms of a model's outputs while its inputs are white noise and its scheduling moves.
 
     The noise has unit intensity (unit variance per sample in discrete time) in every input. The inequalities stand in
-    `lpvid.lmi.bounds.H2Bound`; for a time-invariant system both bounds are the H2 norm.
+    `lpvid.lmi.bounds.H2Bound`; for a time-invariant system both bounds are the H2 norm. Of a closed loop that was
+    designed for a hull that polytope is meant: one P at its vertices, or P(p) on the box around it.
 
     Parameters
     ----------
@@ -58,6 +61,9 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     if not has_h2_norm(plant):
         return Bound("h2-norm", "not certified", math.inf, math.inf, None, "with feedthrough in continuous time white "
                      "noise passes with infinite variance")
+    hull = design_hull(system) if range is None else None
+    if hull is not None:
+        return _on_hull(system, hull, rate, basis)
     if worst_pole(plant, box)[0] >= 0:
         return Bound("h2-norm", "unstable", math.inf, math.inf, None, "a frozen pole does not decay")
     lower = _largest_frozen_h2(plant, box)
@@ -75,6 +81,20 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
         near = stalled or best.level <= (1 + ENOUGH) * lower
         if basis is None and near and best.between_grid:
             break
+    return judged("h2-norm", best, lower, math.inf if best is None else best.level,
+                  "no storage function was found that bounds the variance")
+
+
+def _on_hull(system: LPVStateSpace, hull: Hull, rate: Rate, basis: Basis | None) -> Bound:
+    """The lower of two bounds; the second where there is no first, or where P may move."""
+    lower, best = variance_on(system, hull)
+    if math.isinf(lower):
+        return Bound("h2-norm", "unstable", math.inf, math.inf, None, "a frozen pole does not decay")
+    box = hull.enclosing(rated(system.box, rate, None))
+    if best is None or basis is not None or system.is_discrete or any(r is not None for r in box.rate):
+        around = h2_norm(system, rate, basis, range=box.limits).certificate
+        if around is not None and (best is None or (around.between_grid and around.level < best.level)):
+            best = around
     return judged("h2-norm", best, lower, math.inf if best is None else best.level,
                   "no storage function was found that bounds the variance")
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.frozen_norms import h_infinity_norm
-from lpvid.analysis.gain import Gain
-from lpvid.lmi.affine import block, he
+from lpvid.analysis.induced_gain import Gain
+from lpvid.errors import InputError
+from lpvid.lmi.affine import block, combined, he
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import frame_of
 from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at, scheduling_points
@@ -31,7 +32,7 @@ RAISED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 """shares above the solver's bound at which its matrix is checked"""
 
 
-def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
+def hull_gain(system: LPVStateSpace, hull: Hull, *, moving: bool = False) -> Gain:
     """Bounds of the induced L2 (ℓ2) gain while the scheduling moves in a polytope, however fast.
 
     Parameters
@@ -40,6 +41,9 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
         Affine in the scheduling.
     hull : Hull
         ``lpv.Hull.of(names, samples)`` of measured scheduling, or ``lpv.Hull.disc(names)``.
+    moving : bool
+        In discrete time: let P follow the scheduling, P(p) affine. It bounds no less tightly, with an inequality for
+        each pair of vertices.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     Raises
     ------
     InputError
-        A system that is not affine, a hull of other variables.
+        A system that is not affine, a hull of other variables, `moving` in continuous time.
 
     Examples
     --------
@@ -66,6 +70,9 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     points = scheduling_points(plant, hull.names, vertices)
     a, b, c, d = plant.matrices(points)
     discrete = plant.sample_time is not None
+    if moving and not discrete:
+        raise InputError("a matrix that moves on a hull needs discrete time", got="a continuous system",
+                         why="its inequality is then of degree two in the scheduling, which vertices do not decide")
     signals = plant.inputs, plant.outputs
     level = pole_margins(a, discrete)
     if level.max() >= 0:
@@ -74,13 +81,14 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
                     f"the model has a pole that does not decay at {where}",
                     "a smaller hull, or stabilise the model first", time.perf_counter() - started)
     lower = max(h_infinity_norm((a[k], b[k], c[k], d[k]), discrete)[0] for k in range(len(a)))
-    for p, gamma, solver in _proposals(plant, points, lower):
+    for p, slopes, gamma, solver in (_moving(plant, hull.names, vertices, lower) if moving
+                                     else _proposals(plant, points, lower)):
         for share in RAISED:
-            found = recheck_at(plant, hull.names, vertices, p, gamma * (1 + share))
+            found = recheck_at(plant, hull.names, vertices, p, gamma * (1 + share), slopes)
             if found.holds:
                 proof = HullCertificate(gamma * (1 + share), p, hull.names, vertices, plant.sample_time, plant.digest,
-                                        *signals, found.margin, solver)
-                return Gain("certified", proof.gamma, min(lower, proof.gamma), None, proof,  # type: ignore[arg-type]
+                                        *signals, found.margin, solver, slopes)
+                return Gain("certified", proof.gamma, min(lower, proof.gamma), None, proof,
                             *signals, seconds=time.perf_counter() - started)
     return Gain("not certified", math.inf, lower, None, None, *signals,
                 "no constant storage function was found that bounds the gain", "a smaller hull, or l2_gain with rate "
@@ -105,4 +113,28 @@ def _proposals(system: Driven, points: np.ndarray, floor: float):
     for found in program.solve(solvers=SOLVERS):
         gamma = float(found[level][0, 0]) * frame.gain
         if gamma > 0:
-            yield frame.outside(found[p][None])[0], gamma, found.solver
+            yield frame.outside(found[p][None])[0], None, gamma, found.solver
+
+
+def _moving(system: Driven, names: tuple[str, ...], vertices: np.ndarray, floor: float):
+    """P(p) affine over the variables in units of the polytope: P_k − AᵀP_lA and its companions for all k, l."""
+    points = vertices[:, [names.index(r.label) for r in system.readings]]
+    frame, program, n = frame_of(system, points, floor), Program(), system.order
+    centre, width = vertices.mean(axis=0), np.ptp(vertices, axis=0)
+    weights = np.column_stack([np.ones(len(vertices)), (vertices - centre) / width])
+    p = [program.unknowns.symmetric(n) for _ in range(weights.shape[1])]
+    level, at = program.unknowns.scalar(), [combined(p, w) for w in weights]
+    for here, (a, b, c, d) in zip(at, zip(*frame.inside(system.matrices(points)), strict=True), strict=True):
+        program.require(here, margin=MARGIN)
+        size = level.times(np.eye(b.shape[1])), level.times(np.eye(len(c)))
+        for ahead in at:
+            program.require(block([[here - a.T @ ahead @ a, -(a.T @ ahead @ b), c.T],
+                                   [-(b.T @ ahead @ a), size[0] - b.T @ ahead @ b, d.T], [c, d, size[1]]]),
+                            margin=MARGIN)
+    program.minimise(level)
+    for found in program.solve(solvers=SOLVERS):
+        gamma = float(found[level][0, 0]) * frame.gain
+        if gamma > 0:
+            first, *slopes = frame.outside(np.array([found[x] for x in p]))
+            slopes = np.array(slopes) / width[:, None, None]
+            yield first - np.tensordot(centre, slopes, axes=1), slopes, gamma, found.solver

@@ -13,8 +13,10 @@ from lpvid.analysis.bound import Bound, BoundSearch, judged
 from lpvid.analysis.certificates import Range
 from lpvid.analysis.gain import requested
 from lpvid.analysis.gain_bounds import storage_bases
+from lpvid.analysis.hull_stability import region_on
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import grid
+from lpvid.model.hull import design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 
@@ -37,7 +39,8 @@ def certify_region(system: LPVStateSpace, region: Region, *, range: Range = None
     """Prove that the poles lie in a region for every held value of the scheduling, not only at points of a grid.
 
     P(p) may follow p, for nothing moves; a constant P, tried first, states more. The inequality stands in
-    `lpvid.lmi.bounds.RegionBound`.
+    `lpvid.lmi.bounds.RegionBound`. Of a closed loop that was designed for a hull that polytope is meant: one P at its
+    vertices, else P(p) on the box around it.
 
     Parameters
     ----------
@@ -61,9 +64,13 @@ def certify_region(system: LPVStateSpace, region: Region, *, range: Range = None
     if fixed.shape != varying.shape or fixed.ndim != 2 or not np.array_equal(fixed, fixed.T):
         raise InputError("a pole region needs a symmetric L and an M of the same size",
                          got=f"shapes {fixed.shape} and {varying.shape}")
-    plant, box = requested(system, None, None, range)
+    hull = design_hull(system) if range is None else None
+    plant, box = requested(system, None, None, range if hull is None else hull.enclosing(system.box).limits)
     still = replace(box, rate=(0.0,) * len(box.names))
     points = grid(still, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3))
+    if hull is not None and box.names:
+        own = hull.over(box.names)
+        points = np.vstack([own.vertices(), points[own.contains(points)]])
     poles = np.linalg.eigvals(plant.matrices(points)[0])
     level = np.linalg.eigvalsh(fixed + poles[..., None, None] * varying + poles.conj()[..., None, None] * varying.T)
     outside = level[..., -1].max(axis=1, initial=-math.inf)
@@ -73,7 +80,9 @@ def certify_region(system: LPVStateSpace, region: Region, *, range: Range = None
         at = ", ".join(f"{n} = {v:.6g}" for n, v in zip(box.names, points[worst], strict=True))
         return Bound("pole-region", "not certified", math.nan, math.nan, None,
                      f"the pole {pole:.4g} lies outside the region" + (f" at {at}" if at else ""))
-    certificate = BoundSearch(plant, still, "pole-region", (fixed, varying)).at(0.0, _bases(still, plant))
+    certificate = None if hull is None else region_on(system, hull, (fixed, varying))
+    if certificate is None:
+        certificate = BoundSearch(plant, still, "pole-region", (fixed, varying)).at(0.0, _bases(still, plant))
     return judged("pole-region", certificate, math.nan, math.nan, "no P(p) was found, though no pole was seen outside")
 
 

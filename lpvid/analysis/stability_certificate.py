@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid.analysis.divergence import Divergence
-from lpvid.codec import null
-from lpvid.lmi.bounds import recheck_decrease
+from lpvid.codec import UNWRITTEN, null
+from lpvid.lmi.bounds import recheck_decrease, recheck_decrease_at
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import StorageCertificate, describe_box, verdict_of
+from lpvid.lmi.certificate_common import StorageCertificate, describe_set, polytope_fault, verdict_of
 from lpvid.lmi.driven import Driven, Model, autonomous
 from lpvid.scheduling import Polynomial, Scheduling
 
@@ -49,6 +49,9 @@ class StabilityCertificate(StorageCertificate):
         Not certified: a trajectory along which the model grows, if one was found.
     solver : str
         What proposed the matrices.
+    vertices : (V, len(box.names)) array or None
+        Of a polytope in which the scheduling stays, in place of the box (which then encloses it): one P that serves at
+        its vertices, of a system that is affine in its readings, serves at all their mixtures.
     """
 
     kind: str
@@ -63,6 +66,7 @@ class StabilityCertificate(StorageCertificate):
     decay_rate: float
     divergence: Divergence | None = None
     solver: str = ""
+    vertices: np.ndarray | None = field(default=None, metadata=UNWRITTEN)
 
     SCHEMA = "lpvid/stability-certificate/1"
     NOUN = "a stability certificate"
@@ -96,7 +100,7 @@ class StabilityCertificate(StorageCertificate):
         """What the certificate states, in words."""
         if not self.verified:
             return "no statement about a moving scheduling variable"
-        covered = describe_box(self.box, self.kind)
+        covered = describe_set(self.box, self.vertices, self.kind)
         return (f"with zero input the state decays{covered}" if covered else "the state decays") + self.where
 
     def subject(self, model: Model) -> Driven:
@@ -106,12 +110,30 @@ class StabilityCertificate(StorageCertificate):
         if not self.verified or self.kind == "none":
             return "the certificate makes no claim"
         fault = super().fault(model, subject)
+        fault = fault or polytope_fault(self.vertices, self.storage, subject)
         return fault or ("" if self.decay_rate >= 0 else "the certificate holds a negative rate")
 
+    def decrease(self, subject: Driven, exponent: float = 0.0) -> Recheck:
+        """What numpy finds about the decrease at least as exp(−αt), on the box or on the polytope.
+
+        Parameters
+        ----------
+        subject : Driven
+        exponent : float
+            α [1/s].
+
+        Returns
+        -------
+        Recheck
+        """
+        if self.vertices is None:
+            return recheck_decrease(subject, self.storage, exponent)
+        return recheck_decrease_at(subject, self.storage, self.vertices, exponent)
+
     def recheck(self, model: Model, subject: Driven) -> Recheck:
-        found = recheck_decrease(subject, self.storage)
+        found = self.decrease(subject)
         if found.holds and self.decay_rate:
-            pace = recheck_decrease(subject, self.storage, self.decay_rate)
+            pace = self.decrease(subject, self.decay_rate)
             if not pace.holds or pace.between_grid < self.between_grid:
                 return replace(found, holds=False, why="the claimed decay cannot be reproduced")
         return found

@@ -26,7 +26,8 @@ def stability(model: options.ModelFile,
                               "move, in its units per second: R for all, or NAME=R. Left out: arbitrarily "
                               "fast.")] = None,
               range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to examine instead "
-                               "of the training range: A:B, or NAME=A:B for each variable.")] = None,
+                               "of the training range, or the hull of a design: A:B, or NAME=A:B for each "
+                               "variable.")] = None,
               largest_range: Annotated[bool, typer.Option("--largest-range", help="Also scale the range about its "
                                "centre until stability can no longer be certified.")] = False,
               largest_rate: Annotated[bool, typer.Option("--largest-rate", help="Also find the fastest motion within "

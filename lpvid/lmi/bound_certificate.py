@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import UNWRITTEN
 from lpvid.errors import InputError
 from lpvid.lmi.bounds import DecayBound, H2Bound, RegionBound
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import StorageCertificate, describe_box
+from lpvid.lmi.certificate_common import StorageCertificate, describe_box, describe_set, polytope_fault
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.inequality import LyapunovInequality, recheck_inequality
+from lpvid.lmi.inequality import LyapunovInequality, recheck_inequality, recheck_vertices
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
@@ -36,6 +37,8 @@ class BoundCertificate(StorageCertificate):
         The region {s : L + sM + s̄Mᵀ ≺ 0}.
     kind, matrices, basis, box, sample_time, model_hash, inputs, outputs, margin, between_grid, solver
         As in `GainCertificate`.
+    vertices : (V, len(box.names)) array or None
+        Of a polytope in which the scheduling stays, in place of the box, which then encloses it.
     """
 
     quantity: str
@@ -52,6 +55,7 @@ class BoundCertificate(StorageCertificate):
     margin: float
     between_grid: bool
     solver: str = ""
+    vertices: np.ndarray | None = field(default=None, metadata=UNWRITTEN)
 
     SCHEMA = "lpvid/bound-certificate/1"
     NOUN = "a bound certificate"
@@ -66,13 +70,14 @@ class BoundCertificate(StorageCertificate):
     @property
     def claim(self) -> str:
         """What the certificate states, in words."""
-        covered = describe_box(self.box, self.kind)
+        covered = describe_set(self.box, self.vertices, self.kind)
         if self.quantity == "h2-norm":
             text = f"H2 norm from {self.signals} at most {self.level:.6g}{covered}"
         elif self.quantity == "decay-rate":
             text = f"the state decays at least as exp(-{self.level:.6g} t){covered}"
         else:
-            held = describe_box(self.box, "").replace("trajectory", "held value").replace(", however fast it moves", "")
+            held = covered if self.vertices is not None else describe_box(self.box, "")
+            held = held.replace("trajectory", "held value").replace(", however fast it moves", "")
             text = f"all poles lie in the region{held}"
         return text + self.where
 
@@ -82,10 +87,11 @@ class BoundCertificate(StorageCertificate):
             fault = "the certificate holds a bound that is not finite"
         if not fault and self.quantity == "h2-norm" and not (self.level > 0 and has_h2_norm(subject)):
             fault = "the model has no H2 norm"
-        return fault
+        return fault or polytope_fault(self.vertices, self.storage, subject)
 
     def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
-        return recheck_inequality(inequality_of(self.quantity, self.level, self.region)(subject, self.storage))
+        problem = inequality_of(self.quantity, self.level, self.region)(subject, self.storage)
+        return recheck_inequality(problem) if self.vertices is None else recheck_vertices(problem, self.vertices)
 
 
 def inequality_of(quantity: str, level: float, region: tuple[np.ndarray, np.ndarray] | None

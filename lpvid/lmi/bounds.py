@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
-from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
+from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality, recheck_vertices
 from lpvid.lmi.storage import Storage
 
 
@@ -201,3 +201,25 @@ def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *,
     if system.order == 0:
         return Recheck(True, True, 1.0, "the model has no memory")
     return recheck_inequality(DecayBound(system, storage, exponent, in_seconds=True), budget=budget)
+
+
+def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, exponent: float = 0.0) -> Recheck:
+    """As `recheck_decrease` for one P on the polytope of some vertices, for a system affine in its readings.
+
+    Parameters
+    ----------
+    system : Driven
+    storage : Storage
+        Of degree zero.
+    vertices : (V, readings) array
+    exponent : float
+        α ≥ 0 [1/s].
+
+    Returns
+    -------
+    Recheck
+        Its margin, that of the worst vertex, in 1/s in continuous time.
+    """
+    if system.order == 0:
+        return Recheck(True, True, 1.0, "the model has no memory")
+    return recheck_vertices(DecayBound(system, storage, exponent, in_seconds=True), vertices)

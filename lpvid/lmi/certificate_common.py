@@ -282,6 +282,50 @@ def malformed(storage: Storage, system: Driven) -> str:
     return ""
 
 
+def polytope_fault(vertices: np.ndarray | None, storage: Storage, subject: Driven) -> str:
+    """Why a claim on a polytope cannot be one by its vertices; empty if it can, and for a claim on the box.
+
+    Parameters
+    ----------
+    vertices : (V, readings) array or None
+        None for the box.
+    storage : Storage
+    subject : Driven
+
+    Returns
+    -------
+    str
+    """
+    if vertices is None:
+        return ""
+    if not subject.affine:
+        return "the certificate is on a polytope, and the model is not affine in its scheduling"
+    if vertices.ndim != 2 or vertices.shape[1] != len(storage.box.names) or not np.isfinite(vertices).all():
+        return "the certificate's polytope is over other variables than the model reads"
+    return "the certificate is on a polytope, and its function moves" if storage.basis.names else ""
+
+
+def describe_set(box: Scheduling, vertices: np.ndarray | None, kind: str) -> str:
+    """As `describe_box`, of a polytope where there is one.
+
+    Parameters
+    ----------
+    box : Scheduling
+    vertices : (V, readings) array or None
+        None for the box.
+    kind : str
+        Of the storage function.
+
+    Returns
+    -------
+    str
+    """
+    if vertices is None:
+        return describe_box(box, kind)
+    return (f" for every trajectory of {', '.join(box.names)} in a polytope of {len(vertices)} vertices, "
+            "however fast it moves")
+
+
 def describe_box(box: Scheduling, kind: str) -> str:
     """Range and rates that a certificate covers, in words; empty without scheduling variables.
 

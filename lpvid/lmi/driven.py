@@ -125,6 +125,14 @@ class Driven:
                        sizes=None if self.sizes is None else self.sizes.swapaxes(1, 2))
 
     @property
+    def affine(self) -> bool:
+        """Affine in all readings together, none delayed: no monomial of higher degree, and no product, has a share."""
+        basis = self.basis
+        if not isinstance(basis, Polynomial) or any(r.lag for r in self.readings):
+            return False
+        return not self.coefficients[:-1][basis.exponents.sum(axis=1) > 1].any()
+
+    @property
     def _sizes(self) -> np.ndarray:
         return np.abs(self.coefficients) if self.sizes is None else self.sizes
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from lpvid.lmi import native
 from lpvid.lmi.affine import Affine, Unknowns, widened
@@ -91,6 +92,7 @@ class Program:
         self._required: list[tuple[Affine, dict[str, Affine]]] = []
         self._objective: Affine | None = None
         self._squares: Affine | None = None
+        self._ratio: tuple[Affine, Affine, float] | None = None
         self._compiled: tuple[Any, Any, dict[str, Any]] | None = None
         self._conic: native.Conic | None = None
 
@@ -120,6 +122,51 @@ class Program:
             Of any shape.
         """
         self._objective, self._squares, self._compiled, self._conic = objective, squares, None, None
+        self._ratio = None
+
+    def maximise_ratio(self, numerator: Affine, denominator: Affine, limit: float = 1.0) -> None:
+        """Set the goal numerator/denominator, the second positive wherever the inequalities hold; to be maximised.
+
+        With τ = limit/denominator and y = τx every inequality F₀ + F₁x ⪰ 0 becomes F₀τ + F₁y ⪰ 0, and the ratio is
+        the linear numerator of (y, τ), to be maximised where the denominator is at most `limit`: one program (Charnes &
+        Cooper, Naval Research Logistics Quarterly 9 (1962) 181-186). Where no ratio above zero exists, there is no
+        answer.
+
+        Parameters
+        ----------
+        numerator, denominator : (1, 1) Affine
+        limit : float
+            About as large as the denominator, so that τ is near 1.
+
+        Examples
+        --------
+        >>> program = Program()
+        >>> t = program.unknowns.scalar()
+        >>> program.require(t - 1.0)
+        >>> program.maximise_ratio(t - 1.0, t * 1.0 + 0.0)         # the closer to 1, the larger t
+        >>> program.require(4.0 - t)
+        >>> round(float(next(program.solve())[t][0, 0]), 3)
+        4.0
+        """
+        self._ratio = numerator, denominator, float(limit)
+        self._objective = self._squares = None
+
+    def _homogeneous(self, numerator: Affine, denominator: Affine, limit: float) -> Program:
+        """The program in (y, τ)."""
+        size, found = self.unknowns.size, Program()
+        found.unknowns.matrix(1, size + 1)
+
+        def lifted(matrix: Affine) -> Affine:
+            column = sparse.csr_array(matrix.constant.reshape(-1, 1))
+            linear: Any = sparse.hstack([widened(matrix.linear, size), column])
+            return Affine(np.zeros(matrix.shape), linear.tocsr())
+
+        for matrix, scaled in self._required:
+            found.require(lifted(matrix), scaled={name: lifted(part) for name, part in scaled.items()})
+        found.require(lifted(Affine(np.ones((1, 1)), sparse.csr_array((1, size)))))
+        found.require(limit - lifted(denominator))
+        found.minimise(-lifted(numerator))
+        return found
 
     def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
               settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[SolverAnswer]:
@@ -138,6 +185,12 @@ class Program:
         SolverAnswer
             Of every solver that is installed and gives finite numbers; none where no solver does.
         """
+        if self._ratio is not None:
+            for found in self._homogeneous(*self._ratio).solve(values, solvers=solvers, settings=settings):
+                if found.objective < 0 < found.x[-1]:
+                    yield SolverAnswer(found.x[:-1] / found.x[-1], -found.objective / self._ratio[2], found.solver,
+                                       found.status)
+            return
         known = {name: float((values or {})[name]) for _, scaled in self._required for name in scaled}
         for solver in solvers:
             options = dict((settings or {}).get(solver, {}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -12,9 +12,11 @@ import numpy as np
 from lpvid import _checks
 from lpvid.codec import Coded
 from lpvid.errors import InputError
+from lpvid.model.designed import role_of
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.scheduling import Scheduling
 
 Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
 KEY = "hull"
@@ -25,6 +27,8 @@ EXACT_VARIABLES = 4
 """variables up to which the exact convex hull is sought."""
 CORNERS = 2000
 """vertices beyond which a hull cannot have few facets."""
+GRID = {1: 41, 2: 9}
+"""points per variable of the box around a hull, of which those inside are looked at; 4 for more variables"""
 CHUNK = 16_384
 """samples looked at together."""
 SLACK = 1e-9
@@ -200,6 +204,80 @@ class Hull(Coded):
             inside[part] = np.all(z[part] @ self.normals.T <= self.offsets + SLACK, axis=1)
         return inside
 
+    @property
+    def middle(self) -> np.ndarray:
+        """(n,) mean of the vertices, a point inside [units of the variables]; to ten digits of the widths."""
+        return self.centre + self.half_width * np.round((self.vertices() - self.centre) / self.half_width, 10).mean(
+            axis=0).round(10)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, n) the vertices and a grid inside, each once [units of the variables]."""
+        vertices, count = self.vertices(), GRID.get(len(self.names), 4)
+        axes = np.linspace(vertices.min(axis=0), vertices.max(axis=0), count).T
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(self.names))
+        return np.unique(np.vstack([vertices, grid[self.contains(grid)]]), axis=0)
+
+    @property
+    def text(self) -> str:
+        """The set in a few words."""
+        return f"a polytope of {len(self.vertices())} vertices over {', '.join(self.names)}"
+
+    def over(self, names: Sequence[str]) -> Hull:
+        """The same set over some of its variables, in another order.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Some of `names`, each once.
+
+        Returns
+        -------
+        Hull
+            Its projection, the hull of the projected vertices: every value that these variables take in the set.
+        """
+        if tuple(names) == self.names:
+            return self
+        columns = [self.names.index(_checks.known_name(n, self.names, "variable of the hull")) for n in names]
+        return Hull.of(tuple(names), self.vertices()[:, columns])
+
+    def span(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
+        """The part of the line origin + s·direction that lies inside.
+
+        Parameters
+        ----------
+        origin, direction : (n,) arrays
+            In the units of the variables.
+
+        Returns
+        -------
+        (low, high) of s, or None
+            None where the line misses the set.
+        """
+        slope = self.normals @ (np.asarray(direction) / self.half_width)
+        room = self.offsets - self.normals @ ((np.asarray(origin) - self.centre) / self.half_width)
+        level = np.finfo(float).eps * len(self.names) * np.linalg.norm(np.asarray(direction) / self.half_width)
+        down, up = slope < -level, slope > level
+        low = np.max(room[down] / slope[down], initial=-np.inf)
+        high = np.min(room[up] / slope[up], initial=np.inf)
+        return (float(low), float(high)) if low <= high and np.all(room[~(down | up)] >= -SLACK) else None
+
+    def enclosing(self, box: Scheduling) -> Scheduling:
+        """The least box around the set.
+
+        Parameters
+        ----------
+        box : Scheduling
+            Of the same variables in any order: gives names, units and rates.
+
+        Returns
+        -------
+        Scheduling
+            With the lowest and highest value of each variable in the set.
+        """
+        vertices = self.over(box.names).vertices()
+        return replace(box, lower=tuple(vertices.min(axis=0).tolist()), upper=tuple(vertices.max(axis=0).tolist()))
+
     @classmethod
     def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
         return {"normals": (-1, len(values["names"]))}
@@ -273,6 +351,28 @@ def hull_of(model: Model) -> Hull | None:
     """
     data = model.metadata.get(KEY)
     return Hull.from_dict(data) if isinstance(data, Mapping) else None
+
+
+def design_hull(model: Model) -> Hull | None:
+    """The hull that a controller or closed loop was designed for: analyses look at it in place of the box.
+
+    That of an identified model is the region of its training data, and no limit of where it is used.
+
+    Parameters
+    ----------
+    model : model
+        Any kind with metadata.
+
+    Returns
+    -------
+    Hull or None
+        Over the variables of the model's own box, in their order; None for a design over a box, for a model that was
+        not designed, and without scheduling.
+    """
+    hull, names = hull_of(model), model.box.names
+    if hull is None or not role_of(model) or not names or not set(names) <= set(hull.names):
+        return None
+    return hull.over(names)
 
 
 def corners_of(model: Model, most: int) -> np.ndarray:

@@ -16,6 +16,7 @@ from lpvid.analysis.pole_locus import PoleLocus, pole_locus
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import PoleBand, StabilityProbability, pole_band, stability_probability
 from lpvid.identification.layout import ParameterCloud
+from lpvid.model.hull import KEY, Hull, design_hull
 from lpvid.model.quasi import SelfScheduled
 from lpvid.report.formatting import number, percent
 from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
@@ -70,6 +71,16 @@ class StabilityStudy(Shown):
     caution: str = ""
 
     @property
+    def hull(self) -> Hull | None:
+        """The polytope examined, for which a controller or closed loop was designed; None for the box."""
+        return self.frozen.hull
+
+    @property
+    def span(self) -> str:
+        """The set examined: "range" or "hull of the design"."""
+        return "range" if self.hull is None else "hull of the design"
+
+    @property
     def certified(self) -> bool:
         """Frozen-stable, and proven for the moving scheduling variable in question.
 
@@ -98,9 +109,14 @@ class StabilityStudy(Shown):
             return f"Stable, and {self.certificate.verdict}: {self.certificate.claim}."
         if self.certificate.divergence is not None:
             return (f"Stable only while the scheduling is constant: the model {self.certificate.divergence} when it "
-                    "moves within the range.")
-        return ("Frozen-stable over the range, but not certified for a moving scheduling variable: no proof and no "
-                "counterexample was found.")
+                    f"moves within the {self.span}.")
+        return (f"Frozen-stable over the {self.span}, but not certified for a moving scheduling variable: no proof and "
+                "no counterexample was found.")
+
+    @property
+    def ends(self) -> dict[str, tuple[float, float]]:
+        """Between which values each variable moves along its line of critical values, in its unit."""
+        return {c.line.label: (c.line.low, c.line.high) for c in self.frozen.critical.lines}
 
     def to_dict(self) -> dict:
         """stability.json.
@@ -113,7 +129,7 @@ class StabilityStudy(Shown):
         box, critical = self.model.box, self.frozen.critical
         return {"schema": "lpvid/stability/1", "verdict": self.verdict, "certified": self.certified,
                 "range": {n: [low, high] for n, low, high in zip(box.names, box.lower, box.upper, strict=True)},
-                "units": dict(zip(box.names, box.units, strict=True)),
+                "units": dict(zip(box.names, box.units, strict=True)), "hull": _of_hull(self.hull),
                 "frozen": self.frozen.to_dict(), "critical": [v.to_dict() for v in critical.values],
                 "stable_intervals": critical.to_dict()["stable_intervals"], "critical_exact": critical.exact,
                 "probability": None if self.probability is None else self.probability.to_dict(),
@@ -123,15 +139,16 @@ class StabilityStudy(Shown):
 
     def __str__(self) -> str:
         lines = [f"Stability: {self.verdict}"]
+        if self.hull is not None:
+            lines.append(f"  examined: {self.hull.text}, for which this loop or controller was designed, not the box")
         if self.frozen.max_modulus is not None:
             at = ", ".join(f"{n} = {number(v)}" for n, v in self.frozen.at.items())
             size = _modulus(self.frozen.max_modulus)
             lines.append(f"  frozen: largest pole modulus {size}" + (f" at {at}" if at else ""))
-        box = dict(zip(self.model.box.names, zip(self.model.box.lower, self.model.box.upper, strict=True),
-                       strict=True))
+        box = self.ends
         for v in self.frozen.critical.values:
             low, high = box.get(v.variable, (-np.inf, np.inf))
-            lines.append(f"  {v}" + ("" if low <= v.value <= high else ", outside the range"))
+            lines.append(f"  {v}" + ("" if low <= v.value <= high else f", outside the {self.span}"))
         if self.model.box.names and not self.frozen.critical.values:
             lines.append("  no scheduling value on the whole real line changes the stability of the frozen model")
         if self.probability is not None:
@@ -157,7 +174,7 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     rate
         As for `certify_stability`.
     range : mapping of name to (low, high), optional
-        Range of each scheduling variable, instead of the model's box.
+        Range of each scheduling variable, instead of the model's box, or of the hull for which it was designed.
     seed : int
         Seed of the draws from the parameter covariance.
     questions : Questions, optional
@@ -170,7 +187,8 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     StabilityStudy
     """
     report_progress("looking for a certificate")
-    ranged = model if not range else model.replace(scheduling=narrowed(model.box, range))
+    ranged = model if not range else model.replace(
+        scheduling=narrowed(model.box, range), metadata={k: v for k, v in model.metadata.items() if k != KEY})
     certificate = certify_stability(ranged, rate=rate)
     report_progress("frozen poles and critical values")
     frozen = frozen_stability(ranged)
@@ -231,7 +249,7 @@ def locus_items(model: Model | SelfScheduled) -> list[Item]:
     if not model.box.names:
         return [PageFigure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
     drawn = _drawn(model, 0)
-    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, drawn)]
+    return [_locus_figure(found, band, model) for found, band in loci(model, drawn)]
 
 
 def stability_page(study: StabilityStudy, name: str) -> Page:
@@ -247,7 +265,7 @@ def stability_page(study: StabilityStudy, name: str) -> Page:
     -------
     Page
     """
-    figures: list[Item] = [_locus_figure(found, band, study, study.model.box) for found, band in study.loci]
+    figures: list[Item] = [_locus_figure(found, band, study) for found, band in study.loci]
     figures = figures or locus_items(study.model)
     notes = tuple(study.to_dict()["notes"])
     sections = [Section("Frozen poles", (*figures, *([Notes(notes)] if notes else []))),
@@ -317,11 +335,13 @@ def _modulus(value: float, digits: int = 6) -> str:
 
 
 def _facts(study: StabilityStudy) -> tuple[tuple[str, str], ...]:
-    box, rows = study.model.box, []
+    box, rows = study.model.box if study.hull is None else study.hull.enclosing(study.model.box), []
     if study.frozen.max_modulus is not None:
         rows.append(("largest frozen pole modulus", _modulus(study.frozen.max_modulus, 5)))
     for n, low, high, unit in zip(box.names, box.lower, box.upper, box.units, strict=True):
         rows.append((f"range of {n}", f"{number(low)} … {number(high)} {unit}".rstrip()))
+    if study.hull is not None:
+        rows.append(("examined, as designed for", study.hull.text))
     if study.probability is not None:
         rows.append(("probability of frozen stability", percent(study.probability.probability, 4)))
     if box.names:
@@ -333,14 +353,13 @@ def _critical(study: StabilityStudy) -> list[Item]:
     values = study.frozen.critical.values
     if not values:
         return [Paragraph("No scheduling value on the whole real line changes the stability of the frozen model.")]
-    box = study.model.box
-    inside = {n: (low, high) for n, low, high in zip(box.names, box.lower, box.upper, strict=True)}
+    inside = study.ends
     rows, marks = [], []
     for v in values:
         low, high = inside.get(v.variable, (-np.inf, np.inf))
         within = low <= v.value <= high
         rows.append((v.variable, number(v.value, 6, v.unit), BECOMES[v.direction], CROSSES.get(v.crossing, v.crossing),
-                     number(v.frequency_hz, 4, "Hz"), "inside the range" if within else "outside the range"))
+                     number(v.frequency_hz, 4, "Hz"), f"{'inside' if within else 'outside'} the {study.span}"))
         marks.append("bad" if within else "plain")
     exact = "from guardian maps, no grid" if study.frozen.critical.exact else "searched on a grid"
     heads = ("variable", "value", "for rising values", "pole crosses the limit at", "frequency", "where")
@@ -355,6 +374,8 @@ def _certificate(study: StabilityStudy) -> list[Item]:
                        for n, r, u in zip(c.box.names, c.box.rate, c.box.units, strict=True))
     rows = [("verdict", c.verdict), ("claim", c.claim), ("kind", c.kind), ("rate of change allowed", speeds or "–"),
             ("margin", number(c.margin)), ("proven between grid points", "yes" if c.between_grid else "no"),
+            *(() if study.hull is None else (("proven for", study.hull.text if c.vertices is not None else
+                                              "the box around the hull" if c.verified else "–"),)),
             ("guaranteed decay", "–" if not c.time_constant else f"exp(−t/{number(c.time_constant, 4, 's')})")]
     items: list[Item] = [PageTable((), tuple(rows), "Re-checked with numpy alone, whatever the solver's status.")]
     if c.divergence is not None:
@@ -362,14 +383,23 @@ def _certificate(study: StabilityStudy) -> list[Item]:
     return items
 
 
-def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None, box: Scheduling) -> PageFigure:
+def _of_hull(hull: Hull | None) -> dict | None:
+    """A hull by its vertices, for JSON."""
+    return None if hull is None else {"names": list(hull.names), "vertices": hull.vertices().tolist()}
+
+
+def _locus_figure(found: PoleLocus, band: PoleBand | None, subject: StabilityStudy | Model) -> PageFigure:
+    study = subject if isinstance(subject, StabilityStudy) else None
+    model = subject.model if isinstance(subject, StabilityStudy) else subject
+    box, hull = model.box, design_hull(model)
+    middle, span = (box.centre, "range") if hull is None else (hull.middle, "hull of the design")
     cloud = f"; grey, the poles of {band.draws} models drawn from the parameters' covariance" if band else ""
-    held = ", ".join(f"{n} = {number(v, 4, u)}" for n, v, u in zip(box.names, box.centre.tolist(), box.units,
+    held = ", ".join(f"{n} = {number(v, 4, u)}" for n, v, u in zip(box.names, middle.tolist(), box.units,
                                                                    strict=True) if n != found.variable)
-    others = f" Held meanwhile: {held}, the middle of the range." if held else ""
+    others = f" Held meanwhile: {held}, the middle of the {span}." if held else ""
     return PageFigure.of(plot.locus(found, band, None if study is None else study.frozen.critical),
                      f"Left: frozen poles over {found.variable}{cloud}. Right: the largest pole modulus over "
-                     f"the range, with the stability limit.{others}",
+                     f"the {span}, with the stability limit.{others}",
                      f"Pole locus over {found.variable}")
 
 

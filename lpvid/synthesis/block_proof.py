@@ -75,7 +75,8 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Loo
                   is_affine(loop.basis) or proven, own)
 
 
-def searched_figure(channel: str, loop: LPVStateSpace, promised: float, polytope: Polytope) -> Figure | None:
+def searched_figure(channel: str, loop: LPVStateSpace, promised: float, polytope: Polytope, *, moving: bool = False
+                    ) -> Figure | None:
     """The least gain that an analysis certifies on a polytope; None where it certifies none.
 
     Parameters
@@ -87,12 +88,14 @@ def searched_figure(channel: str, loop: LPVStateSpace, promised: float, polytope
     promised : float
         Bound that the design gave.
     polytope : Polytope
+    moving : bool
+        In discrete time: by a P that follows the scheduling.
 
     Returns
     -------
     Figure or None
     """
-    found = polytope.searched(loop)
+    found = polytope.searched(loop, moving)
     if found is None:
         return None
     held = frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete)

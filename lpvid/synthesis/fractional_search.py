@@ -23,8 +23,6 @@ APART = 4.0
 """How far the couplings [R, sI; sI, S] ⪰ 0 and [J, sI; sI, L] ⪰ 0 are pushed from their limit s = 1."""
 FACTORS = (1.1, 2.0, 10.0, 100.0, 1e4)
 """multiples of the least ρ of the closed form: more conditioning and a larger Ω with each."""
-ROOM = 10.0
-"""times that the matrices may grow for each unit of `APART`: at less the couplings end at their limit."""
 ROUNDS = 4
 """of coordinates; each halves the decades between the largest and the smallest unknown, or better."""
 SETTLED = 1e-3
@@ -33,7 +31,9 @@ SETTLED = 1e-3
 
 def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: float = 1.0
                   ) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
-    """Solve for R, S and the scalings J, L: the lowest γ, or at a given γ the matrices of least size.
+    """Solve for R, S and the scalings J, L: the lowest γ, or at a given γ the least t/(s − 1).
+
+    All four are below t, and their couplings at a distance s from the limit s = 1, where the recovery divides by zero.
 
     Parameters
     ----------
@@ -42,8 +42,7 @@ def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: flo
     gamma : float, optional
         Level to keep; left out, the lowest is looked for.
     scale : float
-        Norm of R, S, J and L that counts as much as one unit of distance of their couplings from the limit; without
-        meaning where no `gamma` is given.
+        About the norm of R, S, J and L; without meaning where no `gamma` is given.
 
     Yields
     ------
@@ -72,7 +71,7 @@ def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: flo
         for matrix in (r, s, j, l_):
             if matrix.shape[0]:
                 program.require(t.times(np.eye(matrix.shape[0])) - matrix)
-        program.minimise((1 / scale) * t - apart)
+        program.maximise_ratio(apart - 1.0, t, scale)
     for found in program.solve(solvers=INTERIOR_POINT):
         yield (float(found[level][0, 0]) if gamma is None else gamma,
                {"R": found[r], "S": found[s], "J": found[j], "L": found[l_]})
@@ -103,7 +102,7 @@ def settled_levels(plant: FractionalPlant, back_off: float
         if rough is None:
             break
         lowest, matrices = rough
-        scale = ROOM * max(float(np.abs(m).max(initial=1.0)) for m in matrices.values())
+        scale = max(float(np.abs(m).max(initial=1.0)) for m in matrices.values())
         found = next(scaled_levels(plant, lowest * back_off, scale), None)
         if found is None:
             break

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lpvid.errors import InputError
+from lpvid.model.hull import Hull
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import (
@@ -23,9 +25,10 @@ from lpvid.synthesis.design_grid import (
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_check import LoopStorage
-from lpvid.synthesis.polytope import Polytope
+from lpvid.synthesis.polytope import Polytope, affine_in, refuse_beside_hull
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed
+from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import Shaped, SignalCoordinates
 
 P = TypeVar("P", bound="GainProblem")
@@ -60,9 +63,33 @@ class GainProblem(ShapedProblem):
         """(N, n_scheduling) where the inequalities stand."""
         return tensor(self.axes) if self.polytope is None else self.polytope.vertices
 
+    @property
+    def slack(self) -> Basis:
+        """Functions of the slack matrix in discrete time: those of P, but constant on a polytope, where they keep the
+        gain affine."""
+        return self.lyapunov if self.polytope is None else Polynomial((), 0)
+
+    def steps(self, point: np.ndarray, psi: np.ndarray) -> list[np.ndarray]:
+        """What P must be compared with, away from a point: as `moves`; on a polytope, in discrete time, all vertices.
+
+        Parameters
+        ----------
+        point : (n_scheduling,) array
+        psi : (N, M) array
+            Functions of P at `points`.
+
+        Returns
+        -------
+        list of (M,) arrays
+            Empty for a constant P.
+        """
+        if self.polytope is not None and self.lyapunov.names:
+            return list(psi)
+        return moves(self.plant.box, self.lyapunov, point, self.plant.sample_time)
+
     def blocks_of(self, shaped: Shaped) -> LoopStorage | None:
         """On a polytope the constant storage function of `storage_of` as one block; None elsewhere."""
-        values = None if self.polytope is None else self.storage_of(shaped)
+        values = None if self.polytope is None or self.lyapunov.names else self.storage_of(shaped)
         if values is None:
             return None
         first = values(self.points[:1])
@@ -106,6 +133,11 @@ class GainDesign(ABC):
         Grid points per scheduling variable, where corners are not enough.
     back_off : float
         Factor above the lowest level.
+    hull : Hull, optional
+        A polytope in which the scheduling stays, in place of its box, as for `OutputFeedback`; the gain is affine. In
+        discrete time the Lyapunov matrix may be affine too (``lyapunov=Polynomial(names, 1)``): with a slack matrix
+        that is constant the inequalities of all steps between vertices cover every step inside (Daafouz & Bernussou
+        2001), and the gain stays affine.
     """
 
     criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
@@ -114,12 +146,25 @@ class GainDesign(ABC):
     gain: Basis | None = None
     points: int = 7
     back_off: float = 1.02
+    hull: Hull | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
         moving_basis(self.lyapunov)
         check_back_off(self.back_off)
+        if self.hull is None or self.lyapunov is None:
+            refuse_beside_hull(self.hull, None)
+        else:
+            refuse_beside_hull(self.hull, None if affine_in(self.lyapunov) else self.lyapunov)
+            criteria = tuple(self.criteria)  # type: ignore[arg-type]
+            if self.regions or not criteria or not all(isinstance(c, HInfinity) for c in criteria):
+                raise InputError("a Lyapunov matrix that moves on a hull bounds gains only",
+                                 got="regions" if self.regions else "other criteria, or none",
+                                 mend="leave lyapunov out, or give HInfinity criteria alone")
+        if self.hull is not None and self.gain is not None and not affine_in(self.gain):
+            raise InputError("a hull needs a gain of degree one", got=", ".join(self.gain.labels),
+                             mend="leave the gain out")
 
     @abstractmethod
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
@@ -166,6 +211,8 @@ class GainDesign(ABC):
         box = plant.box
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
         lyapunov = (self.lyapunov or Polynomial((), 0)).bound(box)
+        if polytope is not None and plant.sample_time is None:
+            refuse_beside_hull(self.hull, self.lyapunov)
         check_rates(lyapunov, box, plant.sample_time)
         gain = None if self.gain is None else self.gain.bound(box)
         corners = plant.at(box.grid(2))
@@ -173,7 +220,7 @@ class GainDesign(ABC):
         plain = steady and not lyapunov.names and gain is None and is_affine(plant.system.basis)
         axes = design_axes(box, self.points, plain)
         if gain is None:
-            gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
+            gain = richer(plant, lyapunov, axes) if lyapunov.names and polytope is None else plant.system.basis
         points = tensor(axes) if polytope is None else polytope.vertices
         check_criteria(plant, criteria, regions, points)
         raw = plant.at(points)

@@ -156,8 +156,8 @@ class _MovingObjectives(ShapedProblem):
             for matrix in here.values():
                 rows, width = matrix.shape
                 program.require(block([[t.times(np.eye(rows)), matrix], [matrix.T, t.times(np.eye(width))]]))
-        return Shaping(tuple(loops), (1.0 / scale) * t - apart,
-                       {"X": tuple(x), "Y": tuple(y), **{k: tuple(h) for k, h in hats.items()}})
+        return Shaping(tuple(loops), t, {"X": tuple(x), "Y": tuple(y), **{k: tuple(h) for k, h in hats.items()}},
+                       apart - 1.0)
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:
         plant, order, moving = self.plant, self.plant.order, self.moving

@@ -39,10 +39,6 @@ from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 VARYING = ("both", "controls", "measurements")
-WORTH = 10.0
-"""Times the size that unknowns have at the least level which they may grow by for each unit of distance of the coupling
-from its limit. At 1 the coupling of a plant with moving B1 and C1 stays at the limit, where the controller has a pole
-at 2e8 Hz; at 10, 100 and 1e4 it leaves it, and that pole is at 163, 40 and 43 Hz with the same gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +95,7 @@ class MultiObjective:
         if self.regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")
-        refuse_beside_hull(self.hull, self.lyapunov, self.regions)  # type: ignore[arg-type]
+        refuse_beside_hull(self.hull, self.lyapunov)
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
                              mend="1.02 stops 2 % above it")
@@ -263,9 +259,9 @@ class _MultiobjectiveProblem(ShapedProblem):
                                     m.D11 + m.D12 @ dh @ m.D21, self.plant.sample_time is not None,
                                     self.coordinates.pace))
             below += [ah, bh, ch, dh] if self.direct else [ah, bh, ch]
-        size = _apart(program, x, y, coupling, below, scale)
+        size, room = _apart(program, x, y, coupling, below)
         return Shaping(tuple(loops), size, {"X": (x,), "Y": (y,), "A": tuple(hats[0]), "B": tuple(hats[1]),
-                                            "C": tuple(hats[2]), "D": tuple(through)})
+                                            "C": tuple(hats[2]), "D": tuple(through)}, room)
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:
         turn, sizes = self._balanced(shaped)
@@ -343,9 +339,13 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
     return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
 
 
-def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float
-           ) -> Affine:
-    """(1, 1) t/(WORTH·scale) − s: small matrices (norms below t), a coupling [X, sI; sI, Y] ⪰ 0 far from its limit."""
+def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine]
+           ) -> tuple[Affine, Affine]:
+    """(1, 1) t, which bounds the norms of the matrices, and s − 1 of the coupling [X, sI; sI, Y] ⪰ 0.
+
+    Where X = Y = diag(σ), A_K = (Σ² − I)^-½ E (Σ² − I)^-½ with E made of these matrices, and σ ≥ s: its size, the speed
+    of the controller, is at most ‖E‖/(s² − 1). So the least t/(s − 1) is looked for, which no unit or weight enters.
+    """
     n, t, s = x.shape[0], program.unknowns.scalar(), program.unknowns.scalar()
     program.require(block([[x, s.times(coupling)], [s.times(coupling), y]]))
     program.require(APART - s)
@@ -354,7 +354,7 @@ def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: 
     for matrix in below:
         rows, width = matrix.shape
         program.require(block([[t.times(np.eye(rows)), matrix], [matrix.T, t.times(np.eye(width))]]))
-    return (1.0 / (WORTH * scale)) * t - s
+    return t, s - 1.0
 
 
 def _zero(rows: int, width: int) -> Affine:

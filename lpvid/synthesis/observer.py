@@ -7,26 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.lmi.affine import combined
 from lpvid.lmi.program import Program
+from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
-from lpvid.synthesis.design_grid import (
-    columns,
-    fitted,
-    tensor,
-)
+from lpvid.synthesis.design_grid import columns, fitted
 from lpvid.synthesis.gain_design import GainDesign, GainProblem
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import listed, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, moves
+from lpvid.synthesis.shaped_design import Values, listed, settle
+from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
 
@@ -53,6 +52,9 @@ class Observer(GainDesign):
         Grid points per scheduling variable, where corners are not enough.
     back_off : float
         Factor above the lowest level at which the gain is then made small.
+    hull : Hull, optional
+        As in `GainDesign`. The inequalities are affine in a plant that is, and stand at the vertices. The gain is
+        affine beside steady measurements, or constant (``gain=Polynomial((), 0)``).
 
     Examples
     --------
@@ -75,11 +77,23 @@ class Observer(GainDesign):
         Synthesis
             "undetectable" where measurements do not show a mode that does not decay.
         """
-        problem = self.problem(_ObserverProblem, plant, ("C2", "D21"))
-        points = tensor(problem.axes)
+        problem = self.problem(_ObserverProblem, plant, ("C2", "D21"), self._polytope(plant))
+        points = problem.points
         at = plant.at(points)
         reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
         return settle(problem, fault_of(plant, reached, points))
+
+    def _polytope(self, plant: GeneralizedPlant) -> Polytope | None:
+        """The hull for a plant in which the error of the observer is affine."""
+        if self.hull is None:
+            return None
+        found = Polytope.affine(self.hull, plant)
+        moving = found.moving_measurements(plant)
+        if moving and (self.gain is None or self.gain.names):
+            raise InputError("a hull needs steady gains of measurements, or a constant gain of the observer",
+                             got=", ".join(moving), mend="gain=lpv.Polynomial((), 0), or a fast constant filter behind "
+                             "them (lpv.add_actuator_filters)")
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +111,8 @@ class Filter:
         Allow D_F.
     points : int
     back_off : float
+    hull : Hull, optional
+        A polytope in which the scheduling stays, in place of its box, as for `MultiObjective`.
     """
 
     criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
@@ -104,6 +120,7 @@ class Filter:
     feedthrough: bool = True
     points: int = 7
     back_off: float = 1.02
+    hull: Hull | None = None
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The filter as `controller`, from measurements (and known controls) to ``…_estimate``.
@@ -121,7 +138,8 @@ class Filter:
         criteria = [replace(c, performance=tuple(f"{n}_error" for n in c.performance),
                             disturbances=(*c.disturbances, *plant.controls) if c.disturbances else ())
                     for c in listed(self.criteria, Criterion, "the criteria")]
-        design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off)
+        design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off,
+                                hull=self.hull)
         found = design.solve(estimation_plant(plant))
         if found.verdict != "unstabilisable":
             return found
@@ -177,33 +195,36 @@ class _ObserverProblem(GainProblem):
     def storage(self) -> Basis | None:
         return self.lyapunov
 
-    def storage_of(self, shaped: Shaped) -> None:
-        return None
+    def storage_of(self, shaped: Shaped) -> Values | None:
+        if self.polytope is None or self.lyapunov.names:
+            return None
+        p, scale = shaped.values("lyapunov")[0], np.outer(self.coordinates.states, self.coordinates.states)
+        return lambda points: np.broadcast_to(p / scale, (len(points), *p.shape))
 
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
-        h = [program.unknowns.matrix(n, n) for _ in p] if discrete else p
+        h = [program.unknowns.matrix(n, n) for _ in range(self.slack.size)] if discrete else p
         y = [program.unknowns.matrix(n, len(plant.measurements)) for _ in range(self.gain.size)]
-        points = tensor(self.axes)
-        psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
+        points = self.points
+        psi, phi, chi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain, self.slack))
         loops: list[ShapedLoop] = []
         for k, point in enumerate(points):
             m = self.matrices.point(k)
-            pk, hk, yk = combined(p, psi[k]), combined(h, psi[k]), combined(y, phi[k])
-            steps = moves(plant.box, self.lyapunov, point, plant.sample_time)
+            pk, hk, yk = combined(p, psi[k]), combined(h, chi[k] if discrete else psi[k]), combined(y, phi[k])
+            steps = self.steps(point, psi)
             away = [hk + hk.T - combined(p, step) for step in steps or [psi[k]]] if discrete else [
                 combined(p, step) for step in steps] or [None]
             front = hk.T if discrete else pk
             loops += [ShapedLoop(pk, move, front @ m.A - yk @ m.C2, front @ m.B1 - yk @ m.D21, m.C1, m.D11, discrete,
                                  self.coordinates.pace) for move in away]
         size = size_and_condition(program, above=[combined(p, w) for w in psi], below=[combined(y, w) for w in phi])
-        return Shaping(tuple(loops), size, {"front": tuple(h), "gain": tuple(y)})
+        return Shaping(tuple(loops), size, {"front": tuple(h), "gain": tuple(y), "lyapunov": tuple(p)})
 
     def observer_gain(self, shaped: Shaped) -> MatrixFunction:
         """L(p)."""
         front, y, c = shaped.values("front"), shaped.values("gain"), self.coordinates
-        if not self.lyapunov.names:
+        if len(front) == 1:
             solved = np.linalg.solve(np.broadcast_to(front[0].T, (len(y), *front[0].shape)), y)
             return MatrixFunction(self.gain, c.states[:, None] * solved / c.measurements)
         box = self.plant.box

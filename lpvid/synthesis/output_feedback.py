@@ -100,7 +100,7 @@ class OutputFeedback:
         if regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")
-        refuse_beside_hull(self.hull, self.lyapunov, regions)
+        refuse_beside_hull(self.hull, self.lyapunov)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with what its closed loop was shown to do.

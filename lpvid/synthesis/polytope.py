@@ -15,22 +15,26 @@ from scipy.optimize import linprog
 
 from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.hull_certificate import hull_gain
+from lpvid.analysis.hull_stability import region_on
 from lpvid.errors import InputError
+from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at
-from lpvid.model.hull import KEY, Hull
+from lpvid.model.hull import GRID, KEY, Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.controller_formula import FeedbackLaw
+from lpvid.synthesis.criteria import Region
 from lpvid.synthesis.design_grid import columns, is_affine, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.scaling import Matrices
 
+ROUNDING = 1e-12
+"""of the largest entries, for the eigenvalues of a loop over states of condition up to 1e3"""
 SHARES = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3)
 """by which the certified bound may lie above the one that the storage function keeps in two blocks: rounding of one
 matrix of both"""
-GRID = {1: 41, 2: 9}
-"""Points per variable of the box, of which those inside are looked at; 4 for more variables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +105,54 @@ class Polytope:
         InputError
             A plant that is not affine, gains of controls or measurements that vary, and as `of`.
         """
-        found = cls.of(hull, plant.box)
-        if not is_affine(plant.system.basis) or plant.system.basis.size > 1 + len(plant.box.names):
-            raise InputError("a hull needs a plant that is affine in its scheduling variables",
-                             got=", ".join(plant.system.basis.labels),
-                             mend="take its functions for variables (lpv.lift), or design for the box")
+        found = cls.affine(hull, plant)
         at = plant.at(found.vertices)
         moving = [n for j, n in enumerate(plant.controls) if varies(at.B2[:, :, j]) or varies(at.D12[:, :, j])]
-        moving += [n for j, n in enumerate(plant.measurements) if varies(at.C2[:, j]) or varies(at.D21[:, j])]
+        moving += found.moving_measurements(plant)
         if moving or at.D22.any():
             raise InputError("a hull needs steady gains of controls and measurements, and no direct path between them",
                              got=", ".join(moving) or f"{', '.join(plant.controls)} in {', '.join(plant.measurements)}",
                              mend="put a fast constant filter in front of them (lpv.add_actuator_filters)")
         return found
+
+    @classmethod
+    def affine(cls, hull: Hull, plant: GeneralizedPlant) -> Polytope:
+        """A hull for a plant that is affine in its scheduling.
+
+        Parameters
+        ----------
+        hull : Hull
+        plant : GeneralizedPlant
+
+        Returns
+        -------
+        Polytope
+
+        Raises
+        ------
+        InputError
+            Another plant, and as `of`.
+        """
+        found = cls.of(hull, plant.box)
+        if not is_affine(plant.system.basis) or plant.system.basis.size > 1 + len(plant.box.names):
+            raise InputError("a hull needs a plant that is affine in its scheduling variables",
+                             got=", ".join(plant.system.basis.labels),
+                             mend="take its functions for variables (lpv.lift), or design for the box")
+        return found
+
+    def moving_measurements(self, plant: GeneralizedPlant) -> list[str]:
+        """Measurements whose gains from states or disturbances vary over the polytope.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+
+        Returns
+        -------
+        list of str
+        """
+        at = plant.at(self.vertices)
+        return [n for j, n in enumerate(plant.measurements) if varies(at.C2[:, j]) or varies(at.D21[:, j])]
 
     @property
     def text(self) -> str:
@@ -167,6 +206,36 @@ class Polytope:
         """
         return not loop.order or bool(pole_margins(self.over(loop, self.looked)[0], loop.is_discrete).max() < 0)
 
+    def holds(self, region: Region, loop: LPVStateSpace, storage: LoopStorage) -> str:
+        """Where the poles of a loop of held scheduling lie in a region: "whole", "points", or "" where one is outside.
+
+        −(L ⊗ P + M ⊗ PA + Mᵀ ⊗ AᵀP) ≻ 0 is affine in A: with one P, at the vertices, it holds on the polytope (Chilali
+        & Gahinet 1996, theorem 2.2). P of the design is tried in its two blocks, then one that an analysis finds.
+
+        Parameters
+        ----------
+        region : Region
+        loop : LPVStateSpace
+            Affine in the scheduling.
+        storage : LoopStorage
+            One constant storage function of the design, (1, …) blocks.
+
+        Returns
+        -------
+        str
+        """
+        poles = np.linalg.eigvals(self.over(loop, self.looked)[0]).ravel()
+        if float(region.distance(poles).max(initial=-1.0)) >= 0:
+            return ""
+        fixed, varying = region.matrices()
+        into = storage.mix @ diagonal(*(np.linalg.inv(np.linalg.cholesky(p[0]).T)
+                                        for p in (storage.first, storage.second)))
+        a = np.linalg.inv(into) @ self.over(loop, self.vertices)[0] @ into  # over states in which P is the identity
+        rows = [np.kron(fixed, np.eye(loop.order)) + np.kron(varying, m) + np.kron(varying.T, m.T) for m in a]
+        worst, size = max(float(np.linalg.eigvalsh(r)[-1]) for r in rows), max(float(np.linalg.norm(r)) for r in rows)
+        proven = worst < -ROUNDING * size or region_on(loop, self.hull, region.matrices()) is not None
+        return "whole" if proven else "points"
+
     def marked(self, system: LPVStateSpace) -> LPVStateSpace:
         """A controller or loop whose metadata name the set for which it was designed.
 
@@ -211,18 +280,20 @@ class Polytope:
                                        subject.inputs, subject.outputs, found.margin)
         return None
 
-    def searched(self, loop: LPVStateSpace) -> HullCertificate | None:
+    def searched(self, loop: LPVStateSpace, moving: bool = False) -> HullCertificate | None:
         """The certificate of the least gain that an analysis finds for a loop; None for none.
 
         Parameters
         ----------
         loop : LPVStateSpace
+        moving : bool
+            In discrete time: by a P that follows the scheduling.
 
         Returns
         -------
         HullCertificate or None
         """
-        found = hull_gain(loop, self.hull).certificate if affine_in(loop.basis) else None
+        found = hull_gain(loop, self.hull, moving=moving).certificate if affine_in(loop.basis) else None
         return found if isinstance(found, HullCertificate) else None
 
 
@@ -235,14 +306,17 @@ def _meets(vertices: np.ndarray, box: Scheduling) -> bool:
     return found.status != 2  # infeasible
 
 
-def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Sequence = ()) -> None:
-    """Refuse what is no hull, and one together with a Lyapunov matrix that moves, or with pole regions.
+def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None) -> None:
+    """Refuse what is no hull, and one together with a Lyapunov matrix that moves.
+
+    With P(p) affine the inequality He(PA) + Ṗ is of degree two in p, and the gain F(p)X(p)⁻¹ (or that of the change of
+    variables) is a ratio: neither it nor the loop is decided by vertices. State feedbacks and observers in discrete
+    time have a constant slack matrix in its place (`GainDesign`).
 
     Parameters
     ----------
     hull : Hull or None
     lyapunov : Basis or None
-    regions : sequence of Region
 
     Raises
     ------
@@ -254,11 +328,12 @@ def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, regions: Seque
     if not isinstance(hull, Hull):
         raise InputError("`hull` is a set of scheduling values", got=type(hull).__name__,
                          mend="lpv.Hull.of(names, samples), or lpv.Hull.disc(names) for cos and sin of an angle")
-    if lyapunov is not None or regions:
-        raise InputError("a hull needs constant Lyapunov matrices and no pole regions",
-                         got="hull and " + ("lyapunov" if lyapunov is not None else "regions"),
+    if lyapunov is not None:
+        raise InputError("a hull needs constant Lyapunov matrices", got="hull and lyapunov",
+                         why="with one that moves the inequality is of higher degree in the scheduling, which vertices "
+                             "do not decide",
                          mend="leave one of the two out; an angle whose rate is bounded has a Fourier basis over its "
-                              "box")
+                              "box, and in discrete time StateFeedback and Observer take Polynomial(names, 1)")
 
 
 def affine_in(basis: Basis) -> bool:

@@ -321,9 +321,19 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
 def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
                  loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
     """A synthesis for a scheduling set that is no box: figures by the design's own storage function at its vertices."""
+    if not affine_in(loop.basis) or not polytope.stable(loop):
+        return None
+    if problem.storage is not None and problem.storage.names:
+        return _by_steps(problem, polytope, shaped, controller, loop, back_off, started, most)
     blocks = problem.blocks_of(shaped)
-    if blocks is None or not affine_in(loop.basis) or not polytope.stable(loop):
+    if blocks is None:
         return None  # one without a storage function of its own has no designs on polytopes
+    inside = [polytope.holds(region, loop, blocks) for region in problem.regions]
+    if not all(inside):
+        return None
+    notes = tuple(f"frozen poles lie in {region!r} " + ("in the whole polytope" if where == "whole" else
+                  f"at {len(polytope.looked)} points, not proven between them")
+                  for region, where in zip(problem.regions, inside, strict=True))
     figures = []
     for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
         part = channel(loop, *criterion.indices(problem.plant))
@@ -338,7 +348,20 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
             else figures[bounded])
     if gain is None:
         return None
-    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, ()), back_off,
+    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (figures, gain, notes),
+                   back_off, started, most)
+
+
+def _by_steps(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
+              loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
+    """A synthesis in discrete time whose Lyapunov matrix follows the scheduling: gains by steps between vertices."""
+    figures = [searched_figure(c.description(problem.plant), channel(loop, *c.indices(problem.plant)), promised,
+                               polytope, moving=True)
+               for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
+    found = [f for f in figures if f is not None]
+    if len(found) < len(figures):
+        return None
+    return _stated(problem, shaped, polytope.marked(controller), polytope.marked(loop), (found, found[0], ()), back_off,
                    started, most)
 
 

@@ -34,11 +34,14 @@ class Shaping:
         (1, 1), minimised once the levels are fixed.
     unknowns : mapping of name to matrices
         What the controller is recovered from.
+    room : Affine, optional
+        (1, 1) distance of a coupling from its limit; room/size is then maximised in place of the size alone.
     """
 
     loops: tuple[ShapedLoop, ...]
     size: Affine
     unknowns: Mapping[str, tuple[Affine, ...]]
+    room: Affine | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +161,10 @@ class ShapedProgram:
                 goal = criterion.weight * level if goal is None else goal + criterion.weight * level
         for region in self.regions:
             region.require(program, shaping.loops)
-        program.minimise(shaping.size if goal is None else goal)
+        if goal is None and shaping.room is not None:
+            program.maximise_ratio(shaping.room, shaping.size, scale)
+        else:
+            program.minimise(shaping.size if goal is None else goal)
         return program, shaping, levels
 
 

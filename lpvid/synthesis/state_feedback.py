@@ -9,7 +9,6 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, combined
 from lpvid.lmi.program import Program
-from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import fault_of
@@ -23,10 +22,10 @@ from lpvid.synthesis.gain_design import GainDesign, GainProblem
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import written
-from lpvid.synthesis.polytope import Polytope, affine_in, refuse_beside_hull
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Values, settle
-from lpvid.synthesis.shaped_loop import ShapedLoop, moves
+from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
 
@@ -55,7 +54,7 @@ class StateFeedback(GainDesign):
     back_off : float
         Factor above the lowest level at which the gain is then made small and well conditioned.
     hull : Hull, optional
-        A polytope in which the scheduling stays, in place of its box, as for `OutputFeedback`; the gain is affine.
+        As in `GainDesign`: a polytope in which the scheduling stays, in place of its box.
 
     Raises
     ------
@@ -74,15 +73,6 @@ class StateFeedback(GainDesign):
     >>> result.solved, result.gamma_verified < 1.5
     (True, True)
     """
-
-    hull: Hull | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        refuse_beside_hull(self.hull, self.lyapunov, self.regions)  # type: ignore[arg-type]
-        if self.hull is not None and self.gain is not None and not affine_in(self.gain):
-            raise InputError("a hull needs a gain of degree one", got=", ".join(self.gain.labels),
-                             mend="leave the gain out")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gain for a plant, with the figures of its closed loop.
@@ -164,17 +154,17 @@ class _StateFeedbackProblem(GainProblem):
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         x = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
-        g = [program.unknowns.matrix(n, n) for _ in x] if discrete else x
+        g = [program.unknowns.matrix(n, n) for _ in range(self.slack.size)] if discrete else x
         f = [program.unknowns.matrix(len(plant.controls), n) for _ in range(self.gain.size)]
         points = self.points
-        psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
+        psi, phi, chi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain, self.slack))
         loops: list[ShapedLoop] = []
         for k, point in enumerate(points):
             m = self.matrices.point(k)
-            xk, gk, fk = combined(x, psi[k]), combined(g, psi[k]), combined(f, phi[k])
+            xk, gk, fk = combined(x, psi[k]), combined(g, chi[k] if discrete else psi[k]), combined(f, phi[k])
             tail = gk + gk.T - xk if discrete else xk
             away: list[Affine | None] = [combined(x, step if discrete else -step)
-                                         for step in moves(plant.box, self.lyapunov, point, plant.sample_time)]
+                                         for step in self.steps(point, psi)]
             loops += [ShapedLoop(tail, move, m.A @ gk + m.B2 @ fk, m.B1, m.C1 @ gk + m.D12 @ fk, m.D11, discrete,
                                  self.coordinates.pace) for move in away or [xk if discrete else None]]
         size = size_and_condition(program, above=[combined(x, w) for w in psi], below=[combined(f, w) for w in phi])
@@ -187,7 +177,7 @@ class _StateFeedbackProblem(GainProblem):
         inner, gain = shaped.values("inner"), shaped.values("gain")
         plant, c, box = self.plant, self.coordinates, self.plant.box
         back = self.reading / c.states[:, None]
-        if self.lyapunov.names:
+        if len(inner) > 1:
             def law(points: np.ndarray) -> np.ndarray:
                 here = np.tensordot(columns(box, self.lyapunov, points), inner, axes=1)
                 force = np.tensordot(columns(box, self.gain, points), gain, axes=1)

@@ -89,8 +89,8 @@ def test_gain_table_for_a_hull():
 def test_bad_input_in_one_line():
     with pytest.raises(lpv.InputError, match="affine in its scheduling"):
         quadratic = lpv.Polynomial(("p", "q"), 2)
-        zero = np.zeros((quadratic.size, 1, 1))
-        lpv.hull_gain(lpv.LPVStateSpace(zero, zero, zero, zero, quadratic, None), lpv.Hull.of(("p", "q"), TRIANGLE))
+        zero, curved = np.zeros((quadratic.size, 1, 1)), np.ones((quadratic.size, 1, 1))
+        lpv.hull_gain(lpv.LPVStateSpace(curved, zero, zero, zero, quadratic, None), lpv.Hull.of(("p", "q"), TRIANGLE))
     with pytest.raises(lpv.InputError, match="lacks a scheduling variable"):
         lpv.hull_gain(model(), lpv.Hull.of(("p", "r"), TRIANGLE))
     with pytest.raises(lpv.InputError, match="no inside"):

@@ -260,6 +260,17 @@ def test_a_hull_from_a_file_is_what_the_certificate_states(tmp_path):
     same = lpv.synthesize(plant, lpv.OutputFeedback(hull=lpv.Hull.disc(("c", "s"), sides=8)))
     assert data["infimum"] == pytest.approx(same.infimum, rel=1e-3)
     assert run("verify", out / "certificate.json", out / "closed_loop.json").exit_code == 0
+    again = tmp_path / "stability"
+    examined = run("stability", out / "closed_loop.json", "--gain", "--out", again)
+    assert examined.exit_code == 0 and "polytope of 8 vertices" in examined.output, examined.output
+    stability = json.loads((again / "stability.json").read_text())
+    np.testing.assert_allclose(np.sort(stability["hull"]["vertices"], axis=0), np.sort(octagon, axis=0), atol=1e-9)
+    assert stability["l2_gain"]["upper"] == pytest.approx(data["gamma_verified"], rel=0.03)
+    assert stability["l2_gain"]["lower"] <= data["gamma_verified"]
+    assert run("verify", again / "certificate.json", out / "closed_loop.json").exit_code == 0
+    assert "hull of the design" in (again / "report.html").read_text()
+    boxed = run("stability", out / "closed_loop.json", "--range", "c=-1:1", "--range", "s=-1:1", "--out", again)
+    assert "polytope" not in boxed.output and json.loads((again / "stability.json").read_text())["hull"] is None
 
 
 @pytest.mark.parametrize(("rows", "line"), [("[[0.0], [1.0]]", "the plant has c, s"), ("3", "the plant has c, s"),
@@ -272,3 +283,20 @@ def test_a_hull_that_is_none_ends_with_two(tmp_path, rows, line):
     out = tmp_path / "out"
     found = run("synthesize", written(tmp_path, TURNING + HINF + f"hull = {rows}\n"), "--out", out)
     assert found.exit_code == 2 and line in found.output and not out.exists(), found.output
+
+
+@pytest.mark.parametrize("design", ["observer", "filter", "multi-objective"])
+def test_a_hull_with_a_pole_region_from_a_file(tmp_path, design):
+    """Poles of the loop at mixtures of the vertices; the plant is stable inside the hull for the filter."""
+    text = (TURNING + f'[design]\ndesign = "{design}"\nhull = [[-0.2, -0.2], [0.2, -0.2], [-0.2, 0.2]]\n'
+            '[[design.criteria]]\nkind = "h-infinity"\n[[design.regions]]\nkind = "half-plane"\ndecay = 0.05\n')
+    out = tmp_path / "out"
+    found = run("synthesize", written(tmp_path, text), "--out", out)
+    assert found.exit_code == 0, found.output
+    data = json.loads((out / "synthesis.json").read_text())
+    assert any("HalfPlane(decay=0.05) in the whole polytope" in note for note in data["notes"])
+    loop = lpv.load(out / "closed_loop.json")
+    weights = np.random.default_rng(1).dirichlet(np.ones(3), 50)
+    for p in weights @ np.array([[-0.2, -0.2], [0.2, -0.2], [-0.2, 0.2]]):
+        assert np.linalg.eigvals(loop.frozen(p)[0]).real.max() < -0.05
+    assert run("verify", out / "certificate.json", out / "closed_loop.json").exit_code == 0

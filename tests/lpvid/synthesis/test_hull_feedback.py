@@ -225,14 +225,16 @@ def test_lifted_angle_without_rate_bound_is_infeasible():
 def test_bad_input_in_one_line():
     with pytest.raises(lpv.InputError, match="names other variables than the plant: got c, q; the plant has c, s"):
         lpv.synthesize(turning(), lpv.OutputFeedback(hull=lpv.Hull.disc(("c", "q"))))
-    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.FixedStructure, lpv.StateFeedback):
+    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.FixedStructure, lpv.StateFeedback, lpv.Observer,
+                   lambda hull: lpv.Filter(hull=hull).solve(turning())):
         with pytest.raises(lpv.InputError, match=r"got str.*lpv\.Hull\.of"):
             design(hull="disc")
-    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.StateFeedback):
-        with pytest.raises(lpv.InputError, match="constant Lyapunov matrices and no pole regions"):
-            design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
-        with pytest.raises(lpv.InputError, match="constant Lyapunov matrices and no pole regions"):
-            design(hull=DISC, regions=lpv.HalfPlane(0.1))
+    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.StateFeedback, lpv.Observer):
+        with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*degree in the scheduling"):
+            design(hull=DISC, lyapunov=lpv.Polynomial("c", 2))
+        if design in (lpv.OutputFeedback, lpv.MultiObjective):
+            with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*StateFeedback and Observer"):
+                design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
     with pytest.raises(lpv.InputError, match="a gain of degree one"):
         lpv.StateFeedback(hull=DISC, gain=lpv.Polynomial(NAMES, 2))
     bent = wu(None)
