@@ -102,7 +102,7 @@ def lines(model: Model, variable: str | Sequence[str] | None = None,
     at : mapping or (n_scheduling,) sequence, optional
         A point of every line, in the variables' units.
     direction : mapping or (n_scheduling,) sequence, optional
-        In the variables' units; what a mapping leaves out stands still.
+        In the variables' units; what a mapping leaves out is constant.
 
     Returns
     -------

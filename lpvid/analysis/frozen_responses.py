@@ -1,4 +1,4 @@
-"""Frozen responses over time: what a unit step in one input does while the scheduling stands still."""
+"""Frozen responses over time: what a unit step in one input does while the scheduling is constant."""
 
 from __future__ import annotations
 

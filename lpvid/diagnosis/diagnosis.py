@@ -72,8 +72,9 @@ class Cause:
     parameters : tuple of Estimated
     p_value : float
         Of the largest screening statistic, by flipping blocks.
-    delta_bic : float
-        BIC with it less BIC without it, the others in place; negative is evidence for it.
+    delta_bic : float or None
+        BIC with it less BIC without it, the others in place; negative is evidence for it. None where no evidence is
+        defined without it, as with a strength at its bound.
     share_alone, share_given_others : float
         Share of the baseline's excess squared error that it removes by itself; and in addition to the other causes.
     held_out_gain : float
@@ -96,7 +97,7 @@ class Cause:
     description: str
     parameters: tuple[Estimated, ...]
     p_value: float
-    delta_bic: float
+    delta_bic: float | None
     share_alone: float
     share_given_others: float
     held_out_gain: float

@@ -148,7 +148,7 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
             why = f"{missing} was not measured" if missing else "no LPV structure represents it"
             left.append(f"{effect.name}: {why}")
         elif change.schedule_filter is not None and at_rest(training, names):
-            left.append(f"{effect.name}: {', '.join(names)} stands still within every record")
+            left.append(f"{effect.name}: {', '.join(names)} is constant within every record")
         else:
             taken.append(effect)
             stated.append(f"{effect.name}: {change.description}")

@@ -86,7 +86,7 @@ class PassiveProgram:
         """Intervals between the points of a variable.
 
         With coefficients affine in p and P(p⁺) at its ends, M is concave in p but for λ v₀, so that the ends suffice
-        while the knee stands still; they and the middle serve a knee that moves, and twice the degree in all others.
+        at a constant knee; they and the middle serve a knee that moves, and twice the degree in all others.
         """
         degree = next((r.degree for r in self.model.basis.readings() if r.name == name), 0)
         stage = self.model.input_stage

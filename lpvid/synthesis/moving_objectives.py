@@ -6,7 +6,7 @@ With 𝐗 = [X, I; I, Y] of Scherer, Gahinet & Chilali 1997 and I − YX = N M�
     [⋆     Ẏ         ]
 
 of which the part off the diagonal would make the controller read the rates (Apkarian & Adams 1998). It is zero where
-one of the two stands still with its factor: Y and N, or X and M. The controller at p then needs p alone:
+one of the two is constant with its factor: Y and N, or X and M. The controller at p then needs p alone:
 
     D_K = R,  C_K = (L − RC2X)M⁻ᵀ,  B_K = N⁻¹(F − YB2R),
     A_K = N⁻¹(Q − Y(A + B2RC2)X − NB_KC2X − YB2C_KMᵀ)M⁻ᵀ.

@@ -229,7 +229,8 @@ class EvidenceOutcome:
             title = next(e.title for e in self.search.candidates if e.name == m.name)
             described = f"{title}; simulated as {m.effect.name} ({described})"
         return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
-                     -2 * m.evidence, float(alone), m.cost / max(selected.cost_reduction, 1e-300), m.gain, m.better,
+                     None if m.evidence is None else -2 * m.evidence, float(alone),
+                     m.cost / max(selected.cost_reduction, 1e-300), m.gain, m.better,
                      m.change * self.search.data.discrepancy.output_rms, m.probability, m.effect.family, m.weight,
                      m.effect.name if m.name != m.effect.name else "")
 

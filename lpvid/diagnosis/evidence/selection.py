@@ -60,8 +60,8 @@ class SetMember:
         Of the output when it is removed and the others are refitted, as a share of the output's rms. Of several that
         change too little to be named the others are removed first: of two with the same effect, neither alone would
         change enough.
-    evidence : float
-        Log-evidence with it less that without it.
+    evidence : float or None
+        Log-evidence with it less that without it; None where the set without it has none (a strength at its bound).
     """
 
     effect: Effect
@@ -75,7 +75,7 @@ class SetMember:
     gain: float
     better: float
     change: float
-    evidence: float
+    evidence: float | None
 
     def reason_not_named(self, relative_error: float, law_error: float) -> str | None:
         """Why it is not named; None where it is, or has rivals.
@@ -495,4 +495,4 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,
                      ablation.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300),
                      float(np.mean(gains > 0)), search.relative_rms(ablation.errors - fit.errors),
-                     float(gain) if np.isfinite(gain) else 0.0)
+                     float(gain) if np.isfinite(gain) else None)

@@ -87,7 +87,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     Raises
     ------
     InputError
-        No candidates, or none that these data can carry; an input or output that stands still.
+        No candidates, or none that these data can carry; a constant input or output.
     """
     listed = as_records(records)
     _checks.instance(candidates, Iterable, "a selection is among several structures", "[ARX(...), ARX(...)]")
@@ -261,7 +261,7 @@ def _driving(structures: Sequence[Structure]) -> tuple[str, ...]:
 
 
 def _require_motion(pieces: Sequence[Record], structures: Sequence[Structure]) -> None:
-    """Refuse, before the search, an output or an input of all candidates that stands still: none can be fitted."""
+    """Refuse, before the search, a constant output, or input of all candidates: none can be fitted."""
     plain = [s for s in structures if isinstance(s, ARX)]
     if len(plain) < len(structures):
         return

@@ -410,7 +410,7 @@ def test_the_lpv_extension_leaves_a_filter_out_where_the_scheduling_rests():
     runs = [measured(k, current=np.full(4000, float(k))) for k in (0, 1)]
     structure = lpv.ARX(0, 1, 0, basis=lpv.Polynomial("current", 1))
     found = measured_extension(runs, structure, [DRY, lag], [measured(2, current=np.ones(4000))])
-    assert found.left_out == ("lag: current stands still within every record",) and found.changes == ("dry: sign",)
+    assert found.left_out == ("lag: current is constant within every record",) and found.changes == ("dry: sign",)
 
 
 def test_where_the_error_lies_is_stated_with_the_channel_that_stands_for_the_current(installed):

@@ -33,6 +33,7 @@ from lpvid.diagnosis.evidence.priors import (
 )
 from lpvid.diagnosis.evidence.relations import related
 from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SURE_PROBABILITY, SetMember
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
@@ -40,6 +41,7 @@ from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
+from lpvid.report.diagnosis import _cause_row
 from quartercar.effects import CATALOGUE
 from quartercar.effects.electrical import CoilLag
 from quartercar.effects.measurement import ForceClipping
@@ -649,3 +651,19 @@ def test_an_error_that_a_set_lowers_is_no_noise_where_nothing_is_probable(hidden
     found = diagnose([run], Bent(), [Dry(), Cubic()])
     assert not found.causes and found.verdict == ("unexplained" if hidden else "nothing-to-explain")
     assert ("the error is no noise: with" in found.reason and "dry" in found.reason) is bool(hidden)
+
+
+def test_a_cause_without_which_no_evidence_is_defined_has_no_bic(monkeypatch):
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u))
+    member, score = selection._member, SetSearch.score
+
+    def assessed(*given):  # as where a strength of the set without it is at its bound
+        with monkeypatch.context() as patch:
+            patch.setattr(SetSearch, "score", lambda search, w: score(search, w) if w.members else -np.inf)
+            return member(*given)
+
+    monkeypatch.setattr(selection, "_member", assessed)
+    found = diagnose([data], Bent(), [Dry()])
+    assert [c.name for c in found.causes] == ["dry"] and found.causes[0].delta_bic is None
+    assert json.loads(json.dumps(found.to_dict()))["causes"][0]["delta_bic"] is None
+    assert _cause_row(found.causes[0])[0][5] == "–"
