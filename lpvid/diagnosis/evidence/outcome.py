@@ -25,7 +25,7 @@ from lpvid.diagnosis.evidence.calibration import Support, component_support, mat
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember
+from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember, least_change
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise
@@ -76,6 +76,17 @@ class EvidenceOutcome:
         return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT or \
             float(np.mean(self.selected.gains > 0)) > 0.9
 
+    @property
+    def needless(self) -> bool:
+        """Whether the baseline alone is as near as a good law, and every member of the set changes too little.
+
+        It is then no answer that the error is unexplained.
+        """
+        selected = self.selected
+        least = least_change(selected.relative_error, selected.law_error)
+        return all(m.change < least for m in selected.members) and \
+            self.search.relative_rms(selected.before.errors) <= ACCEPTABLE_MISFIT
+
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:
         """Of the baseline alone and of the set."""
@@ -101,7 +112,7 @@ class EvidenceOutcome:
         """
         selected, problem = self.selected, self.selected.problem
         before, extended = self.errors
-        found = selected.members if self.significant else ()
+        found = selected.members if self.significant and not self.needless else ()
         final = selected.fit if found and self.predicts else selected.root
         of_parameters = covariance(problem, final)
         spread = np.sqrt(np.diag(of_parameters))
@@ -111,7 +122,9 @@ class EvidenceOutcome:
         contested = [m for m in members if reasons[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := reasons[m.effect.name])]
         rejected += [Rejected(m.effect.name, NO_GAIN) for m in found if not members]
-        known = {m.effect.name for m in found}
+        if self.needless:
+            rejected += [Rejected(m.effect.name, selected.reason_not_named(m) or NO_GAIN) for m in selected.members]
+        known = {r.name for r in rejected} | {m.effect.name for m in found}
         why_not = {**dict.fromkeys(self.without_gain, NO_GAIN), **dict(selected.dropped), **self._at_bounds()}
         rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
         verdict, reason = self._verdict(named, contested,
@@ -159,7 +172,8 @@ class EvidenceOutcome:
             return "cannot-tell", f"these data do not distinguish between {described}"
         if others:
             names = ", ".join(m.effect.name for m in others)
-            return "unexplained", f"the best set is {names}, of which nothing can be named; {structure}"
+            why = "; ".join(f"{m.effect.name}: {self.selected.reason_not_named(m) or NO_GAIN}" for m in others)
+            return "unexplained", f"the best set is {names}, of which nothing can be named ({why}); {structure}"
         if self.selected.least_error_set is not None:
             causes, lower = self.selected.least_error_set
             fall = f"{', '.join(causes)} it falls out of fold from {self.selected.relative_error:.1%} to {lower:.1%} " \
@@ -167,7 +181,9 @@ class EvidenceOutcome:
             return "unexplained", f"no cause is probable enough to be named, and the error is no noise: with {fall}"
         if law_error > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
-        return "nothing-to-explain", f"no cause is needed; {structure}{noise}"
+        little = ", ".join(m.effect.name for m in self.selected.members)
+        stated = f"; {little} would change the output too little to be named" if little and self.needless else ""
+        return "nothing-to-explain", f"no cause is needed; {structure}{noise}{stated}"
 
     def _of_family(self, m: SetMember) -> str:
         return f", some cause of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED_PROBABILITY else ""

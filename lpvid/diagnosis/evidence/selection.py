@@ -94,7 +94,7 @@ class SetMember:
         """
         least = least_change(relative_error, law_error)
         if self.change < least:
-            return f"it changes the output by {self.change:.1%}, less than {least:.1%}: too little to be named"
+            return f"it changes the output by {self.change:.2%}, less than {least:.2%}: too little to be named"
         if self.probability < NAMED_PROBABILITY and not self.rivals:
             return f"probability {self.probability:.2f} only, and no alternative is probable enough"
         return None

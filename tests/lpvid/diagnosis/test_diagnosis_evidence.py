@@ -17,7 +17,7 @@ from lpvid.diagnosis.baseline import Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import EffectParameter
-from lpvid.diagnosis.evidence import candidates, engine, selection
+from lpvid.diagnosis.evidence import candidates, engine, outcome, selection
 from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support
 from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, Discrepancy, marginal
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
@@ -667,3 +667,17 @@ def test_a_cause_without_which_no_evidence_is_defined_has_no_bic(monkeypatch):
     assert [c.name for c in found.causes] == ["dry"] and found.causes[0].delta_bic is None
     assert json.loads(json.dumps(found.to_dict()))["causes"][0]["delta_bic"] is None
     assert _cause_row(found.causes[0])[0][5] == "–"
+
+
+@pytest.mark.parametrize(("acceptable", "verdict", "stated"), [
+    (1e-9, "unexplained", "nothing can be named (dry: it changes the output by"),
+    (10.0, "nothing-to-explain", "dry would change the output too little to be named"),
+])
+def test_a_change_too_small_to_be_named_is_no_unexplained_error_of_a_good_law(monkeypatch, acceptable, verdict, stated):
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u))
+    monkeypatch.setattr(selection, "LEAST_NAMED_CHANGE", 0.99)
+    monkeypatch.setattr(outcome, "ACCEPTABLE_MISFIT", acceptable)
+    found = diagnose([data], Bent(), [Dry()])
+    assert found.verdict == verdict and stated in found.reason and not found.causes
+    assert [r.name for r in found.rejected] == ["dry"] and "too little" in found.rejected[0].why
+    assert (found.after == found.before) is (verdict == "nothing-to-explain")
