@@ -333,8 +333,8 @@ def test_missing_samples_text_and_disorder_in_a_csv(tmp_path) -> None:
         identify_stream(read_chunks(path, rows=5), ARX(1, 1, 1, "u", "y"))
     lines[5] = "2;5;1"
     path.write_text(head + "\n".join(lines))
-    with pytest.raises(InputError, match="time repeats in row 6"):
-        list(read_chunks(path, rows=5))
+    with pytest.raises(InputError, match="time repeats in row 6 with another value of 'u'"):
+        identify_stream(read_chunks(path, rows=5), ARX(1, 1, 1, "u", "y"))
     path.write_text("u,y\n1,2\n2,3\n3,4\n5,6\n")
     assert [c.start for c in read_chunks(path, rows=2, sample_rate=10.0)] == pytest.approx([0.0, 0.2])
 
