@@ -331,7 +331,7 @@ def test_missing_samples_text_and_disorder_in_a_csv(tmp_path) -> None:
     assert list(read_chunks(path, rows=5))[1].channel("u").fault == "text 'oops' in row 8 (line 9 of the file)"
     with pytest.raises(InputError, match="not all numbers"):
         identify_stream(read_chunks(path, rows=5), ARX(1, 1, 1, "u", "y"))
-    lines[5] = "2;5;1"
+    lines[5], lines[7] = "2;5;1", "3,5;7;1"
     path.write_text(head + "\n".join(lines))
     with pytest.raises(InputError, match="time repeats in row 6 with another value of 'u'"):
         identify_stream(read_chunks(path, rows=5), ARX(1, 1, 1, "u", "y"))
