@@ -260,7 +260,7 @@ class Hull(Coded):
         down, up = slope < -level, slope > level
         low = np.max(room[down] / slope[down], initial=-np.inf)
         high = np.min(room[up] / slope[up], initial=np.inf)
-        return (float(low), float(high)) if low <= high and np.all(room[~(down | up)] >= -SLACK) else None
+        return (float(low) + 0.0, float(high) + 0.0) if low <= high and np.all(room[~(down | up)] >= -SLACK) else None
 
     def enclosing(self, box: Scheduling) -> Scheduling:
         """The least box around the set.
