@@ -232,8 +232,9 @@ def test_a_law_without_states_has_neither_decay_nor_poles(sample_time):
 def test_a_certificate_without_finite_vertices_does_not_hold(sample_time):
     model = oscillator(sample_time)
     region = lpv.HalfPlane(0.01) if sample_time is None else lpv.Disc(0.0, 1.0)
-    found = [lpv.certify_stability(model), lpv.hull_gain(model, TRIANGLE).certificate, lpv.decay_rate(model).certificate,
-             lpv.h2_norm(model).certificate, lpv.certify_region(model, region).certificate]
+    found = [lpv.certify_stability(model), lpv.hull_gain(model, TRIANGLE).certificate,
+             lpv.decay_rate(model).certificate, lpv.h2_norm(model).certificate,
+             lpv.certify_region(model, region).certificate]
     for certificate in found:
         assert certificate.vertices is not None and lpv.verify(certificate, model).holds
         for vertices, why in ((np.zeros((0, 2)), "no vertices"), (np.array([[0.0, np.nan]]), "not finite"),
