@@ -266,3 +266,20 @@ def test_largest_rate_on_a_hull_names_the_polytope():
 def test_ends_of_a_line_are_no_negative_zeros():
     low, high = TRIANGLE.span(np.array([0.0, 0.0]), np.array([1.0, 0.0]))
     assert (np.copysign(1.0, low), high) == (1.0, 1.0)
+
+
+def test_steps_between_all_pairs_of_many_vertices_are_left_out(monkeypatch):
+    """200 vertices, as a hull of measured samples may have: 40,000 inequalities, 200 s of a solver."""
+    tried = []
+
+    def recorded(system, hull, *, moving=False):
+        tried.append((len(hull.vertices()), moving))
+        return lpv.hull_gain(system, hull)
+
+    monkeypatch.setattr("lpvid.analysis.gain.hull_gain", recorded)
+    for sides in (12, 200):
+        around = lpv.Hull.of(NAMES, 0.3 + 0.1 * lpv.Hull.disc(NAMES, sides=sides).vertices())
+        assert lpv.l2_gain(oscillator(0.1).replace(metadata={
+            **oscillator().metadata, KEY: around.to_dict()})).verdict == "certified"
+    assert (12, True) in tried and max(count for count, moving in tried if moving) == 12
+    assert max(count for count, moving in tried if not moving) > 100
