@@ -283,3 +283,15 @@ def test_steps_between_all_pairs_of_many_vertices_are_left_out(monkeypatch):
             **oscillator().metadata, KEY: around.to_dict()})).verdict == "certified"
     assert (12, True) in tried and max(count for count, moving in tried if moving) == 12
     assert max(count for count, moving in tried if not moving) > 100
+
+
+def test_next_steps_for_a_hull_ask_nothing_that_is_refused():
+    """`--largest-range` scales a box, and answers with a note for a design over a hull."""
+    turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],
+                   hull=lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]])))
+    for model, rate, text in ((oscillator(), None, "lpvid verify"), (turning, 0.02, "--largest-rate"),
+                              (turning, None, "--range NAME=LOW:HIGH")):
+        commands = [step.command for step in stability_page(study_stability(model, rate=rate), "loop.json").steps]
+        assert any(text in c for c in commands) and not any("--largest-range" in c for c in commands), commands
+    boxed = stability_page(study_stability(oscillator(), range={"p": (0.0, 0.3), "q": (0.0, 0.3)}), "loop.json")
+    assert any("--largest-range" in step.command for step in boxed.steps)
