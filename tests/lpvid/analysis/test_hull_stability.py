@@ -295,3 +295,21 @@ def test_next_steps_for_a_hull_ask_nothing_that_is_refused():
         assert any(text in c for c in commands) and not any("--largest-range" in c for c in commands), commands
     boxed = stability_page(study_stability(oscillator(), range={"p": (0.0, 0.3), "q": (0.0, 0.3)}), "loop.json")
     assert any("--largest-range" in step.command for step in boxed.steps)
+
+
+def test_a_draw_that_is_not_affine_is_not_covered_by_vertices():
+    """ẋ = −(1.5 − p − q − 8pq) x grows at (0.5, 0.5); at every vertex of the triangle it is that of the certificate."""
+    basis = lpv.Polynomial(NAMES, 2)
+    labels = list(basis.labels)
+    a, one = np.zeros((basis.size, 1, 1)), np.zeros((basis.size, 1, 1))
+    one[0], a[0] = 1.0, -1.5
+    a[labels.index("p")] = a[labels.index("q")] = 1.0
+    bent = a.copy()
+    bent[labels.index("p*q")] = 8.0
+    box, mark = lpv.Scheduling(NAMES, (0.0, 0.0), (1.0, 1.0)), {KEY: TRIANGLE.to_dict()}
+    models = [designed(lpv.LPVStateSpace(x, one, one, 0 * one, basis, None, box).replace(metadata=mark), "closed loop")
+              for x in (a, bent)]
+    certificate = lpv.certify_stability(models[0])
+    assert certificate.vertices is not None and models[1].frozen([0.5, 0.5])[0][0, 0] > 0
+    assert lpv.certified_share(certificate, models[:1]).probability == 1.0
+    assert lpv.certified_share(certificate, models[1:]).probability == 0.0
