@@ -84,7 +84,7 @@ class LargestRange:
 
 @dataclass(frozen=True, eq=False)
 class LargestRate:
-    """The fastest motion of the scheduling within its box for which stability was certified.
+    """The fastest motion of the scheduling within its box, or the hull of a design, for which stability was certified.
 
     Parameters
     ----------
@@ -123,7 +123,9 @@ class LargestRate:
         if self.rates is None:
             return "largest certified rate: none, not even for very slow motion"
         if self.arbitrary:
-            return "largest certified rate: any motion within the range is covered"
+            within = "range" if self.certificate is None or self.certificate.vertices is None else (
+                f"polytope of {len(self.certificate.vertices)} vertices")
+            return f"largest certified rate: any motion within the {within} is covered"
         return "largest certified rate: " + ", ".join(
             f"|d {n}/dt| <= {r:.4g} {u or '1'}/s" for n, r, u in zip(self.names, self.rates, self.units, strict=True))
 

@@ -76,7 +76,8 @@ def hull_gain(system: LPVStateSpace, hull: Hull, *, moving: bool = False) -> Gai
     signals = plant.inputs, plant.outputs
     level = pole_margins(a, discrete)
     if level.max() >= 0:
-        where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(hull.names, vertices[int(level.argmax())], strict=True))
+        where = ", ".join(f"{r.label} = {v:.6g}" for r, v in zip(plant.readings, points[int(level.argmax())],
+                                                                 strict=True))
         return Gain("unstable", math.inf, math.inf, None, None, *signals,
                     f"the model has a pole that does not decay at {where}",
                     "a smaller hull, or stabilise the model first", time.perf_counter() - started)

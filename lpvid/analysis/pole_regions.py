@@ -66,6 +66,8 @@ def certify_region(system: LPVStateSpace, region: Region, *, range: Range = None
                          got=f"shapes {fixed.shape} and {varying.shape}")
     hull = design_hull(system) if range is None else None
     plant, box = requested(system, None, None, range if hull is None else hull.enclosing(system.box).limits)
+    if not plant.order:
+        return Bound("pole-region", "not certified", math.nan, math.nan, None, "the model has no poles")
     still = replace(box, rate=(0.0,) * len(box.names))
     points = grid(still, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3))
     if hull is not None and box.names:

@@ -128,6 +128,8 @@ class StabilityCertificate(StorageCertificate):
         """
         if self.vertices is None:
             return recheck_decrease(subject, self.storage, exponent)
+        if not subject.affine:
+            return Recheck(False, False, math.nan, "the model is not affine in its scheduling: vertices do not decide")
         return recheck_decrease_at(subject, self.storage, self.vertices, exponent)
 
     def recheck(self, model: Model, subject: Driven) -> Recheck:

@@ -300,8 +300,10 @@ def polytope_fault(vertices: np.ndarray | None, storage: Storage, subject: Drive
         return ""
     if not subject.affine:
         return "the certificate is on a polytope, and the model is not affine in its scheduling"
-    if vertices.ndim != 2 or vertices.shape[1] != len(storage.box.names) or not np.isfinite(vertices).all():
+    if vertices.ndim != 2 or vertices.shape[1] != len(storage.box.names):
         return "the certificate's polytope is over other variables than the model reads"
+    if not len(vertices) or not np.isfinite(vertices).all():
+        return "the certificate's polytope has no vertices, or one that is not finite"
     return "the certificate is on a polytope, and its function moves" if storage.basis.names else ""
 
 

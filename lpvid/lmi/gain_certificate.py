@@ -314,10 +314,13 @@ def certify_gain(system: Matrices, P: np.ndarray, gamma: float, *, slopes: np.nd
         speed = np.linalg.norm(np.linalg.solve(root.swapaxes(1, 2), a) @ root.swapaxes(1, 2), 2, axis=(1, 2))
         weight = root / np.sqrt(np.maximum(speed, 1e-300))[:, None, None]
     scale = diagonal(weight, np.eye(m) / math.sqrt(gamma))[:, None]
-    value = scale @ _bounded_real(Pieces.of((a, b, c, d), p, after), gamma, discrete) @ scale.swapaxes(2, 3)
     large = [np.abs(x) for x in magnitudes or (a, b, c, d)]
-    size = _bounded_real(Pieces.of(large, np.abs(p), np.abs(after_size), 1.0), gamma, discrete)
-    size = np.abs(scale) @ size @ np.abs(scale.swapaxes(2, 3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        value = scale @ _bounded_real(Pieces.of((a, b, c, d), p, after), gamma, discrete) @ scale.swapaxes(2, 3)
+        size = _bounded_real(Pieces.of(large, np.abs(p), np.abs(after_size), 1.0), gamma, discrete)
+        size = np.abs(scale) @ size @ np.abs(scale.swapaxes(2, 3))
+    if not np.all(np.isfinite(value)):
+        return Recheck(False, False, math.nan, "the inequality is not finite at a point")
     rounding = (6 * (n + m) + 30) * EPS * size.sum(axis=-1).max(axis=-1)
     lowest = np.linalg.eigvalsh(0.5 * (value + value.swapaxes(2, 3)))[..., 0] - rounding
     margin = float(lowest.min())

@@ -77,6 +77,8 @@ class HullCertificate(Certificate):
             fault = "the certificate names other signals than the model has"
         if not fault and not np.array_equal(self.matrix, self.matrix.T):
             fault = "the certificate's matrix is not symmetric"
+        if not fault and (not len(self.vertices) or not np.isfinite(self.vertices).all()):
+            fault = "the certificate's polytope has no vertices, or one that is not finite"
         if not fault and self.slopes is not None:
             if self.sample_time is None:
                 fault = "in continuous time vertices do not decide about a matrix that moves"

@@ -249,10 +249,13 @@ def recheck_vertices(problem: LyapunovInequality, vertices: np.ndarray) -> Reche
     storage, root = problem.storage, root_of(problem.storage)
     if root is None:
         return Recheck(False, False, -math.inf, "P is not positive definite")
-    values, rounding = problem.evaluate(vertices, np.full((1, vertices.shape[1]), 0.5), problem.congruence(root))
+    with np.errstate(over="ignore", invalid="ignore"):
+        values, rounding = problem.evaluate(vertices, np.full((1, vertices.shape[1]), 0.5), problem.congruence(root))
+    if not np.all(np.isfinite(values)):
+        return Recheck(False, False, math.nan, "the inequality is not finite at a vertex")
     size = np.abs(root) @ np.abs(storage.matrices[0]) @ np.abs(root.T)
-    positive = float(np.linalg.eigvalsh(root @ storage.matrices[0] @ root.T)[0])
-    positive -= (4 * len(root) + 30) * EPS * float(size.sum(axis=1).max())
+    positive = float(np.linalg.eigvalsh(root @ storage.matrices[0] @ root.T).min(initial=math.inf))
+    positive -= (4 * len(root) + 30) * EPS * float(size.sum(axis=1).max(initial=0.0))
     margin = min(float(np.linalg.eigvalsh(values)[..., 0].min()) - rounding, math.inf if positive > 0 else positive)
     why = "proven on the polytope by its vertices" if margin > 0 else "the inequality fails at a vertex"
     return Recheck(margin > 0, margin > 0, margin, why)

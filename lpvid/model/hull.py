@@ -76,6 +76,9 @@ class Hull(Coded):
         for name, length in (("centre", n), ("half_width", n), ("offsets", count)):
             array = _checks.frozen_array(getattr(self, name), f"{name} of a hull", ndim=1)
             set_(self, name, _checks.finite(_checks.shaped(array, (length,), name), name))
+        if not np.all(self.half_width > 0):
+            raise InputError("the half widths of a hull must be positive", got=self.half_width.tolist(),
+                             why="its facets are in units of them")
 
     @classmethod
     def of(cls, names: Sequence[str], p: np.ndarray) -> Hull:
@@ -156,14 +159,20 @@ class Hull(Coded):
         Raises
         ------
         InputError
-            A hull without inside: variables that follow from each other, or one variable with one value.
+            A hull without inside: variables that follow from each other, or one variable with one value. Facets that
+            leave a direction open.
         """
         from scipy.optimize import linprog
         from scipy.spatial import HalfspaceIntersection, QhullError
 
         n = len(self.names)
+        endless = InputError(f"the hull of {', '.join(self.names)} has no end", got=f"{len(self.normals)} facets",
+                             why="they leave a direction open", mend="lpv.Hull.of(names, samples)")
         if n == 1:
-            ends = self.offsets / self.normals[:, 0]
+            if not (self.normals > 0).any() or not (self.normals < 0).any():
+                raise endless
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ends = self.offsets / self.normals[:, 0]
             z = np.array([[ends[self.normals[:, 0] < 0].max()], [ends[self.normals[:, 0] > 0].min()]])
             if z[1, 0] - z[0, 0] <= SLACK:
                 raise InputError(f"the hull of {self.names[0]} has no inside",
@@ -175,12 +184,14 @@ class Hull(Coded):
             middle = np.zeros(n + 1) if found.x is None else found.x
             corners = None
             if middle[-1] > SLACK:
-                with contextlib.suppress(QhullError):
+                with contextlib.suppress(QhullError), np.errstate(divide="ignore", invalid="ignore"):
                     corners = HalfspaceIntersection(np.column_stack([self.normals, -self.offsets]),
                                                     middle[:n]).intersections
             if corners is None:
                 raise InputError(f"the hull of {', '.join(self.names)} has no inside",
                                  mend="leave out a variable that follows from the others")
+            if not np.all(np.isfinite(corners)):
+                raise endless
             z = np.unique(np.round(corners, 10), axis=0)
         return self.centre + self.half_width * z
 
@@ -260,7 +271,7 @@ class Hull(Coded):
         down, up = slope < -level, slope > level
         low = np.max(room[down] / slope[down], initial=-np.inf)
         high = np.min(room[up] / slope[up], initial=np.inf)
-        return (float(low), float(high)) if low <= high and np.all(room[~(down | up)] >= -SLACK) else None
+        return (float(low) + 0.0, float(high) + 0.0) if low <= high and np.all(room[~(down | up)] >= -SLACK) else None
 
     def enclosing(self, box: Scheduling) -> Scheduling:
         """The least box around the set.

@@ -327,7 +327,8 @@ def moving_basis(lyapunov: Basis | None) -> Basis | None:
     InputError
         What is no basis.
     """
-    if lyapunov is None or (isinstance(lyapunov, Basis) and not lyapunov.names):
+    constant = isinstance(lyapunov, Polynomial) and lyapunov.degree == 0
+    if lyapunov is None or constant or (isinstance(lyapunov, Basis) and not lyapunov.names):
         return None
     if not isinstance(lyapunov, Basis):
         raise InputError("`lyapunov` is a basis over scheduling variables", got=type(lyapunov).__name__,

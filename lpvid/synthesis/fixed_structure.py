@@ -103,7 +103,7 @@ class FixedStructure:
         _checks.count(self.points, "points of a design grid", at_least=2)
         if self.start is not None and not isinstance(self.start, Synthesis | LPVStateSpace):
             raise InputError("a start is a Synthesis or a controller", got=type(self.start).__name__)
-        moving_basis(self.lyapunov)
+        object.__setattr__(self, "lyapunov", moving_basis(self.lyapunov))
         refuse_beside_hull(self.hull, self.lyapunov)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:

@@ -151,7 +151,7 @@ class GainDesign(ABC):
     def __post_init__(self) -> None:
         object.__setattr__(self, "criteria", listed(self.criteria, Criterion, "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
-        moving_basis(self.lyapunov)
+        object.__setattr__(self, "lyapunov", moving_basis(self.lyapunov))
         check_back_off(self.back_off)
         if self.hull is None or self.lyapunov is None:
             refuse_beside_hull(self.hull, None)

@@ -95,3 +95,16 @@ def test_bad_input_in_one_line():
         lpv.hull_gain(model(), lpv.Hull.of(("p", "r"), TRIANGLE))
     with pytest.raises(lpv.InputError, match="no inside"):
         lpv.Hull.of(("p", "q"), np.array([[0.0, 0.0], [1.0, 1.0], [0.5, 0.5]])).vertices()
+
+
+def test_the_unstable_vertex_is_named_by_what_the_system_reads():
+    """The hull lists q first, and the system reads p alone, or p before q: unstable at (q, p) = (1, 0.5) only."""
+    hull = lpv.Hull.of(("q", "p"), np.array([[0.0, 0.0], [3.0, 0.1], [1.0, 0.5], [0.5, 0.3]]))
+    zero, one = np.zeros((3, 1, 1)), np.zeros((3, 1, 1))
+    one[0] = 1.0
+    for names, where in ((("p",), "at p = 0.5"), (("p", "q"), "at p = 0.5, q = 1")):
+        a = np.array([[[-1.0]], [[3.0]], [[0.1]]])[:1 + len(names)]
+        part = slice(0, len(a))
+        system = lpv.LPVStateSpace(a, one[part], one[part], zero[part], lpv.Polynomial(names, 1), None)
+        found = lpv.hull_gain(system, hull)
+        assert found.verdict == "unstable" and found.why.endswith(where), found.why

@@ -1,12 +1,14 @@
 """Analyses of what was designed for a polytope: dense mixtures of the vertices, the box and trajectories as oracles."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 import lpvid as lpv
+from lpvid.analysis.bound import BoundSearch
 from lpvid.analysis.certified_margins import largest_rate
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.model.designed import designed
@@ -206,3 +208,108 @@ def test_report_states_the_set_that_was_examined():
     box = study_stability(oscillator(), range={"p": (0.0, 1.0), "q": (0.0, 1.0)})
     assert box.to_dict()["hull"] is None and not box.certified and "box" not in str(box)
     assert study_stability(oscillator().replace(metadata={})).to_dict()["hull"] is None
+
+
+def gains(sample_time):
+    """A law without states on the triangle: u = (1 + p − q) y."""
+    d, none = np.array([1.0, 1.0, -1.0]).reshape(3, 1, 1), np.zeros((3, 0, 0))
+    found = lpv.LPVStateSpace(none, np.zeros((3, 0, 1)), np.zeros((3, 1, 0)), d, lpv.Polynomial(NAMES, 1), sample_time,
+                              lpv.Scheduling(NAMES, (0.0, 0.0), (1.0, 1.0)))
+    return designed(found.replace(metadata={KEY: TRIANGLE.to_dict()}), "controller")
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.1])
+def test_a_law_without_states_has_neither_decay_nor_poles(sample_time):
+    for model in (gains(sample_time), gains(sample_time).replace(metadata={})):
+        decay, region = lpv.decay_rate(model), lpv.certify_region(model, lpv.HalfPlane(0.1))
+        assert (decay.verdict, decay.certificate, decay.why) == ("not certified", None,
+                                                                  "the model has no state that could decay")
+        assert (region.verdict, region.certificate, region.why) == ("not certified", None, "the model has no poles")
+        assert lpv.certify_stability(model).verified and lpv.l2_gain(model).upper == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.1])
+def test_a_certificate_without_finite_vertices_does_not_hold(sample_time):
+    model = oscillator(sample_time)
+    region = lpv.HalfPlane(0.01) if sample_time is None else lpv.Disc(0.0, 1.0)
+    found = [lpv.certify_stability(model), lpv.hull_gain(model, TRIANGLE).certificate,
+             lpv.decay_rate(model).certificate, lpv.h2_norm(model).certificate,
+             lpv.certify_region(model, region).certificate]
+    for certificate in found:
+        assert certificate.vertices is not None and lpv.verify(certificate, model).holds
+        for vertices, why in ((np.zeros((0, 2)), "no vertices"), (np.array([[0.0, np.nan]]), "not finite"),
+                              (1e200 * TRIANGLE.vertices(), "")):
+            outcome = lpv.verify(replace(certificate, vertices=vertices), model)
+            assert not outcome.holds and why in outcome.why
+
+
+def test_a_proven_decay_is_not_left_for_a_faster_one_on_a_grid(monkeypatch):
+    """Both are stated by their own verdicts; the search on the box around the hull may end on a grid."""
+    model = oscillator()
+    proven = lpv.decay_rate(model)
+    around = lpv.decay_rate(model, range=((0.0, 0.5), (0.0, 0.5))).certificate
+    rough = replace(around, level=10 * proven.lower, between_grid=False)
+    monkeypatch.setattr(BoundSearch, "at", lambda self, level, bases: replace(rough, level=level))
+    monkeypatch.setattr("lpvid.analysis.decay.worst_pole", lambda plant, box: (-10 * proven.lower, None))
+    again = lpv.decay_rate(model)
+    assert again.verdict == "certified" and again.lower == proven.lower
+    assert lpv.verify(again.certificate, model).holds
+
+
+def test_largest_rate_on_a_hull_names_the_polytope():
+    assert "any motion within the polytope of 3 vertices is covered" in str(largest_rate(oscillator()))
+    still = lpv.LPVStateSpace([[[-1.0]], [[0.1]]], [[[1.0]], [[0.0]]], [[[1.0]], [[0.0]]], np.zeros((2, 1, 1)),
+                              lpv.Polynomial("p", 1), None, lpv.Scheduling("p", (0.0,), (1.0,)))
+    assert "any motion within the range is covered" in str(largest_rate(still))
+
+
+def test_ends_of_a_line_are_no_negative_zeros():
+    low, high = TRIANGLE.span(np.array([0.0, 0.0]), np.array([1.0, 0.0]))
+    assert (np.copysign(1.0, low), high) == (1.0, 1.0)
+
+
+def test_steps_between_all_pairs_of_many_vertices_are_left_out(monkeypatch):
+    """200 vertices, as a hull of measured samples may have: 40,000 inequalities, 200 s of a solver."""
+    tried = []
+
+    def recorded(system, hull, *, moving=False):
+        tried.append((len(hull.vertices()), moving))
+        return lpv.hull_gain(system, hull)
+
+    monkeypatch.setattr("lpvid.analysis.gain.hull_gain", recorded)
+    for sides in (12, 200):
+        around = lpv.Hull.of(NAMES, 0.3 + 0.1 * lpv.Hull.disc(NAMES, sides=sides).vertices())
+        assert lpv.l2_gain(oscillator(0.1).replace(metadata={
+            **oscillator().metadata, KEY: around.to_dict()})).verdict == "certified"
+    assert (12, True) in tried and max(count for count, moving in tried if moving) == 12
+    assert max(count for count, moving in tried if not moving) > 100
+
+
+def test_next_steps_for_a_hull_ask_nothing_that_is_refused():
+    """`--largest-range` scales a box, and answers with a note for a design over a hull."""
+    turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],
+                   hull=lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]])))
+    for model, rate, text in ((oscillator(), None, "lpvid verify"), (turning, 0.02, "--largest-rate"),
+                              (turning, None, "--range NAME=LOW:HIGH")):
+        commands = [step.command for step in stability_page(study_stability(model, rate=rate), "loop.json").steps]
+        assert any(text in c for c in commands) and not any("--largest-range" in c for c in commands), commands
+    boxed = stability_page(study_stability(oscillator(), range={"p": (0.0, 0.3), "q": (0.0, 0.3)}), "loop.json")
+    assert any("--largest-range" in step.command for step in boxed.steps)
+
+
+def test_a_draw_that_is_not_affine_is_not_covered_by_vertices():
+    """ẋ = −(1.5 − p − q − 8pq) x grows at (0.5, 0.5); at every vertex of the triangle it is that of the certificate."""
+    basis = lpv.Polynomial(NAMES, 2)
+    labels = list(basis.labels)
+    a, one = np.zeros((basis.size, 1, 1)), np.zeros((basis.size, 1, 1))
+    one[0], a[0] = 1.0, -1.5
+    a[labels.index("p")] = a[labels.index("q")] = 1.0
+    bent = a.copy()
+    bent[labels.index("p*q")] = 8.0
+    box, mark = lpv.Scheduling(NAMES, (0.0, 0.0), (1.0, 1.0)), {KEY: TRIANGLE.to_dict()}
+    models = [designed(lpv.LPVStateSpace(x, one, one, 0 * one, basis, None, box).replace(metadata=mark), "closed loop")
+              for x in (a, bent)]
+    certificate = lpv.certify_stability(models[0])
+    assert certificate.vertices is not None and models[1].frozen([0.5, 0.5])[0][0, 0] > 0
+    assert lpv.certified_share(certificate, models[:1]).probability == 1.0
+    assert lpv.certified_share(certificate, models[1:]).probability == 0.0

@@ -141,3 +141,16 @@ def test_curves_of_a_hull_beside_the_diagonal_of_its_box_are_inside():
     axes = np.atleast_1d(controller_gains(model)).ravel()
     over = axes[1].get_lines()[0].get_xdata()
     assert [over[0], over[-1]] == pytest.approx([0.2, 0.9])  # the gains too are drawn across the hull
+
+
+def test_a_hull_from_a_file_without_widths_or_without_end_is_refused_in_one_line():
+    """What a hull in the metadata of a model file may be; `Hull.of` makes neither."""
+    data = Hull.of(("p", "q"), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])).to_dict()
+    with pytest.raises(InputError, match="half widths of a hull must be positive"):
+        Hull.from_dict({**data, "half_width": [0.0, 1.0]})
+    strip = {**data, "normals": [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]], "offsets": [1.0, 1.0, 1.0]}
+    with pytest.raises(InputError, match="hull of p, q has no end: got 3 facets"):
+        Hull.from_dict(strip).vertices()
+    line = {**data, "names": ["p"], "centre": [0.0], "half_width": [1.0], "normals": [[1.0]], "offsets": [1.0]}
+    with pytest.raises(InputError, match="hull of p has no end"):
+        Hull.from_dict(line).vertices()

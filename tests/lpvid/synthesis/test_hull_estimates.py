@@ -219,3 +219,12 @@ def test_what_vertices_do_not_decide_is_refused_in_one_line():
             lpv.Observer(hull=TRIANGLE, lyapunov=moving, **more)
     with pytest.raises(lpv.InputError, match=r"moves on a hull needs discrete time"):
         lpv.hull_gain(mixed().system, TRIANGLE, moving=True)
+
+
+@pytest.mark.parametrize("constant", [lpv.Polynomial((), 0), lpv.Polynomial(NAMES, 0)])
+def test_a_constant_lyapunov_matrix_may_be_written_out_beside_a_hull(constant):
+    """A basis of degree zero is a constant matrix: nothing to refuse, in any design and with any criteria."""
+    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.FixedStructure, lpv.StateFeedback, lpv.Observer):
+        assert design(hull=TRIANGLE, lyapunov=constant).lyapunov is None
+    found = lpv.synthesize(mixed(), lpv.Observer(lpv.H2("w1", "z1"), hull=TRIANGLE, lyapunov=constant))
+    assert found.verdict == "solved" and found.region == "polytope"
