@@ -198,3 +198,31 @@ def test_a_free_run_from_rest_does_not_read_the_output():
     table["force [N]"][51] += 1.0
     expected = lpv.simulate(model, columns(), "zero").output
     np.testing.assert_array_equal(lpv.simulate(model, table, "zero").output, expected)
+
+
+def data_set(folder: Path, *tables: dict[str, list[float]]) -> Path:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    folder.mkdir()
+    for k, table in enumerate(tables):
+        pq.write_table(pa.table(table), folder / f"part-{k}.parquet")
+    return folder
+
+
+def test_a_stamp_over_two_files_of_a_data_set_keeps_units_and_columns(tmp_path):
+    first = {"time [s]": [0.0, 0.1, 0.2, 0.3], "v [m/s]": [1.0, 2.0, 3.0, NAN], "F [N]": [10.0, 20.0, 30.0, 40.0]}
+    second = {"time [s]": [0.3], "v [mm/s]": [4000.0], "T [degC]": [20.0]}
+    (record,) = read_chunks(data_set(tmp_path / "run.parquet", first, second), 5)
+    np.testing.assert_allclose(record["v"], [1, 2, 3, 4])
+    np.testing.assert_allclose(record["F"], [10, 20, 30, 40])
+    np.testing.assert_allclose(record["T"], [NAN, NAN, NAN, 293.15])
+
+
+def test_a_lone_last_row_is_read_in_its_own_unit(tmp_path):
+    first = {"time [s]": [0.0, 0.1, 0.2], "F [N]": [10.0, 20.0, 30.0]}
+    (record,) = read_chunks(data_set(tmp_path / "run.parquet", first, {"time [s]": [0.3], "F [kN]": [0.04]}), 5)
+    np.testing.assert_allclose(record["F"], [10, 20, 30, 40])
+    other = data_set(tmp_path / "other.parquet", first, {"time [s]": [0.3], "F [mm]": [0.04]})
+    with pytest.raises(InputError, match=r"part-1\.parquet: column 'F' has another unit than in the file before"):
+        list(read_chunks(other, 5))
