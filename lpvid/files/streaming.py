@@ -12,6 +12,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.recalling import TIME_ROLE, channel_of, readings_of
+from lpvid.condition.repeated_stamps import refuse_contradictions
 from lpvid.condition.tables import Column, ColumnTable, stamps_of, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
@@ -108,6 +109,8 @@ class Chunks:
                 record = replace(record, time=None, start=rows_before * record.sample_time)
             elif last is not None:
                 record = _behind(last, record, str(path), after - size)
+            if self.channels is not None:  # here the row of the file is known; all that is read is in use
+                refuse_contradictions(record, list(record.channels), max(after - size, 0))
             rows_before += size
             last = record
             yield (number, k, after), record

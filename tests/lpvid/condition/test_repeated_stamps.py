@@ -226,3 +226,15 @@ def test_a_lone_last_row_is_read_in_its_own_unit(tmp_path):
     other = data_set(tmp_path / "other.parquet", first, {"time [s]": [0.3], "F [mm]": [0.04]})
     with pytest.raises(InputError, match=r"part-1\.parquet: column 'F' has another unit than in the file before"):
         list(read_chunks(other, 5))
+
+
+def test_two_values_at_one_time_in_a_later_part_are_refused_with_the_row_of_the_file(tmp_path):
+    data = columns()
+    data["time [s]"][400] = data["time [s]"][399]
+    path = tmp_path / "run.csv"
+    text = "\n".join(",".join(f"{x:.9g}" for x in row) for row in zip(*data.values(), strict=True))
+    path.write_text(",".join(data) + "\n" + text)
+    structure = lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")
+    for chunked in (read_chunks(path, 150), read_chunks(path, 1000)):
+        with pytest.raises(InputError, match="time repeats in row 401 with another value of 'velocity'"):
+            lpv.identify(chunked, structure)
