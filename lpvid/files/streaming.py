@@ -109,8 +109,8 @@ class Chunks:
                 record = replace(record, time=None, start=rows_before * record.sample_time)
             elif last is not None:
                 record = _behind(last, record, str(path), after - size)
-            if self.channels is not None:  # here the row of the file is known; all that is read is in use
-                refuse_contradictions(record, list(record.channels), max(after - size, 0))
+            if self.channels is not None:  # here the row of the file is known
+                refuse_contradictions(record, [c for c in self.channels if record.has(c)], max(after - size, 0))
             rows_before += size
             last = record
             yield (number, k, after), record
