@@ -32,8 +32,8 @@ ASKED: ContextVar[Invocation | None] = ContextVar("ASKED", default=None)
 """How the command that runs was called, for the foot of its report."""
 P = ParamSpec("P")
 T = TypeVar("T")
-WRITTEN = (".json", ".html", ".csv", ".parquet", ".mat", ".png", ".toml")
-"""Extensions of files that commands write into their folder."""
+WRITTEN = (".json", ".html", ".csv", ".parquet", ".mat", ".png", ".toml", ".fmu", ".c", ".h", ".m", ".mo", ".py")
+"""Extensions of files that commands write into their folder, those of `export` among them."""
 SHORTFALL = 3
 """Exit code of a numerical outcome short of the request."""
 PATIENCE = 3.0

@@ -78,7 +78,7 @@ def contradictions(record: Record, channels: Sequence[str]) -> dict[str, int]:
     return found
 
 
-def refuse_contradictions(record: Record, channels: Sequence[str]) -> None:
+def refuse_contradictions(record: Record, channels: Sequence[str], before: int = 0) -> None:
     """Refuse two values of a channel in use at one time.
 
     Parameters
@@ -87,6 +87,8 @@ def refuse_contradictions(record: Record, channels: Sequence[str]) -> None:
         A clock that runs backward or is no number somewhere is not looked at.
     channels : sequence of str
         Names or roles.
+    before : int
+        Rows of the file before the record, where it is a part of one.
 
     Raises
     ------
@@ -99,9 +101,9 @@ def refuse_contradictions(record: Record, channels: Sequence[str]) -> None:
         return
     name = min(odd, key=odd.__getitem__)
     row, values, times = odd[name], record[name], record.times
-    before = values[np.searchsorted(times, times[row]):row]
-    raise InputError(f"record '{record.name}': time repeats in row {row + 1} with another value of '{name}'",
-                     got=f"{before[np.isfinite(before)][0]:.6g} and {values[row]:.6g} {record.unit(name)}".rstrip()
+    others = values[np.searchsorted(times, times[row]):row]
+    raise InputError(f"record '{record.name}': time repeats in row {before + row + 1} with another value of '{name}'",
+                     got=f"{others[np.isfinite(others)][0]:.6g} and {values[row]:.6g} {record.unit(name)}".rstrip()
                      + f" at {times[row]:.9g} s; {len(base.duplicates)} row(s) in all repeat a stamp",
                      why="which of them was measured then is not known",
                      mend="drop the wrong rows, or print the time with more digits")

@@ -12,11 +12,13 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.recalling import TIME_ROLE, channel_of, readings_of
-from lpvid.condition.tables import ColumnTable, stamps_of, to_record
+from lpvid.condition.repeated_stamps import refuse_contradictions
+from lpvid.condition.tables import Column, ColumnTable, stamps_of, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
+from lpvid.units import convert
 
 T = TypeVar("T")
 _END = object()
@@ -99,7 +101,7 @@ class Chunks:
         def clock(table: ColumnTable, k: int) -> np.ndarray | None:
             return stamps_of(table, str(parts[k]), self.roles, self.readings)
 
-        for k, after, table in _no_lone_row(_whole_stamps(self._tables(parts, first, row), clock)):
+        for k, after, table in _no_lone_row(_whole_stamps(self._tables(parts, first, row), clock, parts), parts):
             path, size = parts[k], table.columns[0].values.size
             record = self._record(table, str(path), name)
             if record.time is None:
@@ -107,6 +109,8 @@ class Chunks:
                 record = replace(record, time=None, start=rows_before * record.sample_time)
             elif last is not None:
                 record = _behind(last, record, str(path), after - size)
+            if self.channels is not None:  # here the row of the file is known
+                refuse_contradictions(record, [c for c in self.channels if record.has(c)], max(after - size, 0))
             rows_before += size
             last = record
             yield (number, k, after), record
@@ -251,7 +255,8 @@ _Placed = tuple[int, int, ColumnTable]
 
 
 def _whole_stamps(tables: Iterable[_Placed],
-                  clock: Callable[[ColumnTable, int], np.ndarray | None]) -> Iterator[_Placed]:
+                  clock: Callable[[ColumnTable, int], np.ndarray | None],
+                  parts: Sequence[Path]) -> Iterator[_Placed]:
     """The same tables, rows that repeat the last time stamp of the table before moved to its end.
 
     Rows of one stamp may complete each other (`one_row_per_stamp`), and whether they do shows only where all of them
@@ -265,7 +270,7 @@ def _whole_stamps(tables: Iterable[_Placed],
             other = np.flatnonzero(stamps != before[-1])
             same = int(other[0]) if other.size else size
         if held is not None and same:
-            held = k, after - size + same, _joined(held[2], _rows(table, 0, same))
+            held = k, after - size + same, _joined(held[2], _rows(table, 0, same), str(parts[k]))
             if same == size:
                 continue
             table = _rows(table, same, size)
@@ -280,12 +285,12 @@ def _rows(table: ColumnTable, first: int, last: int) -> ColumnTable:
     return replace(table, columns=[replace(c, values=c.values[first:last]) for c in table.columns])
 
 
-def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:
+def _no_lone_row(tables: Iterable[_Placed], parts: Sequence[Path]) -> Iterator[_Placed]:
     """The same tables with a single row joined to the table before it: one sample has no clock."""
     held: _Placed | None = None
     for k, after, table in tables:
         if held is not None and (table.columns[0].values.size < 2 or held[2].columns[0].values.size < 2):
-            held = k, after, _joined(held[2], table)
+            held = k, after, _joined(held[2], table, str(parts[k]))
             continue
         if held is not None:
             yield held
@@ -294,8 +299,32 @@ def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:
         yield held
 
 
-def _joined(first: ColumnTable, second: ColumnTable) -> ColumnTable:
-    later = {c.name: c for c in second.columns}
-    columns = [replace(c, values=np.concatenate([c.values, later[c.name].values]), fault=c.fault or later[c.name].fault)
-               for c in first.columns]
+def _joined(first: ColumnTable, second: ColumnTable, where: str) -> ColumnTable:
+    """The rows of both, in the units of the first; what one of them lacks is missing there. `where` names the second.
+
+    Tables of two files of a data set may have different columns and units.
+    """
+    sizes = [t.columns[0].values.size for t in (first, second)]
+    own, later = ({c.name: c for c in t.columns} for t in (first, second))
+    columns = []
+    for name in dict.fromkeys((*own, *later)):
+        a, b = own.get(name), later.get(name)
+        behind = None if b is None or a is None else _in_unit_of(a, b, where)
+        values = [c.values if c is not None else np.full(size, np.nan)
+                  for c, size in zip((a, behind or b), sizes, strict=True)]
+        kept = a or b
+        assert kept is not None
+        columns.append(replace(kept, values=np.concatenate(values), fault=(a and a.fault) or (b and b.fault)))
     return replace(first, columns=columns)
+
+
+def _in_unit_of(before: Column, column: Column, where: str) -> Column:
+    """A column in the unit that it has in the file before."""
+    if column.unit == before.unit:
+        return column
+    try:
+        return replace(column, values=convert(column.values, column.unit or "", before.unit or ""), unit=before.unit)
+    except InputError:
+        raise InputError(f"{where}: column '{column.name}' has another unit than in the file before",
+                         got=f"[{column.unit or ''}] behind [{before.unit or ''}]",
+                         mend="give the column one unit in all files of the data set") from None

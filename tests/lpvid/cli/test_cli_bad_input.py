@@ -157,7 +157,8 @@ def test_no_such_file(tmp_path, command):
 
 
 @pytest.mark.parametrize(("name", "mend"), [("run.parquet", "run; a table's format is --format parquet"),
-                                            ("report.html", "report.")])
+                                            ("report.html", "report."), ("damper.fmu", "damper."),
+                                            ("unit.c", "unit.")])
 def test_a_folder_that_is_called_like_a_file(tmp_path, name, mend):
     (tmp_path / "a.csv").write_text(table())
     refused(tmp_path, "inspect", tmp_path / "a.csv", "--out", tmp_path / name,

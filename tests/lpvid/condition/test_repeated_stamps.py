@@ -198,3 +198,51 @@ def test_a_free_run_from_rest_does_not_read_the_output():
     table["force [N]"][51] += 1.0
     expected = lpv.simulate(model, columns(), "zero").output
     np.testing.assert_array_equal(lpv.simulate(model, table, "zero").output, expected)
+
+
+def data_set(folder: Path, *tables: dict[str, list[float]]) -> Path:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    folder.mkdir()
+    for k, table in enumerate(tables):
+        pq.write_table(pa.table(table), folder / f"part-{k}.parquet")
+    return folder
+
+
+def test_a_stamp_over_two_files_of_a_data_set_keeps_units_and_columns(tmp_path):
+    first = {"time [s]": [0.0, 0.1, 0.2, 0.3], "v [m/s]": [1.0, 2.0, 3.0, NAN], "F [N]": [10.0, 20.0, 30.0, 40.0]}
+    second = {"time [s]": [0.3], "v [mm/s]": [4000.0], "T [degC]": [20.0]}
+    (record,) = read_chunks(data_set(tmp_path / "run.parquet", first, second), 5)
+    np.testing.assert_allclose(record["v"], [1, 2, 3, 4])
+    np.testing.assert_allclose(record["F"], [10, 20, 30, 40])
+    np.testing.assert_allclose(record["T"], [NAN, NAN, NAN, 293.15])
+
+
+def test_a_lone_last_row_is_read_in_its_own_unit(tmp_path):
+    first = {"time [s]": [0.0, 0.1, 0.2], "F [N]": [10.0, 20.0, 30.0]}
+    (record,) = read_chunks(data_set(tmp_path / "run.parquet", first, {"time [s]": [0.3], "F [kN]": [0.04]}), 5)
+    np.testing.assert_allclose(record["F"], [10, 20, 30, 40])
+    other = data_set(tmp_path / "other.parquet", first, {"time [s]": [0.3], "F [mm]": [0.04]})
+    with pytest.raises(InputError, match=r"part-1\.parquet: column 'F' has another unit than in the file before"):
+        list(read_chunks(other, 5))
+
+
+def test_two_values_at_one_time_in_a_later_part_are_refused_with_the_row_of_the_file(tmp_path):
+    def written() -> Path:
+        text = "\n".join(",".join(f"{x:.9g}" for x in row) for row in zip(*data.values(), strict=True))
+        path = tmp_path / "run.csv"
+        path.write_text(",".join(data) + "\n" + text)
+        return path
+
+    data = columns()
+    data["time [s]"][400] = data["time [s]"][399]
+    path, structure = written(), lpv.ARX(na=1, nb=1, nk=0, input="velocity", output="force")
+    for chunked in (read_chunks(path, 150), read_chunks(path, 1000)):
+        with pytest.raises(InputError, match="time repeats in row 401 with another value of 'velocity'"):
+            lpv.identify(chunked, structure)
+    for name in ("velocity [m/s]", "force [N]"):
+        data[name][400] = data[name][399]
+    data["temperature [K]"][400] += 1  # not in use
+    found = lpv.identify(read_chunks(written(), 150), structure)
+    assert found.training.overall.free_run.fit_percent > 90
