@@ -6,12 +6,14 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from gc import collect
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from lpvid._forks import in_forks
+from lpvid._memory import give_back
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
@@ -19,6 +21,7 @@ from lpvid.diagnosis.composition import ComposedBaseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
+from lpvid.diagnosis.signals import LONG
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.training_fingerprint import of_files, recalled
@@ -228,6 +231,9 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
         from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
+    if sum(r.n_samples for r in prepared.training) > LONG:  # signals and what is cached along them refer to each other
+        collect()
+        give_back()
     extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
     return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),

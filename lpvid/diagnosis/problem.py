@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from gc import collect
 
 import numpy as np
 
+from lpvid._memory import give_back
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
@@ -46,6 +48,20 @@ class DiagnosisProblem:
         """Root mean square of the output about its mean, over the blocks."""
         return float(np.concatenate([s.output[n >= 0] for s, n in zip(self.signals, self.blocks.number,
                                                                       strict=True)]).std())
+
+    def forget_simulations(self, collected: bool = False) -> None:
+        """Drop what is cached along the signals.
+
+        Parameters
+        ----------
+        collected : bool
+            Whether garbage is collected at once: what is cached along signals refers to these.
+        """
+        for s in self.signals:
+            s.cache.clear()
+        if collected:
+            collect()
+            give_back()
 
     def errors(self, composition: Composition, vector: np.ndarray) -> list[np.ndarray]:
         """Per record, (n,) measured less simulated output; `EXPLODED` where that is larger or not finite.

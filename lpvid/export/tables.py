@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from lpvid.errors import InputError
 
 Columns = Mapping[str, tuple[np.ndarray, str]]
 """Name to values and unit."""
+ROWS = 4096
+"""rows of a csv file that are written at a time"""
 
 
 def write_table(columns: Columns, path: str | Path) -> Path:
@@ -54,11 +57,12 @@ def _header(name: str, unit: str) -> str:
 
 
 def _csv(columns: Columns, path: Path) -> None:
-    rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
+    size = max((values.size for values, _ in columns.values()), default=0)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(_header(n, unit) for n, (_, unit) in columns.items()) + "\n")
-        for row in rows:
-            file.write(",".join(repr(x) if np.isfinite(x) else "" for x in row) + "\n")
+        for k in range(0, size, ROWS):  # a number of Python takes four times the memory of one in an array
+            for row in zip(*(values[k:k + ROWS].tolist() for values, _ in columns.values()), strict=True):
+                file.write(",".join(repr(x) if isfinite(x) else "" for x in row) + "\n")
 
 
 def _parquet(columns: Columns, path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from gc import collect
 
 import numpy as np
 
@@ -147,10 +146,7 @@ def _measured(search: SetSearch, rejected: Sequence[frozenset[str]], records: Se
     problem = search.problem
     selected = select_set(search, report_progress, rejected)
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
-        for s in problem.signals:
-            s.cache.clear()  # of the search, to free memory for the refit
-        if sum(r.n_samples for r in records) > LONG:
-            collect()
+        problem.forget_simulations(sum(r.n_samples for r in records) > LONG)  # to free memory for the refit
         report_progress("refitting the best set to all samples")
         selected = on_all_samples(search, selected, problem_of(records, baseline))
     return selected

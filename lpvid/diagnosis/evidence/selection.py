@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,7 +21,10 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predicted_share
 from lpvid.diagnosis.screening import start_vector
+from lpvid.diagnosis.signals import LONG
 
+T = TypeVar("T")
+R = TypeVar("R")
 SURE_PROBABILITY = 0.75
 """calibrated probability from which a cause is sure, so that a set of such causes explains an error"""
 FORM_SHARE = 0.95
@@ -393,9 +397,18 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
         _ = found.jacobian  # with which the refits to both folds begin
         return found
 
-    root, fit = search.in_parallel(refitted, (selected.root, selected.fit), (problem,))
-    halves = search.in_parallel(lambda item: errors_on_other_fold(problem, *item),
-                                [(f, k) for f in (fit, root) for k in (0, 1)])
+    def of_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """On every processor, or one after the other along many samples: each takes the memory of a Jacobian."""
+        if problem.n_samples <= LONG:
+            return search.in_parallel(function, items, (problem,))
+        results = []
+        for item in items:
+            results.append(function(item))
+            problem.forget_simulations(collected=True)
+        return results
+
+    root, fit = of_each(refitted, (selected.root, selected.fit))
+    halves = of_each(lambda item: errors_on_other_fold(problem, *item), [(f, k) for f in (fit, root) for k in (0, 1)])
     after, before = join_folds(problem, halves[:2]), join_folds(problem, halves[2:])
     places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in selected.members)
