@@ -491,12 +491,18 @@ def _forms_sure(w: EvaluatedSet, sets: Sequence[tuple[EvaluatedSet, float]], wei
                for e, k in zip(w.effects, w.components, strict=True))
 
 
+def _most_probable_with(effect: Effect, sets: Sequence[tuple[EvaluatedSet, float]], w: EvaluatedSet) -> EvaluatedSet:
+    """The most probable set that holds an effect; `w` where no set of them does."""
+    return next((v for v, _ in sets if effect in v.effects), w)
+
+
 def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, w: EvaluatedSet,
             fit: Refit, after: np.ndarray, effect: Effect, ablation: Refit) -> SetMember:
-    """An effect of a set `w` as a member; its rivals are those beside `best` if that holds it too.
+    """An effect of a set `w` as a member; its rivals are those in the most probable set that holds it.
 
-    The neighbours of that most probable set were visited, and whether a name is sure must not depend on which of
-    several nearly as probable sets predicts best.
+    The neighbours of that set were visited, and whether a name is sure must not depend on which of several nearly as
+    probable sets predicts best. Nor on which components are more probable than not: friction and one of four springs
+    leave a third of what friction alone leaves, and what replaces friction there need not do so beside a spring.
     """
     problem = fit.problem
     gains = _gains(problem, ablation, after)
@@ -504,7 +510,7 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     name, _, support = name_in(search, sets, w, effect)
     of_family = Support.of(sets, match_family(effect.family), search.structured).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    rivals = rivals_beside(search, sets, best if effect in best.effects else w, effect, values)
+    rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -613,6 +614,16 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
     assert found.weights is not None
     reported = [set(w.names) for w in found.weights.sets if w.held_out_esr is not None]
     assert reported == [wanted]  # the error stands beside the set that has it
+
+
+def test_rivals_are_sought_in_the_most_probable_set_that_holds_a_cause():
+    """Friction with one of four springs is sure, none of the springs is: what replaces friction alone is no rival."""
+    dry, springs = Dry(), [Wave(), Cubic()]
+    alone = SimpleNamespace(effects=(dry,))
+    sets = [(SimpleNamespace(effects=(springs[0],)), 0.4), (SimpleNamespace(effects=(springs[0], dry)), 0.3),
+            (SimpleNamespace(effects=(springs[1], dry)), 0.2), (alone, 0.1)]
+    assert selection._most_probable_with(dry, sets, alone) is sets[1][0]
+    assert selection._most_probable_with(Dry(), [(sets[0][0], 1.0)], alone) is alone
 
 
 @pytest.mark.parametrize(("here", "kept"), [
