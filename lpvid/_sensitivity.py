@@ -12,6 +12,9 @@ import numpy as np
 
 from lpvid._compiling import copy_values, njit
 
+PAST = 4
+"""samples of past that are read at least, whatever the number of lags"""
+
 
 @njit(fastmath={"contract"})
 def recur(weights, z, history, rows):

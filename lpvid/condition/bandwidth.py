@@ -8,9 +8,10 @@ import numpy as np
 
 from lpvid.record import Record
 
+PASSED = 0.8
+"""share of half the sample rate that an anti-alias filter leaves"""
 SPARE = 4.0
-"""sampling rate that a bandwidth calls for, as a multiple of it: an anti-alias filter that ends at .8 of half the rate
-leaves 1.6 times the band"""
+"""sampling rate that a bandwidth calls for, as a multiple of it: an anti-alias filter leaves 1.6 times the band"""
 LONGEST = 200_000
 """samples that are looked at, at most"""
 COMMANDS = ("A", "V", "K")

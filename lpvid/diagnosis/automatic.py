@@ -9,7 +9,9 @@ import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.diagnosis import gain_percent
 from lpvid.diagnosis.evidence.effective_samples import effective_samples
 from lpvid.diagnosis.folds import out_of_fold
 from lpvid.diagnosis.problem import problem_of
@@ -17,9 +19,7 @@ from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.registry import factories
 from lpvid.errors import InputError
 from lpvid.record import Record
-
-LISTED = 4
-"""laws that the note lists"""
+from lpvid.rounding import TINY
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,10 @@ def automatic(
     count = kappa * problem.n_samples
 
     def criterion(law: Law) -> float:
-        return count * float(np.log(max(law.error, 1e-300))) + law.baseline.vector.size * float(np.log(max(count, 2.0)))
+        return count * float(np.log(max(law.error, TINY))) + law.baseline.vector.size * float(np.log(max(count, 2.0)))
 
     ranked = sorted(found, key=criterion)
-    spread = max(problem.spread**2, 1e-300)
+    spread = max(problem.spread**2, TINY)
     described = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
     chosen = ranked[0].baseline
     return chosen, (f"the law diagnosed is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
@@ -101,7 +101,7 @@ def _fewer(chosen: Law, best: Law, count: float) -> str:
     if chosen is best:
         return ""
     more = best.baseline.vector.size - chosen.baseline.vector.size
-    gain = 100 * (1 - best.error / chosen.error)
+    gain = gain_percent(chosen.error, best.error)
     words = "1 parameter" if more == 1 else f"{more} parameters"
     return (f". {best.baseline.name} has {gain:.2g} % less error with {words} more: too little, with about "
             f"{count:.0f} independent samples in the error")
@@ -110,5 +110,5 @@ def _fewer(chosen: Law, best: Law, count: float) -> str:
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:
     problem = problem_of(records, baseline)
     fit = refit(problem, Composition(baseline), baseline.vector, iterations=0)  # its errors as fitted, no second fit
-    error = float(np.mean(out_of_fold(problem, fit).errors ** 2))
+    error = float(np.mean(out_of_fold(problem, fit) ** 2))
     return Law(baseline, error)

@@ -90,18 +90,11 @@ class Blocks:
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
         return cls(tuple(numbers), count, np.array(folds), length)
 
-    def mask(self, fold: int | None = None) -> list[np.ndarray]:
-        """Per record, (n,) bool: samples in a block, of one fold if asked.
-
-        Parameters
-        ----------
-        fold : {None, 0, 1}
-            None for both.
+    def mask(self) -> list[np.ndarray]:
+        """Per record, (n,) bool: samples in a block.
 
         Returns
         -------
         list of (n,) bool arrays
         """
-        if fold is None:
-            return [n >= 0 for n in self.number]
-        return [(n >= 0) & (self.fold[n] == fold) for n in self.number]
+        return [n >= 0 for n in self.number]

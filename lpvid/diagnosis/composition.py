@@ -6,31 +6,57 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import STAGES, Effect
 from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from lpvid.record import Record
+from lpvid.rounding import EPS, STEP
 
-STEP = 1e-5
-"""step of a finite difference, as a share of the parameter's scale"""
 CARRIED = ("inside", "core", "series")
 """stages in series with the damper's own force; a parallel force (`Baseline.apart`) is added behind them"""
-ROUNDING = 1e-13
-"""share of the largest force below which a change by such a step is rounding"""
 
 
-class ComposedBaseline(Baseline):
-    """A baseline that is itself a law with effects; further effects are composed with these in the usual order.
-
-    An effect that the baseline already holds replaces the baseline's own values of it.
-    """
+class CompositionBaseline(Baseline):
+    """A baseline that is itself a law with effects, fitted already."""
 
     @property
     @abstractmethod
     def inner(self) -> Composition:
         """The law and effects that it is made of."""
+
+    @property
+    def clock(self) -> float | None:
+        return self.inner.baseline.clock
+
+    @property
+    def start(self) -> int:
+        return self.inner.baseline.start
+
+    def signals(self, record: Record) -> Signals:
+        return self.inner.baseline.signals(record)
+
+    def core(self, vector: np.ndarray) -> Core:
+        return self.inner.core(vector)
+
+    def fit(self, records: Sequence[Record]) -> Self:
+        return self
+
+    def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
+        return self.inner.sensitivities(signals, vector)
+
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        return []
+
+
+class ComposedBaseline(CompositionBaseline):
+    """One whose effects are composed with further ones in the usual order, as if all were around its law.
+
+    An effect that the baseline already holds replaces the baseline's own values of it.
+    """
 
     @abstractmethod
     def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -247,7 +273,7 @@ class Composition:
         if not self.effects:
             return self.baseline.sensitivities(signals, vector)[:, list(wanted)]
         here = self.predict(signals, vector) if at is None else at
-        rounding = ROUNDING * max(float(np.abs(here).max()), float(np.abs(signals.output).max()))
+        rounding = here.size * EPS * max(float(np.abs(here).max()), float(np.abs(signals.output).max()))
         _, high = self.bounds
         out = np.zeros((signals.n_samples, len(wanted)))
         moves: dict[int, np.ndarray] = {}

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lpvid._shown import Shown
+from lpvid.codec import UNWRITTEN, Encoded
 from lpvid.diagnosis.localise import ErrorRegime
 
 if TYPE_CHECKING:
@@ -18,8 +19,24 @@ if TYPE_CHECKING:
 VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain", "cannot-tell")
 
 
+def gain_percent(before: float, after: float) -> float:
+    """Reduction of a squared error [%].
+
+    Parameters
+    ----------
+    before, after : float
+        In one unit; `before` above zero.
+
+    Returns
+    -------
+    float
+        Negative where the error is larger.
+    """
+    return 100.0 * (1.0 - after / before)
+
+
 @dataclass(frozen=True)
-class Estimated:
+class Estimated(Encoded):
     """A fitted number with its standard error, SI; or a choice, with what it means.
 
     Attributes
@@ -39,20 +56,8 @@ class Estimated:
     value: float
     std: float | None
     unit: str
-    choice: str | None = None
-    bound: str | None = None
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Of the attributes by name; ``choice`` only where it is one, ``bound`` only where it stands at one.
-        """
-        chosen = {} if self.choice is None else {"choice": self.choice}
-        bounded = {} if self.bound is None else {"bound": self.bound}
-        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit, **chosen, **bounded}
+    choice: str | None = field(default=None, metadata=UNWRITTEN)
+    bound: str | None = field(default=None, metadata=UNWRITTEN)
 
     def __str__(self) -> str:
         if self.choice is not None:
@@ -63,7 +68,7 @@ class Estimated:
 
 
 @dataclass(frozen=True)
-class Cause:
+class Cause(Encoded):
     """A named cause.
 
     Attributes
@@ -83,14 +88,14 @@ class Cause:
         Share of the held-out blocks in which the error is lower with it.
     contribution : float
         Root mean square of what it adds to the output, in the output's unit.
-    probability : float or None
-        That it is present, calibrated on cases of two rigs; None where no sets were evaluated.
+    probability : float
+        That it is present, calibrated on cases of two rigs.
     family : str
-        Of causes; "" where no sets were evaluated.
-    weight : float or None
+        Of causes.
+    weight : float
         Posterior weight of the visited sets of causes that hold it.
-    form : str
-        Effect that simulates it in the extended model, where that is a special form which is not sure; else "".
+    form : str or None
+        Effect that simulates it in the extended model, where that is a special form which is not sure; else None.
     """
 
     name: str
@@ -103,32 +108,14 @@ class Cause:
     held_out_gain: float
     blocks_better: float
     contribution: float
-    probability: float | None = None
-    family: str = ""
-    weight: float | None = None
-    form: str = ""
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Of the attributes by name; ``probability``, ``family`` and ``weight`` only where sets were evaluated,
-            ``form`` only where there is one.
-        """
-        weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family,
-                                                            "weight": self.weight}
-        return {"name": self.name, "description": self.description,
-                "parameters": [p.to_dict() for p in self.parameters], "p_value": self.p_value,
-                "delta_bic": self.delta_bic, "share_alone": self.share_alone,
-                "share_given_others": self.share_given_others, "held_out_gain": self.held_out_gain,
-                "blocks_better": self.blocks_better, "contribution": self.contribution, **weighed,
-                **({"form": self.form} if self.form else {})}
+    probability: float
+    family: str
+    weight: float
+    form: str | None = field(default=None, metadata=UNWRITTEN)
 
 
 @dataclass(frozen=True)
-class Rivals:
+class Rivals(Encoded):
     """Causes that these data do not distinguish, and the experiment that would.
 
     Attributes
@@ -148,20 +135,9 @@ class Rivals:
     experiment: str
     parameters: Mapping[str, tuple[Estimated, ...]] = field(default_factory=dict)
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Of the attributes by name.
-        """
-        return {"names": list(self.names), "similarity": self.similarity, "experiment": self.experiment,
-                "parameters": {k: [p.to_dict() for p in v] for k, v in self.parameters.items()}}
-
 
 @dataclass(frozen=True)
-class CannotTell:
+class CannotTell(Encoded):
     """A candidate that these data could not reveal, and the measurement that would.
 
     Attributes
@@ -189,20 +165,9 @@ class CannotTell:
         found = re.fullmatch(r"no (.+) was measured", self.reason)
         return "" if found is None else found[1]
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Of the attributes by name.
-        """
-        return {"name": self.name, "reason": self.reason, "smallest_detectable": self.smallest_detectable,
-                "unit": self.unit, "experiment": self.experiment}
-
 
 @dataclass(frozen=True)
-class Rejected:
+class Rejected(Encoded):
     """A candidate that was screened and not named.
 
     Attributes
@@ -215,19 +180,9 @@ class Rejected:
     name: str
     why: str
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            ``name`` and ``why``.
-        """
-        return {"name": self.name, "why": self.why}
-
 
 @dataclass(frozen=True)
-class VisitedSet:
+class VisitedSet(Encoded):
     """A visited set of causes, its posterior weight among these, and its error where it was measured.
 
     Attributes
@@ -242,16 +197,6 @@ class VisitedSet:
     names: tuple[str, ...]
     probability: float
     held_out_esr: float | None
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Of the attributes by name.
-        """
-        return {"names": list(self.names), "probability": self.probability, "held_out_esr": self.held_out_esr}
 
 
 @dataclass(frozen=True)
@@ -401,9 +346,8 @@ class Diagnosis(Shown):
     @property
     def gain_percent(self) -> float:
         """100 (1 − ESR_extended/ESR_baseline), held-out; of `Errors.part` where nothing was held out."""
-        if not self.before.esr_held_out > 0:
-            return 0.0
-        return 100.0 * (1.0 - self.after.esr_held_out / self.before.esr_held_out)
+        before = self.before.esr_held_out
+        return gain_percent(before, self.after.esr_held_out) if before > 0 else 0.0
 
     @property
     def stand_ins(self) -> tuple[str, ...]:
@@ -445,9 +389,8 @@ class Diagnosis(Shown):
                  f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training"
                  + (f", {self.before.esr_held_out:.4g} held-out" if self.before.part == "held-out" else "")
                  + f" ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
-        lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
-                  + ("" if c.probability is None else f", probability {c.probability:.2f}")
-                  for c in self.causes[:3]]
+        lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %, "
+                  f"probability {c.probability:.2f}" for c in self.causes[:3]]
         lines += [f"  cannot be distinguished: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
             other = f"; with {', '.join(self.stand_ins)}, not named" if self.stand_ins else ""

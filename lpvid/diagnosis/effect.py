@@ -11,20 +11,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from lpvid import _checks
+from lpvid.diagnosis.budgets import MOST_POINTS, MOST_SIZES
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.baseline import Baseline
 
-MOST_POINTS = 14
-"""grid points at which an effect is screened"""
 BETWEEN = 0.01
 """share of a sample to which a time is known at best"""
 SPREAD = (0.003, 0.1, 1.0)
 """least, middle and largest share of its natural size at which a parameter is screened"""
-MOST_SIZES = 6
-"""sizes of a strength, two to a decade"""
 STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")
 """Where an effect acts, from the inside out::
 
@@ -413,7 +410,7 @@ class Effect(ABC):
         """
         period = signals[0].sample_time
         if self.stepwise:
-            return period / np.sqrt(12)
+            return period / (2 * np.sqrt(3))
         return BETWEEN * period if self.parameters[0].unit == "s" else 0.0
 
     def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:

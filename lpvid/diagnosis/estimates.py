@@ -9,14 +9,14 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Errors, Estimated
 from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.folds import Folds
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.record import Record
+from lpvid.rounding import TINY
 
 
 def errors_of(
-    problem: DiagnosisProblem, baseline: Baseline, fit: Refit, folds: Folds, held_out: Sequence[Record]
+    problem: DiagnosisProblem, baseline: Baseline, fit: Refit, left_out: np.ndarray, held_out: Sequence[Record]
 ) -> Errors:
     """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold.
 
@@ -27,8 +27,8 @@ def errors_of(
         Reads the signals of the further records.
     fit : Refit
         On the samples of `problem`.
-    folds : Folds
-        Errors of the same composition out of fold.
+    left_out : (N,) array
+        Errors of the same composition out of fold, in the output's unit.
     held_out : sequence of Record
         Prepared; may be empty.
 
@@ -38,10 +38,10 @@ def errors_of(
     """
     inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
     about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
-    power = max(sum(about), 1e-300)
+    power = max(sum(about), TINY)
     training = float(fit.errors @ fit.errors) / power
     if not held_out:
-        squares = float(folds.errors @ folds.errors)
+        squares = float(left_out @ left_out)
         return Errors(training, squares / power, float(np.sqrt(squares / problem.n_samples)))
     error, total, count = 0.0, 0.0, 0
     for record in held_out:
@@ -49,7 +49,7 @@ def errors_of(
         e = (s.output - fit.composition.predict(s, fit.vector))[baseline.start:]
         y = s.output[baseline.start:]
         error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
-    return Errors(training, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
+    return Errors(training, error / max(total, TINY), float(np.sqrt(error / max(count, 1))))
 
 
 def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:

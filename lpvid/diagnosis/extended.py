@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition.band_limited import IN_BAND
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.registry import named_effects, stored_baseline
 from lpvid.errors import InputError
@@ -19,16 +20,13 @@ from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
 from lpvid.record import Channel, Record
+from lpvid.rounding import EXPLODED
 from lpvid.scheduling import Scheduling
 from lpvid.training_fingerprint import heads
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.refitting import Refit
 
-TRACED = 2000
-"""samples of a record that are simulated to find the further channels that a composition reads"""
-OPEN = 1e300
-"""bound of a scheduling variable whose range is unknown"""
 SLACK = 0.01
 """share of its range by which a scheduling variable may leave it before that counts as extrapolation"""
 
@@ -104,7 +102,7 @@ class ExtendedModel(Adaptable):
         ExtendedModel
         """
         base = self.composition.baseline
-        first = records[0].slice(0, min(records[0].n_samples, TRACED))
+        first = records[0].slice(0, min(records[0].n_samples, SEARCH_SAMPLES))
         signals = base.signals(first)
         reads = tuple(n for n in _required(self.composition) if signals.has(n))
         whole = self.composition.predict(signals, self.vector)
@@ -288,8 +286,8 @@ class ExtendedRun(SelfScheduled):
     @property
     def box(self) -> Scheduling:  # type: ignore[override]
         """Training range of the scheduling variables, wider by `SLACK`."""
-        ranges = [self.model.ranges.get(n, (-OPEN, OPEN)) for n in self.scheduled]
-        slack = [SLACK * max(b - a, abs(b), 1e-9) for a, b in ranges]
+        ranges = [self.model.ranges.get(n, (-EXPLODED, EXPLODED)) for n in self.scheduled]
+        slack = [SLACK * (max(b - a, abs(b)) or 1.0) for a, b in ranges]
         return Scheduling(self.scheduled, tuple(a - s for (a, _), s in zip(ranges, slack, strict=True)),
                           tuple(b + s for (_, b), s in zip(ranges, slack, strict=True)),
                           units=tuple(self.model.units.get(n, "") for n in self.scheduled))

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.baseline import Coefficient
+from lpvid.diagnosis.composition import Composition, CompositionBaseline
 from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.record import Record
 
 
 @dataclass(frozen=True, eq=False)
-class ExtendedBaseline(Baseline):
+class ExtendedBaseline(CompositionBaseline):
     """Baseline and effects of an extended model as one, all parameters free; further effects are composed around it.
 
     It counts as static where the baseline is and no effect has a memory.
@@ -35,23 +33,18 @@ class ExtendedBaseline(Baseline):
     schedule: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        base = self.composition.baseline
+        base = self.inner.baseline
         values = {"name": "+".join((base.name, *self.model.effects)), "output": base.output,
                   "output_unit": base.output_unit, "polarity": base.polarity, "schedule": base.schedule,
                   "static": base.static and all(
                       e.is_static(self.model.vector[p])
-                      for e, p in zip(self.composition.effects, self.composition.places, strict=True))}
+                      for e, p in zip(self.inner.effects, self.inner.places, strict=True))}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @property
-    def composition(self) -> Composition:
-        """Of the model."""
+    def inner(self) -> Composition:
         return self.model.composition
-
-    @property
-    def clock(self) -> float | None:
-        return self.composition.baseline.clock
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -59,36 +52,17 @@ class ExtendedBaseline(Baseline):
 
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        own = list(self.composition.baseline.coefficients)
-        scales = self.composition.scales[len(own):]
-        more = [(f"{e.name}.{p.name}", p) for e in self.composition.effects for p in e.parameters]
+        own = list(self.inner.baseline.coefficients)
+        scales = self.inner.scales[len(own):]
+        more = [(f"{e.name}.{p.name}", p) for e in self.inner.effects for p in e.parameters]
         return (*own, *(Coefficient(n, p.unit, *p.bounds, float(s)) for (n, p), s in zip(more, scales, strict=True)))
 
     @property
     def vector(self) -> np.ndarray:
         return np.array(self.model.vector)
 
-    @property
-    def start(self) -> int:
-        return self.composition.baseline.start
-
     def with_vector(self, vector: np.ndarray) -> ExtendedBaseline:
         return ExtendedBaseline(replace(self.model, vector=vector))
-
-    def signals(self, record: Record) -> Signals:
-        return self.composition.baseline.signals(record)
-
-    def core(self, vector: np.ndarray) -> Core:
-        return self.composition.core(vector)
-
-    def fit(self, records: Sequence[Record]) -> ExtendedBaseline:
-        return self
-
-    def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
-        return self.composition.sensitivities(signals, vector)
-
-    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
-        return []
 
     def to_dict(self) -> dict:
         return {"kind": "extended", "model": self.model.to_dict()}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from gc import collect
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +17,11 @@ from lpvid._memory import give_back
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.budgets import LONG
 from lpvid.diagnosis.composition import ComposedBaseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
-from lpvid.diagnosis.signals import LONG
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.training_fingerprint import of_files, recalled
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.diagnosis.settings import DiagnosisSettings
 
-T = TypeVar("T")
-R = TypeVar("R")
 Progress = Callable[[str], None]
 AUTO = "auto"
 """instead of a baseline's name: the installed law that describes the records best"""
@@ -224,7 +222,9 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     try:
         if settings.fit_baseline and not task.fitted and not task.baseline_fitted:
             report_stage(f"fitting {baseline.name}")
-            baseline, audited = _in_parallel(lambda start=baseline: start.fit(prepared.training), audit_raw)
+            both: tuple[Callable[[], Any], ...] = (lambda start=baseline: start.fit(prepared.training), audit_raw)
+            results: list[Any] = in_forks(lambda call: call(), both)
+            baseline, audited = results
         found = engine.diagnose(prepared.training, baseline, task.catalogue, prepared.held_out,
                                 replace(settings, fit_baseline=False), report_stage)
     except KeyboardInterrupt as stop:
@@ -253,12 +253,6 @@ def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosi
     weights = found.weights
     return replace(found, wrong=tuple(replace(w, where=own(w.where)) for w in found.wrong),
                    weights=None if weights is None else replace(weights, where=own(weights.where)))
-
-
-def _in_parallel(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
-    """Results of two calls, in parallel where there are processors for both."""
-    results: list[Any] = in_forks(lambda call: call(), (one, other))
-    return results[0], results[1]
 
 
 def _listed(records: Record | Sequence[Record] | None) -> list[Record]:

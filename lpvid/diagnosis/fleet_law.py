@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,12 @@ ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "
          "form_of", "contains", "behind", "turns", "brings")
 """attributes that a `FleetEffect` has from its effect; not `visible` and `differs_by`, which hold for the effect's own
 neutral values: samples show a clipped force, but not that it is clipped at another level than the fleet's"""
-WITHIN, CONSISTENT = 3.0, 1.4826
-"""standard deviations within which 99.7 % of normal specimens lie; the standard deviation of a normal distribution over
-its median absolute deviation"""
-FACTORS = (0.25, 0.5, 2.0, 4.0)
-"""of a fleet's strength, at which a cause is screened in addition to its own points"""
+WITHIN = 3.0
+"""standard deviations within which 99.7 % of normal specimens lie"""
+CONSISTENT = 1 / NormalDist().inv_cdf(3 / 4)
+"""standard deviation of a normal distribution over its median absolute deviation"""
+FACTORS = (2.0, 4.0)
+"""of a fleet's strength, they and their reciprocals, at which a cause is screened in addition to its own points"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +122,6 @@ class FleetLaw(ComposedBaseline):
         return self.shared.composition
 
     @property
-    def clock(self) -> float | None:
-        return self.inner.baseline.clock
-
-    @property
     def channels(self) -> tuple[str, ...]:
         return (*self.shared.reads, self.output)
 
@@ -143,27 +141,8 @@ class FleetLaw(ComposedBaseline):
     def vector(self) -> np.ndarray:
         return np.array(self.at)
 
-    @property
-    def start(self) -> int:
-        return self.inner.baseline.start
-
     def with_vector(self, vector: np.ndarray) -> FleetLaw:
         return replace(self, at=np.asarray(vector, dtype=float))
-
-    def signals(self, record: Record) -> Signals:
-        return self.inner.baseline.signals(record)
-
-    def core(self, vector: np.ndarray) -> Core:
-        return self.inner.core(vector)
-
-    def fit(self, records: Sequence[Record]) -> FleetLaw:
-        return self
-
-    def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
-        return self.inner.sensitivities(signals, vector)
-
-    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
-        return []
 
     def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
         places = {e.name: p for e, p in zip(self.inner.effects, self.inner.places, strict=True)}
@@ -230,7 +209,8 @@ class FleetEffect(Effect):
         """Points with the fleet's shapes and other strengths."""
         low, high = np.array([p.bounds for p in self.parameters]).T
         scale = np.where(np.arange(self.values.size) < self.strengths, 1.0, 0.0)
-        return [np.clip(self.values * (1 + (f - 1) * scale), low, high) for f in FACTORS]
+        factors = sorted((*FACTORS, *(1 / f for f in FACTORS)))
+        return [np.clip(self.values * (1 + (f - 1) * scale), low, high) for f in factors]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return self.effect.applies(baseline, signals)

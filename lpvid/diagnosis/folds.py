@@ -3,42 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.diagnosis.budgets import NEAR_ITERATIONS
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 
-FOLD_ITERATIONS = 8
-"""iterations of a refit to one fold, which begins at the fit to both"""
 
-
-@dataclass(frozen=True, eq=False)
-class Folds:
+def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """Errors out of fold: each sample by the fit to the other fold, in which it has the weight `OTHER_FOLD_WEIGHT`.
-
-    Attributes
-    ----------
-    errors : (N,) array
-        In the output's unit.
-    """
-
-    errors: np.ndarray
-
-
-def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
-    """Refit to each fold from the fit to both, and take the errors on the other.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     fit : Refit
-        To both folds.
+        To both folds, from which each is refitted.
 
     Returns
     -------
-    Folds
+    (N,) array
+        In the output's unit.
     """
     return join_folds(problem, [errors_on_other_fold(problem, fit, fold) for fold in (0, 1)])
 
@@ -59,11 +44,11 @@ def errors_on_other_fold(problem: DiagnosisProblem, fit: Refit, fold: int) -> np
     (n,) array
         In the output's unit.
     """
-    half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=FOLD_ITERATIONS, near=fit, rough=True)
+    half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=NEAR_ITERATIONS, near=fit, rough=True)
     return half.errors[problem.in_fold(1 - fold)]
 
 
-def join_folds(problem: DiagnosisProblem, parts: Sequence[np.ndarray]) -> Folds:
+def join_folds(problem: DiagnosisProblem, parts: Sequence[np.ndarray]) -> np.ndarray:
     """Errors out of fold of all samples.
 
     Parameters
@@ -74,9 +59,9 @@ def join_folds(problem: DiagnosisProblem, parts: Sequence[np.ndarray]) -> Folds:
 
     Returns
     -------
-    Folds
+    (N,) array
     """
     errors = np.empty(problem.n_samples)
     for fold, part in enumerate(parts):
         errors[problem.in_fold(1 - fold)] = part
-    return Folds(errors)
+    return errors

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis, Errors, SetProbabilities
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.preparing import PreparedRecords
-from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
+from lpvid.rounding import TINY
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     Diagnosis
         Of verdict ``cannot-tell``, with ``complete`` False; its errors are all of training samples.
     """
-    signals = tuple(baseline.signals(r) for r in prepared.training)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
+    problem = problem_of(prepared.training, baseline)
     bare = Composition(baseline)
     before = _figures(problem, bare, baseline.vector)
     wrong = localise(problem, problem.errors(bare, baseline.vector))
@@ -90,5 +89,5 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
 def _figures(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> Errors:
     """Free-run errors on the training samples."""
     stacked = problem.stacked_errors(composition, vector)
-    esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)
+    esr = float(np.mean(stacked**2)) / max(problem.spread**2, TINY)
     return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))), "training")

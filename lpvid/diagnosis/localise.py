@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from lpvid.codec import Encoded
+from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.problem import DiagnosisProblem
 
-BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, 15.0), (15.0, 50.0), (50.0, np.inf))
-"""frequency bands [Hz]"""
+BANDS = (0.0, 1.0, 5.0, 15.0, 50.0, np.inf)
+"""edges of the frequency bands [Hz]"""
 NOTABLE = 1.5
 """least ratio of a regime's share of the squared error to its share of the time at which it is listed"""
 
 
 @dataclass(frozen=True)
-class ErrorRegime:
+class ErrorRegime(Encoded):
     """A regime whose share of the error exceeds its share of the time.
 
     Attributes
@@ -33,16 +36,6 @@ class ErrorRegime:
     share: float
     time: float
 
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            ``where``, ``share`` and ``time``.
-        """
-        return {"where": self.where, "share": self.share, "time": self.time}
-
 
 def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[ErrorRegime, ...]:
     """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency; worst first.
@@ -56,7 +49,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
     Returns
     -------
     tuple of ErrorRegime
-        At most eight regimes; the share of the frequency bands is that of the error's power.
+        At most `LISTED` regimes; the share of the frequency bands is that of the error's power.
     """
     squared = problem.stack([e**2 for e in errors])
     total = float(squared.sum())
@@ -79,7 +72,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
              for where, inside in regimes if 0 < inside.mean() < 1]
     found += _bands(problem, errors)
     notable = [w for w in found if w.share > max(NOTABLE * w.time, 0.05) or (w.share > 0.65 and w.time < 0.55)]
-    return tuple(sorted(notable, key=lambda w: w.time - w.share)[:8])
+    return tuple(sorted(notable, key=lambda w: w.time - w.share)[:LISTED])
 
 
 def _regimes(name: str, x: np.ndarray) -> list[tuple[str, np.ndarray]]:
@@ -113,15 +106,15 @@ def _after_reversal(velocity: np.ndarray) -> np.ndarray:
 def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[ErrorRegime]:
     """Shares of the error's power; a frequency between 0 and half the rate counts twice, for its negative too."""
     period = problem.signals[0].sample_time
-    power = np.zeros(len(BANDS))
+    power = np.zeros(len(BANDS) - 1)
     for e, n in zip(errors, problem.blocks.number, strict=True):
         x = np.where(n >= 0, e, 0.0)
         spectrum, f = np.abs(np.fft.rfft(x)) ** 2 / x.size, np.fft.rfftfreq(x.size, period)
         spectrum[1:(x.size + 1) // 2] *= 2
-        power += [float(spectrum[(f >= a) & (f < b)].sum()) for a, b in BANDS]
+        power += [float(spectrum[(f >= a) & (f < b)].sum()) for a, b in pairwise(BANDS)]
     top = 0.5 / period
     total = float(power.sum())
     if not total > 0:
         return []
     return [ErrorRegime(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total,
-                        (min(b, top) - a) / top) for (a, b), p in zip(BANDS, power, strict=True) if a < top]
+                        (min(b, top) - a) / top) for (a, b), p in zip(pairwise(BANDS), power, strict=True) if a < top]

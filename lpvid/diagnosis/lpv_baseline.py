@@ -12,6 +12,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.diagnosis.baseline import Baseline, Coefficient
+from lpvid.diagnosis.budgets import MOST_FREE
 from lpvid.diagnosis.preparing import ROLES
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
@@ -20,6 +21,7 @@ from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Channel, Record
+from lpvid.rounding import STEP, TINY
 from lpvid.simulation import simulate
 
 Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
@@ -28,14 +30,9 @@ ARRAYS: Mapping[type, tuple[str, ...]] = {LPVTransferFunction: ("a", "b", "c"),
 """arrays of a model's free coefficients; those that are exactly zero are fixed"""
 LINEAR: Mapping[type, tuple[str, ...]] = {LPVTransferFunction: ("b", "c"), LPVStateSpace: ("C", "D", "output_offset")}
 """those of them in which the free run is linear"""
-MOST_FREE = 60
-"""number of coefficients above which only those of `LINEAR` are free, and none of a model with a vector of its own:
-each free one costs a run at every step of a refit"""
 SENSES = ("records", "device")
 KINDS = {"lpv-transfer-function": LPVTransferFunction, "lpv-state-space": LPVStateSpace, "quasi-lpv": QuasiLPVModel,
          "compliance": ComplianceModel}
-STEP = 1e-6
-"""step of the forward difference in a coefficient, as a share of its scale"""
 SMALL = 1e-3
 """least scale of a coefficient, as a share of the largest one in its array"""
 
@@ -259,6 +256,6 @@ class LpvBaseline(Baseline):
 
 def _scaled(names: Sequence[str], values: np.ndarray) -> list[Coefficient]:
     """Coefficients without bounds; the scale of each is its size, `SMALL` of the largest at least."""
-    largest = max(float(np.abs(values).max(initial=0.0)), 1e-300)
+    largest = max(float(np.abs(values).max(initial=0.0)), TINY)
     return [Coefficient(n, "", -np.inf, np.inf, max(abs(float(v)), SMALL * largest))
             for n, v in zip(names, values, strict=bool(values.size))]

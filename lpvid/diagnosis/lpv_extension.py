@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.condition.constancy import at_rest
+from lpvid.condition.constancy import at_rest, constant
 from lpvid.condition.derivation import DERIVED, derived
+from lpvid.diagnosis.diagnosis import gain_percent
 from lpvid.diagnosis.effect import Effect, LpvChange
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 DELAYS = (0, 1, 2, 4, 8)
 """first input lags that are tried where a cause is a delay of the input"""
-HELD_OUT = 1 / 3
-"""last part of every record on which the gain is measured where no further records are given"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ class LpvExtension:
     def gain_percent(self) -> float | None:
         """100 (1 − ESR after / ESR before), free run, held-out."""
         before, after = self.esr
-        return None if before is None or after is None or before <= 0 else 100.0 * (1.0 - after / before)
+        return None if before is None or after is None or before <= 0 else gain_percent(before, after)
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -138,7 +137,7 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
 
     training, kept = list(records), list(held_out)
     if not kept:
-        pairs = [split_tail(r, HELD_OUT) for r in records]
+        pairs = [split_tail(r) for r in records]
         training, kept = [a for a, _ in pairs], [b for _, b in pairs]
     stated, left, taken, names = [], [], [], structure.basis.names
     for effect in effects:
@@ -164,7 +163,7 @@ def common_structure(records: Sequence[Record], output: str) -> ARX | None:
     Parameters
     ----------
     records : sequence of Record
-        Prepared; a current that moves by more than 0.05 A schedules.
+        Prepared; a current that is not `constant` schedules.
     output : str
         Role of the output.
 
@@ -177,8 +176,10 @@ def common_structure(records: Sequence[Record], output: str) -> ARX | None:
 
     if output == "velocity" or not all(r.has("velocity") and r.has(output) for r in records):
         return None
-    current = all(r.has("current") for r in records) and \
-        max(float(r["current"].max()) for r in records) - min(float(r["current"].min()) for r in records) > 0.05
+    current = all(r.has("current") for r in records)
+    if current:
+        values = np.concatenate([r["current"] for r in records])
+        current = not constant(float(values.min()), float(values.max()), "A")
     basis = Polynomial(("current",), degree=1) if current else Polynomial()
     return ARX(4, 4, 0, "velocity", output, basis, stage="tanh")
 

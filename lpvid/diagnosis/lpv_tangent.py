@@ -9,9 +9,6 @@ import numpy as np
 from lpvid.diagnosis.signals import Signals
 from lpvid.model.transfer_function import LPVTransferFunction
 
-PAST = 4
-"""samples of past that the kernel reads, at least"""
-
 
 def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.ndarray,
                            places: Sequence[tuple[str, np.ndarray]]) -> np.ndarray | None:
@@ -44,7 +41,7 @@ def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.nd
 
     start, n = model.start, s.n_samples
     u, phi = _inputs_and_basis(model, s)
-    history, lag = max(PAST, model.na), int(model.lagged)
+    history, lag = max(_sensitivity.PAST, model.na), int(model.lagged)
 
     def of(values: np.ndarray, back: int) -> np.ndarray:
         return values[..., start - back: n - back]

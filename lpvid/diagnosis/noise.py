@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.diagnosis.preparing import SHORTEST
 from lpvid.diagnosis.signals import Signals
+from lpvid.rounding import EPS, HALF_DIGITS, TINY
 
 ALIKE = 0.02
 """inputs that differ by less than this share of their spread count as a repeat"""
@@ -67,13 +69,13 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
     Returns
     -------
     NoiseLevel
-        Of variance None where fewer than 100 samples repeat.
+        Of variance None where fewer samples repeat than two of the shortest pieces have.
     """
     squares, count, stated = 0.0, 0, []
     for a in range(len(signals)):
         for b in range(a + 1, len(signals)):
             n = min(signals[a].n_samples, signals[b].n_samples)
-            if n > 50 and _alike(signals[a], signals[b], channels, slice(0, n), slice(0, n)):
+            if _alike(signals[a], signals[b], channels, slice(0, n), slice(0, n)):
                 keep = masks[a][:n] & masks[b][:n]
                 squares += float(np.sum((signals[a].output[:n] - signals[b].output[:n])[keep] ** 2)) / 2
                 count += int(keep.sum())
@@ -85,7 +87,7 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
             squares += float(np.sum((s.output[:-lag] - s.output[lag:])[keep] ** 2)) / 2
             count += int(keep.sum())
             stated.append(f"{s.name} repeats after {lag * s.sample_time:.3g} s")
-    if count < 100:
+    if count < 2 * SHORTEST:
         return NoiseLevel(None, 0, "no input repeats, so the noise level is only bounded by the best model")
     return NoiseLevel(squares / count, count, "; ".join(stated[:3]) + (" …" if len(stated) > 3 else ""))
 
@@ -93,7 +95,7 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
 def _alike(a: Signals, b: Signals, channels: Sequence[str], at: slice, bt: slice) -> bool:
     for name in channels:
         x, y = a[name][at], b[name][bt]
-        spread = max(float(np.std(x)), float(np.std(y)), 1e-12 * float(np.abs(x).max(initial=0.0)))
+        spread = max(float(np.std(x)), float(np.std(y)), EPS * float(np.abs(x).max(initial=0.0)))
         if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > ALIKE * spread:
             return False
     return True
@@ -102,8 +104,8 @@ def _alike(a: Signals, b: Signals, channels: Sequence[str], at: slice, bt: slice
 def _period(s: Signals, channels: Sequence[str]) -> int:
     """Shortest lag in samples at which all inputs repeat over the rest of the record; 0 where none does."""
     n = s.n_samples
-    moving = [s[c] - s[c].mean() for c in channels if np.std(s[c]) > 1e-9 * max(float(np.abs(s[c]).max()), 1e-300)]
-    if n < 200 or not moving:
+    moving = [s[c] - s[c].mean() for c in channels if np.std(s[c]) > HALF_DIGITS * max(float(np.abs(s[c]).max()), TINY)]
+    if not moving:
         return 0
     size = 1 << (2 * n - 1).bit_length()
     lags = np.arange(n // 2)
@@ -112,6 +114,6 @@ def _period(s: Signals, channels: Sequence[str]) -> int:
         power = np.cumsum(np.concatenate([[0.0], x**2]))
         cross = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n // 2]
         worst = np.maximum(worst, (power[n - lags] + power[n] - power[lags] - 2 * cross) / (n - lags) / np.var(x))
-    good = np.flatnonzero(worst < ALIKE**2)
-    good = good[good >= max(round(0.2 / s.sample_time), 20)]
+    departed = np.maximum.accumulate(worst) > 1  # correlation below ½ before, as in `condition.repetition_period`
+    good = np.flatnonzero(departed & (worst < ALIKE**2))
     return int(good[0]) if good.size else 0

@@ -15,9 +15,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals, in_turn
 from lpvid.record import Record
-
-EXPLODED = 1e100
-"""size from which on a simulation counts as exploded; its square and the sums of that are finite still"""
+from lpvid.rounding import EXPLODED, HALF_DIGITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +174,8 @@ def projector(jacobian: np.ndarray) -> np.ndarray:
     Returns
     -------
     (N, r) array
-        Of singular values above 1e-7 of the largest, each column first scaled to length one; (N, 0) where all are zero.
+        Of singular values above `HALF_DIGITS` of the largest, each column first scaled to length one; (N, 0) where
+        all are zero.
     """
     norms = np.linalg.norm(jacobian, axis=0)
     columns = jacobian[:, norms > 0] / norms[norms > 0]
@@ -185,7 +184,7 @@ def projector(jacobian: np.ndarray) -> np.ndarray:
     from scipy.linalg import svd
 
     left, values, _ = svd(columns, full_matrices=False, lapack_driver="gesdd")
-    return left[:, values > 1e-7 * values[0]]
+    return left[:, values > HALF_DIGITS * values[0]]
 
 
 def without(basis: np.ndarray, values: np.ndarray) -> np.ndarray:

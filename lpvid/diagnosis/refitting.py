@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -10,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from lpvid._memory import give_back
+from lpvid.diagnosis.budgets import ITERATIONS, LONG
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
-from lpvid.diagnosis.signals import LONG
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.trial_steps import step_by_trial, trial_parameters
+from lpvid.least_squares import bounded_least_squares
+from lpvid.rounding import EPS, EXPLODED, HALF_DIGITS, STEP, TINY, VANISHING
 
-AT_BOUND = 1e-6
-"""of its own scale, within which a parameter lies on a bound"""
-ITERATIONS = 25
 LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
 """predicted increase of the log-likelihood below which a refit ends, and below which a rough refit does"""
 DECREASE_RATIO = 0.25
@@ -27,7 +27,9 @@ STEP_SHARES = (1.0, 0.3, 0.1)
 MOST_CORRECTION = 0.75
 """length of the geodesic correction over that of the step, in units of the derivatives' norms, beyond which it is
 rejected"""
-FIRST_DAMPING, LEAST_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e10
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING = STEP**2
+"""of normal equations scaled to a diagonal of one: their digits beyond are errors of the differences in the Jacobian"""
 OTHER_FOLD_WEIGHT = 0.01
 """weight of the other fold in a fit to one: it determines what the samples of the one leave open, and little else"""
 SECANT_STEPS = 4
@@ -105,7 +107,7 @@ class Refit:
         (P,) bool array
         """
         low, high = self.composition.bounds
-        slack = AT_BOUND * self.composition.scales
+        slack = HALF_DIGITS * self.composition.scales
         return (self.vector <= low + slack) | (self.vector >= high - slack)
 
 
@@ -273,7 +275,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     else:
         jacobian, age = _reused_jacobian(problem, composition, now.vector, errors, near), 1
     damping, failed = FIRST_DAMPING, False
-    while damping <= MAX_DAMPING:
+    while damping * LEAST_DAMPING <= 1:
         if age > SECANT_STEPS:
             del jacobian  # before another one of its size is taken
             jacobian, age = derivative(), 0
@@ -338,7 +340,7 @@ def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.n
 
 def _broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
     """Broyden's update in place, in parameters scaled by the columns' norms: J step = change afterwards."""
-    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    norms = np.maximum(np.linalg.norm(jacobian, axis=0), TINY)
     scaled = step * norms
     length = float(scaled @ scaled)
     if length > 0 and np.isfinite(change).all():
@@ -355,8 +357,8 @@ def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector:
     """
     weighted = jacobian if (weights == 1.0).all() else jacobian * weights[:, None]
     gradient, hessian = weighted.T @ errors, weighted.T @ jacobian
-    norms = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= 1e-140)
+    norms = np.sqrt(np.maximum(np.diag(hessian), TINY))
+    held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= VANISHING)
     free = np.flatnonzero(~held)
     step = np.zeros(vector.size)
     if not free.size or not np.isfinite(hessian).all():
@@ -371,20 +373,13 @@ def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector:
 
 def _bounded_minimiser(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """(k,) minimiser of xᵀ M x/2 − bᵀ x, between bounds, for a positive semidefinite M."""
-    try:
+    with suppress(np.linalg.LinAlgError):
         x = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        x = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
-    if ((x >= low) & (x <= high)).all():
-        return x
-    from scipy.optimize import lsq_linear
-
+        if ((x >= low) & (x <= high)).all():
+            return x
     values, vectors = np.linalg.eigh(matrix)
-    root = np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-    tight = 1e-12 * np.maximum(np.abs(x), 1e-300)  # a parameter may lie on its bound
-    found = lsq_linear(root[:, None] * vectors.T, vectors.T @ right / root, bounds=(low - tight, high + tight),
-                       method="bvls", max_iter=10 * x.size)
-    return np.clip(found.x, low, high)
+    root = np.sqrt(np.maximum(values, EPS * values[-1]))
+    return bounded_least_squares(root[:, None] * vectors.T, vectors.T @ right / root, low, high)
 
 
 def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
@@ -411,12 +406,12 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     j = fit.jacobian[:, free]
     scale = np.linalg.norm(j, axis=0)
     j = j / scale
-    inverse = np.linalg.pinv(j.T @ j, rcond=1e-12)
+    inverse = np.linalg.pinv(j.T @ j, rcond=STEP**2)
     scores = problem.block_sums(j * fit.errors[:, None])
     count = problem.blocks.count
     middle = scores.T @ scores * count / max(count - 1, 1)
     robust = inverse @ middle @ inverse
     plain = inverse * fit.variance
-    grow = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(robust), 1e-300)))
+    grow = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(robust), TINY)))
     out[np.ix_(free, free)] = robust * np.outer(grow, grow) / np.outer(scale, scale)
     return out

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.signals import Signals
+from lpvid.rounding import EPS, HALF_DIGITS, TINY
 
 LAGS = (2, 6, 16)
 """samples by which inputs are delayed"""
@@ -46,7 +47,7 @@ def predictable_share(
     features = problem.stack(_features(problem.signals, channels))
     target = problem.stack(errors)
     scale = features.std(axis=0)
-    features = features[:, scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-300)]
+    features = features[:, scale > EPS * max(float(scale.max(initial=0.0)), TINY)]
     features = features / features.std(axis=0)
     before, after = target**2, np.zeros((target.size, len(RIDGES)))
     for fold in (0, 1):
@@ -88,7 +89,7 @@ def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.nd
     raw = [_regressors(s, channels) for s in signals]
     pooled = np.vstack(raw)
     centre, spread = pooled.mean(axis=0), pooled.std(axis=0)
-    moving = spread > 1e-9 * np.maximum(np.abs(pooled).max(axis=0), 1e-300)
+    moving = spread > HALF_DIGITS * np.maximum(np.abs(pooled).max(axis=0), TINY)
     rng = np.random.default_rng(0)
     width = int(moving.sum())
     weights = rng.standard_normal((width, UNITS)) / np.sqrt(max(width, 1))
@@ -151,7 +152,7 @@ def _regressors(s: Signals, channels: Sequence[str]) -> np.ndarray:
     columns = []
     for name in channels:
         x = s[name]
-        soft = np.tanh(8 * (x - x.mean()) / max(float(x.std()), 1e-300))
+        soft = np.tanh(8 * (x - x.mean()) / max(float(x.std()), TINY))
         columns += [x, soft, np.gradient(x), *(_lag(x, k) for k in LAGS), *(_lag(soft, k) for k in LAGS)]
     return np.column_stack(columns)
 

@@ -7,17 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.composition import ROUNDING, Composition
+from lpvid.diagnosis.budgets import SIGN_PATTERNS
+from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
+from lpvid.rounding import EPS, STEP, TINY
 
-SIGN_PATTERNS = 2000
-"""sign patterns drawn for the distribution of the largest statistic"""
 DETECTABLE_RATIO = 10.0
 """log-likelihood ratio, beyond ln n, at which a strength counts as detectable"""
-VISIBLE_SHARE = 1e-4
-"""share of its own norm below which a direction is a combination of the baseline's sensitivities"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +61,8 @@ class Direction:
 
     @property
     def visible(self) -> bool:
-        """Whether it is no combination of the sensitivities of the fit."""
-        return self.norm > VISIBLE_SHARE * max(self.raw_norm, 1e-300) and self.norm > 0
+        """Whether it is no combination of the sensitivities of the fit, as exact as differences of `STEP` are."""
+        return self.norm > STEP * max(self.raw_norm, TINY) and self.norm > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +74,6 @@ class ScreeningResult:
     effect : Effect
     likelihood_ratio : float
         (sᵀPr)²/(σ²‖Ps‖²) at the best grid point.
-    statistic : float
-        (Σ_b u_b)²/Σ_b u_b² over blocks at the best point, u_b the block sums of s r: at most the number of blocks.
     p_value : float
         Share of sign patterns whose largest statistic over all effects is as large.
     best : Direction or None
@@ -88,7 +84,6 @@ class ScreeningResult:
 
     effect: Effect
     likelihood_ratio: float
-    statistic: float
     p_value: float
     best: Direction | None
     smallest_detectable: float | None
@@ -137,7 +132,7 @@ def candidate_change(problem: DiagnosisProblem, fit: Refit, effect: Effect, valu
         change = tuple(larger.predict(s, vector) - f for s, f in zip(problem.signals, simulated, strict=True))
     if not all(np.isfinite(c).all() for c in change):
         return None
-    rounding = ROUNDING * max(float(np.abs(f).max()) for f in simulated)
+    rounding = EPS * max(f.size * float(np.abs(f).max()) for f in simulated)  # of as many operations in turn
     return CandidateChange(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
 
 
@@ -224,7 +219,7 @@ def screen(
         One for each effect that has a direction.
     """
     residual = without(projector(fit.free_jacobian), fit.errors)
-    variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), 1e-300)
+    variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), TINY)
     visible = [d for d in found if d.visible]
     by_effect: dict[str, ScreeningResult] = {}
     if visible:
@@ -232,7 +227,7 @@ def screen(
         sums = problem.block_sums(unit * residual[:, None])
         score = np.maximum(sums.sum(axis=0), 0.0)  # a change counts in its own sense: friction is never negative
         ratio = score**2 / variance
-        power = np.maximum((sums**2).sum(axis=0), 1e-300)
+        power = np.maximum((sums**2).sum(axis=0), TINY)
         statistic = score**2 / power
         signs = rng.choice([-1.0, 1.0], size=(SIGN_PATTERNS, problem.blocks.count))
         squares = np.maximum(signs @ sums, 0.0) ** 2
@@ -241,11 +236,11 @@ def screen(
     for effect in dict.fromkeys(d.effect for d in found):
         own = [k for k, d in enumerate(visible) if d.effect is effect]
         if not own:
-            by_effect[effect.name] = ScreeningResult(effect, 0.0, 0.0, 1.0, None, None)
+            by_effect[effect.name] = ScreeningResult(effect, 0.0, 1.0, None, None)
             continue
         best = max(own, key=lambda k: ratio[k])
         p = float(p_values[own].min())
-        by_effect[effect.name] = ScreeningResult(effect, float(ratio[best]), float(statistic[best]), p, visible[best],
+        by_effect[effect.name] = ScreeningResult(effect, float(ratio[best]), p, visible[best],
                                                  _smallest(effect, [visible[k] for k in own], variance,
                                                            problem.n_samples))
     return sorted(by_effect.values(), key=lambda e: -e.likelihood_ratio)

@@ -13,15 +13,10 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid.diagnosis.budgets import LONG, REMEMBERED, REPLACED
 
-REMEMBERED, REPLACED = 24, 4
-"""simulations kept along signals, and results of one kind kept for the last parameter values"""
-LONG, FEWEST = 65_536, 2
-"""samples from which on fewer are kept, of each kind two along ten minutes; the least number kept, so that a derivative
-and the run at the same point share their results
-"""
-
-
+FEWEST = 2
+"""results of a kind kept at least, so that a derivative and the run at the same point share theirs"""
 MISSING = object()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -18,9 +19,10 @@ from lpvid.condition.interference import (
     top_of,
 )
 from lpvid.diagnosis.signals import Signals
+from lpvid.rounding import EPS
 
-LASTING = 50.0
-"""length of the transient of a low-pass, in time constants"""
+LASTING = -math.log(EPS)
+"""length of the transient of a low-pass, in time constants: until it is rounding"""
 RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
 """channels from which another one may have been derived"""
 COHERENT, FLAT = 0.5, 1.5

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lpvid.diagnosis.budgets import MOST_STARTS
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.screening import Direction
 
-MOST_STARTS, LEAST_GAIN_SHARE = 3, 0.6
-"""start points at most, and least gain of one as a share of the largest"""
+LEAST_GAIN_SHARE = 0.6
+"""least gain of a start point as a share of the largest"""
 
 
 def start_points(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:

@@ -6,15 +6,14 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.rounding import HALF_DIGITS, STEP, VANISHING
 
 SAMPLE_STEPS = (5.0, 1.0)
-"""steps of a lag [samples]"""
-RELATIVE_STEPS = (0.1, 0.02)
-"""steps of a rugged parameter, as shares of its value"""
+"""steps of a lag [samples], and of a rugged parameter in units of `SHARE`"""
+SHARE = 0.02
+"""of its value, the unit of the steps of a rugged parameter"""
 MOST_STEPS = 12
 """steps of one size in one direction"""
-NEGLIGIBLE_NORM = 1e-140
-"""norm of a derivative whose square is rounded to zero"""
 
 
 def trial_parameters(composition: Composition) -> list[tuple[int, bool]]:
@@ -65,23 +64,23 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
     for j, rugged in trial_parameters(composition):
         others = np.delete(np.arange(vector.size), j)
         norms = np.linalg.norm(jacobian[:, others], axis=0)
-        norms = np.where(norms > NEGLIGIBLE_NORM, norms, 1.0)  # a parameter without effect is not changed
-        sizes = [share * vector[j] for share in RELATIVE_STEPS] if rugged else [size * clock for size in SAMPLE_STEPS]
-        for change in [sign * size for size in sizes for sign in (1.0, -1.0)]:
+        norms = np.where(norms > VANISHING, norms, 1.0)  # a parameter without effect is not changed
+        unit = SHARE * vector[j] if rugged else clock
+        for change in [sign * size * unit for size in SAMPLE_STEPS for sign in (1.0, -1.0)]:
             for _ in range(MOST_STEPS):
                 trial = vector.copy()
                 trial[j] = np.clip(trial[j] + change, low[j], high[j])
                 if trial[j] == vector[j]:
                     break
                 errors = problem.stacked_errors(composition, trial)
-                step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=1e-8)[0] / norms
+                step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=HALF_DIGITS)[0] / norms
                 corrected = trial.copy()
                 corrected[others] = np.clip(trial[others] + step, low[others], high[others])
                 tried = [(float(errors @ errors), trial)]
                 errors = problem.stacked_errors(composition, corrected)
                 tried.append((float(errors @ errors), corrected))
                 least, where = min(tried, key=lambda t: t[0])
-                if not least < cost * (1 - 1e-6):
+                if not least < cost * (1 - STEP):
                     break
                 vector, cost = where, least
     return vector, cost

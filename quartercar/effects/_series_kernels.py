@@ -12,12 +12,13 @@ import math
 
 import numpy as np
 
+from lpvid.rounding import EXPLODED, HALF_DIGITS
 from lpvid.toolkit import njit
 from quartercar.dampers.stepper import GAMMA
 from quartercar.effects.electrical import SEEN_AFTER
 from quartercar.effects.friction_gas import POLYTROPIC
 
-CLOSE = math.sqrt(np.finfo(np.float64).eps)
+CLOSE = HALF_DIGITS
 """last step of Newton's method, as a share of the force; the error left is its square"""
 TAKEN_UP = 5.0
 """force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
@@ -72,7 +73,7 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
     """
     floor = element[4]
     curved, rigid = element[1] > 0.0 or element[3] > 0.0, element[0] == 0.0 and element[1] == 0.0 and element[3] == 0.0
-    at_floor = _deflection(floor, element)[0] if floor > -1e299 else 0.0
+    at_floor = _deflection(floor, element)[0] if floor > -EXPLODED else 0.0
     last, b = speeds.size - 1, rows[0].copy()
     low = _cell(velocity[0], speeds)
     deflection = force = force_low = force_high = w = void = known = 0.0

@@ -52,7 +52,7 @@ def normal_spread(values: np.ndarray) -> float:
     >>> round(normal_spread(np.append(np.random.default_rng(0).standard_normal(10_000), 1e6)), 1)
     1.0
     """
-    return float(np.median(np.abs(values))) / NormalDist().inv_cdf(0.75) if values.size else 0.0
+    return float(np.median(np.abs(values))) / NormalDist().inv_cdf(3 / 4) if values.size else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,7 +260,7 @@ def _jump_error(signals: Sequence[Signals]) -> float:
     Uniform between the samples for a held current; after a filter, the edges determine the time.
     """
     if any(held(s) for s in signals):
-        return signals[0].sample_time / np.sqrt(12)
+        return signals[0].sample_time / (2 * np.sqrt(3))
     edges = [edges_of(s) for s in signals]
     return signals[0].sample_time * (SPACING if any(e is not None and e.known.any() for e in edges) else BETWEEN)
 

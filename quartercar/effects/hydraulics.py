@@ -12,11 +12,12 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from lpvid.rounding import TINY
 from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
-from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
+from quartercar.effects.viscous import FASTEST, measured_slope, speed_quantiles, viscous_slope
 
 UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share does not change the force [m/s]"""
@@ -183,7 +184,7 @@ class SeriesOrifice(HydraulicEffect):
         out = []
         for onset in speed_quantiles(signals, ONSETS):
             rest = max(top - onset, 1e-3 * top)
-            out.append(np.array([0.2 * spread / max(rest**2, 1e-12), onset]))
+            out.append(np.array([0.2 * spread / (rest**2 or 1.0), onset]))
         return out
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
@@ -219,7 +220,7 @@ class InputNonlinearity(HydraulicEffect):
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         v = s["velocity"]
-        ratio = np.maximum(np.abs(v), 1e-9) / UNIT_SPEED
+        ratio = np.maximum(np.abs(v), TINY) / UNIT_SPEED
         return viscous_slope(s, core, baseline) * v * (ratio ** (float(values[0]) - 1.0) - 1.0)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
@@ -269,7 +270,7 @@ class NetworkTopology(HydraulicEffect):
                                 (1e-4, 50.0), (0.05, 0.2, 1.0)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        top = speed_quantiles(signals, (0.98,))[0]
+        top = speed_quantiles(signals, (FASTEST,))[0]
         return [np.array([s, t * top]) for s in self.parameters[0].grid for t in (0.1, 0.5, 2.5)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
@@ -278,8 +279,8 @@ class NetworkTopology(HydraulicEffect):
         viscous = viscous_slope(s, core, baseline) * v
         if baseline.name == "network-parallel":
             return share * (viscous * (1 + np.abs(v) / transition) - _hydraulic_force(s, core))
-        half = 0.25 * transition / np.maximum(np.abs(v), 1e-12)
-        q = 1.0 / (1.0 + half + np.sqrt(half * (half + 2.0)))
+        speed, quarter = np.abs(v), transition / 4
+        q = speed / (speed + quarter + np.sqrt(quarter * (quarter + 2.0 * speed)))
         return share * viscous * (q - 1.0)
 
     def lpv_change(self) -> LpvChange | None:

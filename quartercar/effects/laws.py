@@ -74,10 +74,10 @@ class SaturatingDamping(HydraulicEffect):
                                 (0.0, 1e5), (3.0, 10.0, 30.0, 100.0)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        from quartercar.effects.viscous import speed_quantiles
+        from quartercar.effects.viscous import FASTEST, speed_quantiles
 
-        top, = speed_quantiles(signals, (0.98,))
-        return [np.array([k / max(top, 1e-9)]) for k in (0.5, 1.0, 2.0, 5.0, 12.0)]
+        top = speed_quantiles(signals, (FASTEST,))[0] or 1.0
+        return [np.array([k / top]) for k in (0.5, 1.0, 2.0, 5.0, 12.0)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         q, v = float(values[0]), s["velocity"]

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from lpvid.rounding import STEP
 from quartercar.effects.electrical import with_same_jumps
 from quartercar.effects.measurement import MOTION
 
@@ -17,7 +18,7 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
     "road": ("road",), "actuator": ("actuator",), "motion": MOTION,
     "current": ("current",)}
 """Sensors of inputs, and the channels that each of them feeds."""
-SMALL = tuple(float(sign * np.cbrt(np.finfo(float).eps)) for sign in (-1, 1))
+SMALL = (-STEP, STEP)
 """relative changes at which a gain or a parameter of a car is screened: so small that their effect is the derivative
 (by the step that balances curvature and rounding in a central difference)"""
 LAST = len(SENSORS) - 1.0

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.condition.constancy import DISTINCT
-from lpvid.diagnosis.signals import LONG, Core, Signals
+from lpvid.diagnosis.budgets import LONG
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.rounding import EPS, HALF_DIGITS, TINY
 from quartercar.effects.electrical import held
 
 NODES = 257
@@ -22,7 +24,7 @@ RAMP = 0.1
 """share of the current's range that is a steep change of one that is not held; smaller ones are nearly linear"""
 RANK = 1e-5
 """largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
-SAME = float(np.sqrt(np.finfo(float).eps))
+SAME = HALF_DIGITS
 """relative difference below which the output of a core does not depend on the other samples: it has no memory"""
 PROBE = 0.02
 """speed difference for the local slope of a core with memory, in root mean squares of the speed"""
@@ -136,7 +138,7 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
     rows = along(s)
     before, tilt = rows, np.zeros_like(rows)
     if turned is not None:
-        reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
+        reach = np.where(np.abs(deflection) > HALF_DIGITS, deflection, HALF_DIGITS)
         there = along(s.evaluated(displacement=s["displacement"] - reach))
         tilt = (there - rows) / reach[:, None]
     jumps, steep = _current_changes(s)
@@ -165,10 +167,10 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
         Of the shapes 1 and w, its slope at least `SOFTEST` of that of the regression of the force on the speed.
     """
     v, speeds = s["velocity"], _nodes_of(s)
-    change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
+    change = PROBE * (float(np.sqrt(np.mean(v**2))) or 1.0)
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
-    least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), np.finfo(float).tiny)
-    slope = np.maximum(slope, max(least, 1e-9))
+    least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), TINY)
+    slope = np.maximum(slope, max(least, EPS))
     rows = np.column_stack([rigid - slope * v, slope])
     shapes = np.column_stack([np.ones(speeds.size), speeds])
     return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool), memory=True)
@@ -202,7 +204,7 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest = rows[k]
         for _ in range(2):  # once more: the residual row may be far smaller than the row
             rest = rest - (directions @ rest) @ directions
-        direction = rest / max(float(np.sqrt(rest @ rest)), np.finfo(float).tiny)
+        direction = rest / max(float(np.sqrt(rest @ rest)), TINY)
         along = rows @ direction
         along[picks] = 0.0
         sizes = sizes - along**2
@@ -211,7 +213,7 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         directions = np.vstack([directions, direction])
         parts.append(along)
     weights = np.column_stack(parts)
-    if not largest > np.finfo(float).tiny:  # a law that is zero everywhere
+    if not largest > TINY:  # a law that is zero everywhere
         return np.array(picks), np.zeros_like(weights)
     lower, shapes = weights[picks], weights
     for k in range(len(picks) - 1, -1, -1):  # shapes @ lower = weights, without BLAS, which starts threads
@@ -221,8 +223,8 @@ def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _top_speed(s: Signals) -> float:
-    """Largest speed [m/s]; 1 mm/s where there is no motion."""
-    return s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
+    """Largest speed [m/s]; 1 m/s where there is no motion."""
+    return s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1.0
 
 
 def _nodes_of(s: Signals) -> np.ndarray:

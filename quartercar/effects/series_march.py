@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid.diagnosis.signals import Core, Remembered, Signals
+from lpvid.rounding import EXPLODED
 from lpvid.toolkit import checks
 from quartercar.effects.corners import corners
 from quartercar.effects.friction_gas import POLYTROPIC
@@ -53,7 +54,7 @@ class Elements:
             Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], rest
             [N].
         """
-        floor = rest - float(min(self.limit, 1e300))
+        floor = rest - float(min(self.limit, EXPLODED))
         return float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor, rest
 
     def deflection(self, force: np.ndarray) -> np.ndarray:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-END = int(np.ceil(np.log(np.finfo(float).eps) / np.log(2 - np.sqrt(3))))
+from lpvid.rounding import EPS
+
+END = int(np.ceil(np.log(EPS) / np.log(2 - np.sqrt(3))))
 """samples added to both ends of a channel, over which the effect of an end on the spline, 2 − √3 of it per sample,
 is lost in the last digit"""
 

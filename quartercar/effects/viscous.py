@@ -10,13 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import REPLACED, Core, Signals
+from lpvid.diagnosis.budgets import REPLACED
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.rounding import TINY
 from lpvid.toolkit import found_once
 
 TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""
 HALF = 0.6
 """share of it that is the lower speed"""
+FASTEST = 0.98
+"""quantile of the speed that a scale of speeds at which a cause is screened refers to"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -168,12 +172,12 @@ def measured_slope(signals: Sequence[Signals]) -> float:
     top = max(_top(s) for s in signals)
     v = np.concatenate([np.abs(s["velocity"]) for s in signals])
     f = np.concatenate([s.output * np.sign(s["velocity"]) for s in signals])
-    fast, medium = v > 0.6 * top, (v > 0.2 * top) & (v < 0.4 * top)
+    fast, medium = v > HALF * top, (v > 0.2 * top) & (v < 0.4 * top)
     whole = abs(_regressed(v, f))
     if not fast.any() or not medium.any():
-        return max(whole, 1e-9)
+        return max(whole, TINY)
     rise = float(f[fast].mean() - f[medium].mean()) / float(v[fast].mean() - v[medium].mean())
-    return max(rise, 0.1 * whole, 1e-9)
+    return max(rise, 0.1 * whole, TINY)
 
 
 def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list[float]:
@@ -197,10 +201,10 @@ def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list
 
 def _top(s: Signals) -> float:
     """Of the record, where a law is only evaluated at these signals."""
-    return (s.record or s).fact("velocity", "fast", lambda v: float(np.quantile(np.abs(v), TOP))) or 1e-6
+    return (s.record or s).fact("velocity", "fast", lambda v: float(np.quantile(np.abs(v), TOP))) or 1.0
 
 
 def _regressed(v: np.ndarray, force: np.ndarray) -> float:
     """Least-squares slope through force and speed."""
     centred = v - v.mean()
-    return float(centred @ force) / max(float(centred @ centred), np.finfo(float).tiny)
+    return float(centred @ force) / max(float(centred @ centred), TINY)

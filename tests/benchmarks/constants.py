@@ -8,7 +8,7 @@ A line per folder:
 - numbers: numeric literals in those values, powers and signs as one;
 - derived: names whose value is computed from other names or functions only, without a number of its own;
 - unnamed: literals elsewhere in the code, but for those by which formulas are written (0, 1, 2, 3, 4, 0.5 and their
-  negatives) and indices; the ranges and grids of an `EffectParameter` are counted apart.
+  negatives) and whole numbers in indices; the ranges and grids of an `EffectParameter` are counted apart.
 
 Inlining a constant moves it from one column to another: the sum of numbers and unnamed ones is the measure.
 """
@@ -78,7 +78,8 @@ def counted(path: Path) -> tuple[Counter, list[str]]:
         elif not isinstance(node.value, ast.Constant | ast.Tuple | ast.Dict | ast.JoinedStr):
             found["derived"] += len(names)
         seen |= {id(v) for v in own}
-    index = {id(v) for part in ast.walk(tree) if isinstance(part, ast.Subscript) for v in literals(part.slice)}
+    index = {id(v) for part in ast.walk(tree) if isinstance(part, ast.Subscript) for v in literals(part.slice)
+             if isinstance(v.value, int)}
     bare = [v for v in literals(tree) if id(v) not in seen | index and v.value not in FORMULA]
     found["unnamed"], found["prior"] = len(bare), len(prior)
     lines += [f"{path}:{v.lineno}: unnamed {v.value}" for v in bare]

@@ -8,7 +8,8 @@ from helpers.effect_signals import PERIOD, guo, power_law, road_like
 
 from lpvid import units
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import MOST_POINTS, STAGES, Effect, by_name
+from lpvid.diagnosis.budgets import MOST_POINTS
+from lpvid.diagnosis.effect import STAGES, Effect, by_name
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects import CATALOGUE
 

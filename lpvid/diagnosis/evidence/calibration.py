@@ -9,12 +9,12 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
+from lpvid.rounding import TINY
 
 COEFFICIENTS = (-1.64, 1.01, 1.67)
 """a, b and c of the map, by logistic regression (Platt 1999) on cases of both rigs and measured records, each source
 counted alike. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis_boards.md has
 their validation"""
-LEAST_WEIGHT = 1e-300
 Matcher = Callable[[EvaluatedSet], Effect | None]
 """From a set to its effect that matches; None where none does."""
 
@@ -60,7 +60,7 @@ class Support:
     @property
     def features(self) -> tuple[float, ...]:
         """1, ±ln(1 + |l|) of the logarithm l of the odds, and the structured share."""
-        odds = float(np.log(max(self.weight, LEAST_WEIGHT)) - np.log(max(self.against, LEAST_WEIGHT)))
+        odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
         return 1.0, float(np.sign(odds) * np.log1p(abs(odds))), self.structured
 
     @property

@@ -9,23 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.diagnosis.budgets import CHILDREN, CHILDREN_PER_KIND, REFITTED_STARTS, SCREENED_POINTS, SIMULATED
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.priors import inclusion_prior
 from lpvid.diagnosis.evidence.relations import LAGGING
-from lpvid.diagnosis.evidence.visited import REFITTED_STARTS, VisitedSets
+from lpvid.diagnosis.evidence.visited import VisitedSets
 from lpvid.diagnosis.problem import projector
 from lpvid.diagnosis.screening import CandidateChange, Direction, candidate_change, directions, start_vector
 from lpvid.diagnosis.signals import Signals
+from lpvid.rounding import EPS
 
-CHILDREN = 6
-"""refitted children of a set"""
-CHILDREN_PER_KIND = 2
-"""children without memory, and children with memory, at least: at first the two kinds fit each other's error"""
-SIMULATED, SCREENED_POINTS = 14, 4
-"""effects simulated beside a set, those of the largest gain predicted from the screening beside the baseline alone; and
-grid points of each, besides that of the largest predicted gain"""
 MOST_DEFICIT = 20.0
 """deficit of log-evidence against the best set, to first order, up to which a set is refitted: a refit may gain more
 than the first-order prediction"""
@@ -150,7 +145,7 @@ def by_predicted_gain(sets: VisitedSets, screening: BaselineScreening, w: Evalua
 def _chosen(sets: VisitedSets, w: EvaluatedSet, remaining: Mapping[Effect, float]) -> list[Effect]:
     """The best `CHILDREN` effects by the share of the error that remains, and `CHILDREN_PER_KIND` of each kind."""
     count = 0.5 * sets.kappa * sets.problem.n_samples
-    deficit = {e: count * np.log(max(remaining[e], 1e-12)) - inclusion_prior(e) for e in remaining}
+    deficit = {e: count * np.log(max(remaining[e], EPS)) - inclusion_prior(e) for e in remaining}
     most = sets.score(w) - sets.score(sets.best) + MOST_DEFICIT
     ranked = sorted((e for e in remaining if deficit[e] < most), key=lambda e: deficit[e])
     chosen = ranked[:CHILDREN]

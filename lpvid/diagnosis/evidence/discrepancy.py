@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.rounding import HALF_DIGITS, TINY
 
 FEATURES = 80
 """random Fourier features; with twice as many no evidence of measured records changed beyond rounding"""
@@ -74,7 +75,7 @@ class Discrepancy:
             parts.append(np.sqrt(2.0) * np.cos(z @ rates + rng.uniform(0, 2 * np.pi, count)))
         features = np.hstack(parts) if parts else np.zeros((problem.n_samples, 1))
         power, directions = np.linalg.eigh(features.T @ features)
-        keep = power > 1e-9 * max(float(power[-1]), 1e-300)
+        keep = power > HALF_DIGITS * max(float(power[-1]), TINY)
         output_rms = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
         count = features.shape[1]
         return cls(features @ directions[:, keep] / np.sqrt(count), power[keep] / count, output_rms)
@@ -126,7 +127,7 @@ def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count:
     MarginalLikelihood
         Of the sizes in `MISFIT_SIZES`, the one that is most probable.
     """
-    mean = max(squared / count, 1e-300)
+    mean = max(squared / count, TINY)
     low, high = np.full(MISFIT_SIZES.size, np.log(mean) - 9.0), np.full(MISFIT_SIZES.size, np.log(mean) + 1.0)
     variance = (MISFIT_SIZES * d.output_rms) ** 2
     rows = np.arange(MISFIT_SIZES.size)

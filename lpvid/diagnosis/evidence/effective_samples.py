@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -12,15 +13,15 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
 error of a law has few mechanisms, however many samples show them"""
-STRUCTURED_SAMPLES_RANGE = tuple(STRUCTURED_SAMPLES * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
+STRUCTURED_SAMPLES_RANGE = tuple((STRUCTURED_SAMPLES * np.geomspace(1 / 2, 2, 5)).tolist())
 """values of α over which the weights of sets are averaged: it is uncertain by a factor of two; even in the logarithm"""
 SEGMENT = 64
 """samples of a segment of the averaged spectrum of which the noise floor is estimated: 3000 hold 90 of them"""
 MOTIONLESS_BAND = 0.25
 """share of the band without motion: records are prepared at no less than four times the band that holds 99 % of the
 motion"""
-QUARTER_MEAN = 1.27
-"""standard deviations below the mean at which the lowest quarter of a normal sample lies: φ(Φ⁻¹(¼))/¼"""
+QUARTER_MEAN = NormalDist().pdf(NormalDist().inv_cdf(MOTIONLESS_BAND)) / MOTIONLESS_BAND
+"""standard deviations below the mean at which the lowest quarter q of a normal sample lies: φ(Φ⁻¹(q))/q = 1.27"""
 
 
 @dataclass(frozen=True)

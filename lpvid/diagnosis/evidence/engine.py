@@ -12,13 +12,14 @@ from lpvid._memory import give_back
 from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.budgets import LISTED, LONG
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.laplace import EvidenceData
-from lpvid.diagnosis.evidence.outcome import LISTED_SETS, EvidenceOutcome
+from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, select_set
@@ -30,7 +31,7 @@ from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
-from lpvid.diagnosis.signals import LONG, Signals, in_turn
+from lpvid.diagnosis.signals import Signals, in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -128,7 +129,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
         whole = selected.problem
         driving = [c for c in baseline.channels if c != baseline.output]
         level = noise_level(whole.signals, driving, whole.blocks.mask())
-        level = level.bounded(float(np.mean(selected.after.errors**2)))
+        level = level.bounded(float(np.mean(selected.after**2)))
         found = EvidenceOutcome(baseline, search, selected, screened, unusable, level, held_out,
                                 tuple(sorted({n for members in rejected for n in members})))
         first = first or found
@@ -168,7 +169,7 @@ def best_of(search: SetSearch) -> BestSoFar:
     best, share = sets[0]
     nothing = sum(p for w, p in sets if not w.members)
     weights = SetProbabilities({}, float(nothing), 0.0, "not computed", tuple(
-        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:LISTED_SETS]),
+        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:LISTED]),
         component_support(sets, search.structured))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 

@@ -11,26 +11,25 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
 from lpvid.diagnosis.evidence.priors import (
-    SHAPE_COST,
     determined_count,
     deviation_penalty,
     inclusion_prior,
     shape_prior,
     strength_prior,
 )
-from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
-from lpvid.diagnosis.refitting import AT_BOUND, Refit
+from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals
+from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP, TINY
 from lpvid.validation.trust import QUANTILE
 
 BASELINE_PRIOR_SCALE = 10.0
 """standard deviation of the prior of a baseline's parameters in their own scales; the same for all sets, so that it
 cancels"""
 
-NEGLIGIBLE_CHANGE = 1e-6
-"""change of the output, as a share of its rms, below which a member counts as absent: the set is a smaller one"""
-LEAST_CURVATURE = 1e-300
-"""curvature, of parameters in their own units, below which the output does not respond to one"""
+NEGLIGIBLE_CHANGE = STEP
+"""change of the output, as a share of its rms, below which a member counts as absent: its derivatives, by differences
+of such steps, do not resolve it, and the set is a smaller one"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +116,7 @@ class EvaluatedSet:
             clock = QUANTILE * e.clock_errors(self.fit.vector[place], self.data.problem.signals)
             for k, p in enumerate(e.parameters[: e.strengths]):
                 v, j = float(self.fit.vector[place][k]), place.start + k
-                slack = float(clock[k]) + AT_BOUND * scales[j]
+                slack = float(clock[k]) + HALF_DIGITS * scales[j]
                 for end in (low[j], high[j]):
                     if p.unit and end != p.neutral and abs(v - end) <= slack:
                         found[e.name] = f"{p.name} {end:g} {p.unit}".rstrip()
@@ -143,7 +142,8 @@ class EvaluatedSet:
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
         κ/σ² J'(I − Φ diag(w) Φ')J + prior precision (Tierney, Kadane 1986), w the `woodbury_weights`; H_b is that of
         the baseline alone: its parameters are in every set, at their most probable values. Shapes are at these too;
-        each that the data determine (`determined_count`) costs `SHAPE_COST`. A parameter to which the output does not
+        each that the data determine (`determined_count`) costs one, the gain of a log-likelihood that a free parameter
+        is expected to have (Akaike 1974). A parameter to which the output does not
         respond costs nothing. A set with a strength at its bound has no evidence.
 
         Parameters
@@ -181,9 +181,9 @@ class EvaluatedSet:
         hessian = (self.curvature - jacobian.T @ (m.woodbury_weights[:, None] * jacobian)) * (kappa / m.noise)
         curvature, shapes = np.diag(hessian).clip(0), ~integrated
         prior += deviation_penalty(deviation, precision, curvature) - \
-            SHAPE_COST * determined_count(curvature[shapes], precision[shapes])
+            determined_count(curvature[shapes], precision[shapes])
         hessian = hessian + np.diag(precision)
-        effective = np.diag(hessian) > LEAST_CURVATURE  # a parameter of 1e200 without effect is in every set alike
+        effective = np.diag(hessian) > TINY  # a parameter of 1e200 without effect is in every set alike
         law, integrated = effective & (np.arange(precision.size) < self.fit.composition.own), effective & integrated
         gaussian = 0.5 * np.log(2 * np.pi) * (integrated.sum() - law.sum())
         log_volume = gaussian - 0.5 * (_log_determinant(hessian, integrated) - _log_determinant(hessian, law))
@@ -222,7 +222,7 @@ class EvaluatedSet:
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     """ln of the determinant of the chosen rows and columns, scaled for accuracy."""
     part = matrix[np.ix_(chosen, chosen)]
-    scale = 1 / np.sqrt(np.maximum(np.diag(part), LEAST_CURVATURE))
+    scale = 1 / np.sqrt(np.maximum(np.diag(part), TINY))
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.diagnosis import (
     CannotTell,
     Cause,
@@ -23,7 +24,7 @@ from lpvid.diagnosis.diagnosis import (
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, match_names
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember, least_change
 from lpvid.diagnosis.extended import ExtendedModel
@@ -33,12 +34,9 @@ from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.screening import ScreeningResult
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
+from lpvid.rounding import TINY
 from lpvid.validation.trust import QUANTILE
 
-SIGNIFICANT = 0.05
-"""p-value of the largest block statistic over all candidates, above which nothing is named"""
-LISTED_SETS = 8
-"""sets listed"""
 NO_GAIN = "with the set that it belongs to, the error on data that the fit has not seen is no lower"
 """why no member of the most probable set is named where the set predicts no better than the baseline"""
 
@@ -85,7 +83,7 @@ class EvidenceOutcome:
         selected = self.selected
         least = least_change(selected.relative_error, selected.law_error)
         return all(m.change < least for m in selected.members) and \
-            self.search.relative_rms(selected.before.errors) <= ACCEPTABLE_MISFIT
+            self.search.relative_rms(selected.before) <= ACCEPTABLE_MISFIT
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:
@@ -155,7 +153,7 @@ class EvidenceOutcome:
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember]
                  ) -> tuple[str, str]:
-        law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after.errors)
+        law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
         noise = "" if left <= ACCEPTABLE_MISFIT else \
             f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
@@ -200,7 +198,7 @@ class EvidenceOutcome:
         """Share of the baseline's squared error out of fold, less the noise of repeats, that the set removes."""
         selected = self.selected
         floor = (self.level.variance or 0.0) * selected.problem.n_samples
-        excess = max(float(np.sum(selected.before.errors**2)) - floor, 1e-300)
+        excess = max(float(np.sum(selected.before**2)) - floor, TINY)
         gains = selected.gains
         return float(gains.sum()) / excess, float(gains.std(ddof=1) * np.sqrt(gains.size)) / excess
 
@@ -236,7 +234,7 @@ class EvidenceOutcome:
         selected = self.selected
         single = self.search.visited.get(frozenset({m.effect.name}))
         root = self.search.root
-        thin = max(root.fit.cost - self.search.best.fit.cost, 1e-300)
+        thin = max(root.fit.cost - self.search.best.fit.cost, TINY)
         alone = (root.fit.cost - single.fit.cost) / thin if single is not None else 0.0
         place = selected.fit.composition.places[selected.fit.composition.effects.index(m.effect)]
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
@@ -246,9 +244,9 @@ class EvidenceOutcome:
             described = f"{title}; simulated as {m.effect.name} ({described})"
         return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
                      None if m.evidence is None else -2 * m.evidence, float(alone),
-                     m.cost / max(selected.cost_reduction, 1e-300), m.gain, m.better,
+                     m.cost / max(selected.cost_reduction, TINY), m.gain, m.better,
                      m.change * self.search.data.discrepancy.output_rms, m.probability, m.effect.family, m.weight,
-                     m.effect.name if m.name != m.effect.name else "")
+                     m.effect.name if m.name != m.effect.name else None)
 
     def _rivals(self, m: SetMember) -> Rivals:
         known = {e.name: e for e in self.search.candidates}
@@ -288,7 +286,7 @@ class EvidenceOutcome:
         reported = self.selected.fit.composition.members
         return tuple(VisitedSet(tuple(e.name for e in w.effects), p,
                                 esr if w.members == reported and self.significant else None)
-                     for k, (w, p) in enumerate(self.selected.sets) if k < LISTED_SETS or w.members == reported)
+                     for k, (w, p) in enumerate(self.selected.sets) if k < LISTED or w.members == reported)
 
     def _noise(self) -> dict[str, Any]:
         s = self.search
@@ -310,7 +308,7 @@ def _either(m: SetMember, signals: Sequence[Signals]) -> str:
 def _change_at(e: ScreeningResult, strength: float) -> float:
     """Root mean square of the change of the output by an effect at a strength, in proportion."""
     assert e.best is not None
-    return e.best.size * strength / max(e.best.strength, 1e-300)
+    return e.best.size * strength / max(e.best.strength, TINY)
 
 
 def _place(wrong: Sequence[ErrorRegime]) -> str:

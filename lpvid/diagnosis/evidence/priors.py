@@ -7,18 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect, EffectParameter
+from lpvid.rounding import TINY
 
 COMPONENT_PROBABILITY, FORM_PROBABILITY = 0.05, 0.005
 """prior probability of a component, and of a flexible form: of forty entries about two are expected"""
 STRENGTH_SCALE = 0.3
 """change of the output by a cause, as a share of the output's rms: half of all causes lie below (half-Cauchy scale)"""
-SHAPE_DECADES = 1.0
-"""standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
-
-SHAPE_COST = 1.0
-"""expected gain of log-likelihood by a free parameter (Akaike 1974), the cost of a shape as far as the data
-determine it (`determined_count`)"""
-
+SHAPE_FACTOR = 10.0
+"""factor from the middle of its grid that is one standard deviation of a positive shape"""
 MISFIT_MEDIAN, MISFIT_LOG_DEVIATION = 0.086, 0.47
 """structured error of the best law, as a share of the output's rms: median, and standard deviation of the logarithm,
 of fits by hand to fifteen groups of measured records (tests/benchmarks/real_answers.py)"""
@@ -44,7 +40,7 @@ def misfit_prior(relative_error: float) -> float:
     >>> [round(misfit_prior(r), 2) + 0.0 for r in (0.01, 0.086, 0.2, 0.5)]
     [0.0, 0.0, -1.61, -7.01]
     """
-    excess = max(float(np.log(max(relative_error, 1e-300) / MISFIT_MEDIAN)), 0.0)
+    excess = max(float(np.log(max(relative_error, TINY) / MISFIT_MEDIAN)), 0.0)
     return -0.5 * (excess / MISFIT_LOG_DEVIATION) ** 2 + 0.0
 
 
@@ -91,7 +87,7 @@ def strength_prior(change: float, slope: float) -> tuple[float, float]:
     >>> [round(strength_prior(r, 1.0)[0], 2) for r in (0.01, 0.3, 3.0)]
     [0.75, 0.06, -3.86]
     """
-    slope = max(slope, 1e-300)
+    slope = max(slope, TINY)
     value = np.log(2 / (np.pi * STRENGTH_SCALE)) - np.log1p((change / STRENGTH_SCALE) ** 2) + np.log(slope)
     return float(value), (slope / STRENGTH_SCALE) ** 2
 
@@ -102,8 +98,8 @@ def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tupl
     Where the grid holds zero too (no deflection of a friction), values below the middle cost nothing: a deflection has
     the same prior in each entry of the catalogue. A share, which has no unit, has no decades.
 
-    The prior volume is not counted (`SHAPE_COST` is): how many shapes a filter has, and over how many decades they may
-    lie, must not decide between rivals that fit equally well.
+    The prior volume is not counted, only `determined_count`: how many shapes a filter has, and over how many decades
+    they may lie, must not decide between rivals that fit equally well.
 
     Parameters
     ----------
@@ -121,13 +117,13 @@ def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tupl
         return 0.0, 0.0
     positive, zero_allowed = [g for g in grid if g > 0], 0.0 in grid
     if positive and p.bounds[0] >= 0 and (p.unit if zero_allowed else value > 0):
-        width = SHAPE_DECADES * np.log(10.0)
+        width = np.log(SHAPE_FACTOR)
         value = max(value, min(positive)) if zero_allowed else value
         deviation = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
         return max(deviation, 0.0) if zero_allowed else deviation, (1 / (width * value)) ** 2
     width = max(max((abs(g - p.neutral) for g in grid), default=0.0), *(
         abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
-    width = max(width, 1e-12)
+    width = width or 1.0
     return (value - p.neutral) / width, 1 / width**2
 
 
@@ -155,7 +151,7 @@ def deviation_penalty(deviation: np.ndarray, precision: np.ndarray, curvature: n
     >>> [deviation_penalty(2 * one, one, h * one) for h in (0.0, 1.0, 1e9)]
     [0.0, -1.0, -1.999999998]
     """
-    return -0.5 * float(np.sum(deviation**2 * curvature / np.maximum(curvature + precision, 1e-300))) + 0.0
+    return -0.5 * float(np.sum(deviation**2 * curvature / np.maximum(curvature + precision, TINY))) + 0.0
 
 
 def determined_count(curvature: np.ndarray, precision: np.ndarray) -> float:
@@ -178,5 +174,5 @@ def determined_count(curvature: np.ndarray, precision: np.ndarray) -> float:
     >>> determined_count(np.array([0.0, 1.0, 1e9]), np.ones(3))
     1.499999999
     """
-    shares = curvature / np.maximum(curvature + precision, 1e-300)
+    shares = curvature / np.maximum(curvature + precision, TINY)
     return float(np.sum(np.where(precision > 0, shares, 1.0)))

@@ -11,14 +11,16 @@ from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_compone
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.problem import EXPLODED
 from lpvid.diagnosis.spectra import noisier
+from lpvid.rounding import EPS, EXPLODED, TINY
+from lpvid.validation.trust import LEVEL
 
 NAMED_PROBABILITY = 2 / 3
 """calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
 twice what a missing one does (docs/diagnosis_boards.md: right and wrong names by this number)"""
-LISTED_WEIGHT = 0.05
-"""weight, and likelihood by the error alone, from which a rival is listed: one in twenty"""
+SIGNIFICANT = 1 - LEVEL
+"""one in twenty, as outside of every interval: p-value of the largest block statistic over all candidates, above which
+nothing is named; weight, and likelihood by the error alone, from which a rival is listed"""
 
 
 def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]], structured: float
@@ -61,7 +63,7 @@ def name_in(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], w: Ev
 
     An effect reduces to a simpler one (`Effect.comes_to`) where other parameters compensate the rest: an orifice that
     opens at low speed is a quadratic loss if the viscous share of the law can decrease by 2 c_o v_o. Where the visited
-    set with the simpler effect in its place has a likelihood below `LISTED_WEIGHT`, by the error alone, they cannot,
+    set with the simpler effect in its place has a likelihood below `SIGNIFICANT`, by the error alone, they cannot,
     and it keeps its own name. A number at its bound needs no compensation. Flexible effects have no name of their own.
 
     Parameters
@@ -86,7 +88,7 @@ def name_in(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], w: Ev
     certain = effect.flexible or at_bound or component in (effect.component, effect.form_of)
     if simpler is not None and not certain:
         deficit = 0.5 * search.kappa * search.problem.n_samples * np.log(_cost(simpler) / _cost(w))
-        if deficit > -np.log(LISTED_WEIGHT):
+        if deficit > -np.log(SIGNIFICANT):
             return effect.name, match_form(effect), Support.of(sets, match_form(effect), search.structured)
     return reported_name(effect, component, sets, search.structured)
 
@@ -139,7 +141,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
     """Effects that can replace one at nearly the same error, whatever the weight of the sets that hold them.
 
     With the errors e_r of the rival and e of the effect, all else refitted, the rival has the likelihood
-    (e_r'e_r/e'e)^(−κN/2). It is listed where that is more than `LISTED_WEIGHT`: the misfit of the law may favour either
+    (e_r'e_r/e'e)^(−κN/2). It is listed where that is more than `SIGNIFICANT`: the misfit of the law may favour either
     of two effects whose difference is smaller than this misfit. So may the further terms of the evidence, which are
     left out here. For lags the part of either error due to the sensors' noise is subtracted: to undo a filter raises
     the noise of the motion, to undo a delay does not.
@@ -164,7 +166,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
         reference = _with_same_filter(search, best, w, cost) if larger else best
         deficit = 0.5 * samples * np.log(cost(w) / cost(reference))
         achieves = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
-        if deficit < (0.0 if larger else -np.log(LISTED_WEIGHT)) and achieves:
+        if deficit < (0.0 if larger else -np.log(SIGNIFICANT)) and achieves:
             found |= {e.name: Support.of(sets, match_component(k), search.structured).probability for e, k in others}
     return tuple(found.items())
 
@@ -200,7 +202,7 @@ def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, co
 
 
 def _cost(w: EvaluatedSet) -> float:
-    return max(w.fit.cost, 1e-300)
+    return max(w.fit.cost, TINY)
 
 
 def _acts_as_one(effects: Sequence[Effect]) -> bool:
@@ -226,7 +228,7 @@ def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
         changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
                    for s in problem.signals]
         carried = float(np.sum(np.minimum(problem.stack(changes) ** 2, EXPLODED)))
-        return max(w.fit.cost - carried, 1e-12 * w.fit.cost, 1e-300)
+        return max(w.fit.cost - carried, EPS * w.fit.cost, TINY)
 
     return w.fit.cached("without noise", find)
 
@@ -257,7 +259,7 @@ def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet
     In a set without the effect, its alternative is the member that the best set does not have and that contains it
     (`Effect.contains`), else the one that changes the output most. The alternatives are listed if the effect or one of
     them is present with `NAMED_PROBABILITY`. Otherwise those of its family are, if the effect or one of these is: those
-    with `LISTED_WEIGHT` of the weight of the sets without it.
+    with `SIGNIFICANT` of the weight of the sets without it.
     """
     component = best.components[best.effects.index(effect)]
     weights: dict[str, float] = {}
@@ -276,8 +278,8 @@ def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet
                 if any(e.name == name and e.family == effect.family for e in w.effects):
                     of_family[k] = None
     without = sum(weights.values())
-    for among in ([k for k, p in weights.items() if p > LISTED_WEIGHT],
-                  [k for k in of_family if weights[k] > LISTED_WEIGHT * without]):
+    for among in ([k for k, p in weights.items() if p > SIGNIFICANT],
+                  [k for k in of_family if weights[k] > SIGNIFICANT * without]):
         either = Support.of(sets, _match_any(match, *map(match_names, among)), structured)
         if either.probability >= NAMED_PROBABILITY:
             return tuple((form[k], Support.of(sets, match_names(k), structured).probability)

@@ -11,9 +11,9 @@ from lpvid.diagnosis.signals import Signals
 
 Dimension = tuple[float, float, float, float]
 """exponents of the output's unit, of a length, of a time and of a current"""
-DIMENSIONS: dict[str, Dimension] = {
-    "N": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "A": (0, 0, 0, 1), "Hz": (0, 0, -1, 0),
-    "kg": (1, -1, 2, 0), "J": (1, 1, 0, 0), "1": (0, 0, 0, 0)}
+BASE = ("N", "m", "s", "A")
+"""units of the output, of a length, of a time and of a current"""
+DERIVED = {"Hz": "1/s", "kg": "N*s^2/m", "J": "N*m"}
 """a mass is a force over an acceleration, a joule a force along a displacement"""
 
 
@@ -117,13 +117,17 @@ def dimension_of(unit: str) -> Dimension | None:
     >>> dimension_of("m/s"), dimension_of("1/A^2"), dimension_of("")
     ((0.0, 1.0, -1.0, 0.0), (0.0, 0.0, 0.0, -2.0), (0.0, 0.0, 0.0, 0.0))
     """
-    total = np.zeros(4)
+    total = np.zeros(len(BASE))
     for k, part in enumerate(unit.split("/")):
-        for factor in part.split("*") if part else []:
+        for factor in part.split("*") if part not in ("", "1") else []:
             name, _, power = factor.partition("^")
-            if name not in DIMENSIONS:
+            if name in BASE:
+                dimension: Sequence[float] | None = [float(name == b) for b in BASE]
+            else:
+                dimension = dimension_of(DERIVED[name]) if name in DERIVED else None
+            if dimension is None:
                 return None
-            total += (1 if k == 0 else -1) * float(power or 1) * np.array(DIMENSIONS[name])
+            total += (1 if k == 0 else -1) * float(power or 1) * np.array(dimension)
     return tuple(float(v) for v in total)  # type: ignore[return-value]
 
 

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from lpvid.diagnosis.budgets import BEAM_WIDTH, ITERATIONS, MOST_MEMBERS, MOST_STARTS, REFITTED_STARTS
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.candidates import (
@@ -22,18 +23,12 @@ from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUC
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.visited import REFITTED_STARTS, VisitedSets, posterior
+from lpvid.diagnosis.evidence.visited import VisitedSets, posterior
 from lpvid.diagnosis.problem import projector, without
-from lpvid.diagnosis.refitting import ITERATIONS, Refit, refit
+from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points
-
-BEAM_WIDTH, MOST_MEMBERS = 3, 4
-"""sets that are enlarged at a time, and members of a set at most"""
-EXCHANGE_ROUNDS = 2
-"""times that each member of the best set is removed and exchanged"""
-PAIR_POINTS = 3
-"""grid points of either effect of a pair, which is refitted from the best of their combinations"""
+from lpvid.rounding import TINY
 
 
 @dataclass
@@ -79,7 +74,7 @@ class SetSearch(VisitedSets):
                 self.update_kappa()
         self.alpha = STRUCTURED_SAMPLES
         self.update_kappa()
-        for _ in range(EXCHANGE_ROUNDS):
+        for _ in range(MOST_MEMBERS):
             before = self.best
             self._exchange_and_enlarge(before)
             self.update_kappa()
@@ -155,7 +150,7 @@ class SetSearch(VisitedSets):
 
         def refitted(pair: tuple[str, ...]) -> EvaluatedSet:
             composition = Composition(root.composition.baseline, tuple(names[n] for n in pair))
-            grids = [evenly_spaced(self.data.grid_points[n], PAIR_POINTS) for n in pair]
+            grids = [evenly_spaced(self.data.grid_points[n], MOST_STARTS) for n in pair]
             vectors = [start_vector(composition, root, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
             costs = [self.cost_at(composition, v, basis) for v in vectors]
             best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
@@ -224,11 +219,11 @@ class SetSearch(VisitedSets):
         for vector in vectors:
             error = without(basis, self.problem.stacked_errors(composition, vector))
             change = without_either - error
-            scaling_gain = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), 1e-300)
+            scaling_gain = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), TINY)
             costs.append(float(error @ error - scaling_gain))
 
         def deficit(cost: float) -> float:
-            return 0.5 * self.kappa * self.problem.n_samples * float(np.log(max(cost, 1e-300) / w.fit.cost))
+            return 0.5 * self.kappa * self.problem.n_samples * float(np.log(max(cost, TINY) / w.fit.cost))
 
         found = []
         if lag or deficit(min(costs)) < MOST_DEFICIT:

@@ -8,27 +8,28 @@ from typing import TypeVar
 
 import numpy as np
 
+from lpvid.diagnosis.budgets import LONG
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.diagnosis import gain_percent
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.calibration import Support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
-from lpvid.diagnosis.evidence.rivals import LISTED_WEIGHT, NAMED_PROBABILITY, match_form, name_in, rivals_beside
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_form, name_in, rivals_beside
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.visited import posterior
-from lpvid.diagnosis.folds import Folds, errors_on_other_fold, join_folds, out_of_fold
+from lpvid.diagnosis.folds import errors_on_other_fold, join_folds, out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predicted_share
 from lpvid.diagnosis.screening import start_vector
-from lpvid.diagnosis.signals import LONG
+from lpvid.rounding import TINY
+from lpvid.validation.trust import LEVEL
 
 T = TypeVar("T")
 R = TypeVar("R")
 SURE_PROBABILITY = 0.75
 """calibrated probability from which a cause is sure, so that a set of such causes explains an error"""
-FORM_SHARE = 0.95
-"""share of the weight of its component from which a special form is reported instead"""
 NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
 that is less (tests/benchmarks/real_causes.py)"""
@@ -130,8 +131,8 @@ class SelectedSet:
         The baseline alone and the set.
     cost_reduction : float
         Of the squared error by the set against the baseline alone, on the samples of the search.
-    before, after : Folds
-        Their errors out of fold.
+    before, after : (N,) arrays
+        Their errors out of fold, in the output's unit.
     members : tuple of SetMember
         Largest change first.
     relative_error : float
@@ -151,8 +152,8 @@ class SelectedSet:
     root: Refit
     fit: Refit
     cost_reduction: float
-    before: Folds
-    after: Folds
+    before: np.ndarray
+    after: np.ndarray
     members: tuple[SetMember, ...]
     relative_error: float
     predictable: float
@@ -168,7 +169,7 @@ class SelectedSet:
     @property
     def gains(self) -> np.ndarray:
         """(blocks,) reduction of the squared error out of fold by the set."""
-        return self.problem.block_sums(self.before.errors**2 - self.after.errors**2)
+        return self.problem.block_sums(self.before**2 - self.after**2)
 
     def reason_not_named(self, m: SetMember) -> str | None:
         """Why a member is not named; None where it is, or has rivals.
@@ -248,7 +249,7 @@ def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[t
             form = Support.of(sets, match_form(m.effect), search.structured)
             members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
     names = {m.effect.name for m in members}
-    relative_error = search.relative_rms(after.errors)
+    relative_error = search.relative_rms(after)
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
     selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                            relative_error, share, tuple((n, why) for n, why in dropped.items() if n not in names), sets)
@@ -274,7 +275,7 @@ def _changes_alone(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Re
 
 def _named(selected: SelectedSet) -> dict[str, float]:
     """Names without rivals in a set, and the reduction of the logarithm of the error by each."""
-    error = max(selected.root.cost - selected.cost_reduction, 1e-300)
+    error = max(selected.root.cost - selected.cost_reduction, TINY)
     return {m.name: float(np.log1p(max(m.cost, 0.0) / error)) for m in selected.members
             if selected.reason_not_named(m) is None and not m.rivals}
 
@@ -294,7 +295,7 @@ def _better_predicting(search: SetSearch, fits: dict[frozenset[str], Refit],
     """Sets nearly as probable as the most probable one that have less error out of fold, the least first.
 
     Evidence counts a structured error as few samples, so that two sets may share the weight where one leaves half of
-    the other's error. Of the most probable sets that hold all but `LISTED_WEIGHT` of the weight these have an error out
+    the other's error. Of the most probable sets that hold all but `SIGNIFICANT` of the weight these have an error out
     of fold that is lower than that of the most probable set `best` by more than one standard error of the blocks'
     gains. A set whose error on the samples of its fit is above that cannot be one, and is not refitted; nor is one with
     a special form that is not sure. There are none where `best` is the baseline alone.
@@ -305,7 +306,7 @@ def _better_predicting(search: SetSearch, fits: dict[frozenset[str], Refit],
     least = _out_of_fold_cost(problem, near)
     before, weights = np.cumsum([0.0, *(p for _, p in sets[:-1])]), _component_weights(sets)
     others = [w for (w, _), held in zip(sets, before, strict=True)
-              if held < 1.0 - LISTED_WEIGHT and w.fit.cost < least and w is not best and _forms_sure(w, sets, weights)]
+              if held < 1.0 - SIGNIFICANT and w.fit.cost < least and w is not best and _forms_sure(w, sets, weights)]
     _cross_validate(search, fits, near, [w.fit.composition for w in others])
     better = [w for w in others if _lowers_error(problem, near, folds_of(problem, fits[w.members]))]
     return sorted(better, key=lambda w: _out_of_fold_cost(problem, fits[w.members]))
@@ -320,7 +321,7 @@ def _least_error_set(search: SetSearch, fits: dict[frozenset[str], Refit]) -> tu
         return None
     _cross_validate(search, fits, root, [root.composition, least.fit.composition])
     after = folds_of(problem, fits[least.members])
-    cost = float(np.sum(after.errors**2))
+    cost = float(np.sum(after**2))
     if not (_lowers_error(problem, root, after) and _out_of_fold_cost(problem, root) - cost > notable):
         return None
     return tuple(sorted(least.members)), float(np.sqrt(cost / problem.n_samples)) / search.data.discrepancy.output_rms
@@ -328,7 +329,7 @@ def _least_error_set(search: SetSearch, fits: dict[frozenset[str], Refit]) -> tu
 
 def _out_of_fold_cost(problem: DiagnosisProblem, fit: Refit) -> float:
     """Sum of the squared errors out of fold."""
-    return float(np.sum(folds_of(problem, fit).errors**2))
+    return float(np.sum(folds_of(problem, fit)**2))
 
 
 def _confirmed_sets(search: SetSearch, rejected_sets: Collection[frozenset[str]],
@@ -364,7 +365,7 @@ def _refitted(search: SetSearch, composition: Composition, near: Refit,
 def _cross_validate(search: SetSearch, fits: dict[frozenset[str], Refit], near: Refit,
                     wanted: Sequence[Composition]) -> None:
     """Refit compositions that are not yet among `fits`, and compute the errors out of fold of all."""
-    def checked(composition: Composition) -> tuple[Refit | None, Folds]:
+    def checked(composition: Composition) -> tuple[Refit | None, np.ndarray]:
         known = fits.get(composition.members)
         found = known or _refitted(search, composition, near, lambda one, starts: [one(v) for v in starts])
         folds = folds_of(search.problem, found)
@@ -415,7 +416,7 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
     return replace(selected, problem=problem, root=root, fit=fit, before=before, after=after, members=members)
 
 
-def folds_of(problem: DiagnosisProblem, fit: Refit) -> Folds:
+def folds_of(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """Errors out of fold, computed once for a fit.
 
     Parameters
@@ -426,7 +427,8 @@ def folds_of(problem: DiagnosisProblem, fit: Refit) -> Folds:
 
     Returns
     -------
-    Folds
+    (N,) array
+        In the output's unit.
     """
     return fit.cached(OUT_OF_FOLD, lambda: out_of_fold(problem, fit))
 
@@ -435,12 +437,12 @@ def _without(composition: Composition, effect: Effect) -> Composition:
     return Composition(composition.baseline, tuple(e for e in composition.effects if e is not effect))
 
 
-def _gains(problem: DiagnosisProblem, before: Refit, after: Folds) -> np.ndarray:
+def _gains(problem: DiagnosisProblem, before: Refit, after: np.ndarray) -> np.ndarray:
     """(blocks,) reduction of the squared error out of fold."""
-    return problem.block_sums(folds_of(problem, before).errors**2 - after.errors**2)
+    return problem.block_sums(folds_of(problem, before)**2 - after**2)
 
 
-def _lowers_error(problem: DiagnosisProblem, before: Refit, after: Folds) -> bool:
+def _lowers_error(problem: DiagnosisProblem, before: Refit, after: np.ndarray) -> bool:
     """Whether the error out of fold is lower, by more than one standard error of the blocks' gains."""
     gains = _gains(problem, before, after)
     return bool(gains.sum() > np.sqrt(gains @ gains))
@@ -483,9 +485,9 @@ def _component_weights(sets: Sequence[tuple[EvaluatedSet, float]]) -> dict[froze
 
 def _forms_sure(w: EvaluatedSet, sets: Sequence[tuple[EvaluatedSet, float]], weights: Mapping[frozenset[str], float]
                 ) -> bool:
-    """Whether the special forms in a set have nearly all of the weight of its components."""
+    """Whether the special forms in a set have all but `SIGNIFICANT` of the weight of its components."""
     return all(e.component == k or
-               sum(p for v, p in sets if match_form(e)(v) is not None) >= FORM_SHARE * weights[frozenset(w.components)]
+               sum(p for v, p in sets if match_form(e)(v) is not None) >= LEVEL * weights[frozenset(w.components)]
                for e, k in zip(w.effects, w.components, strict=True))
 
 
@@ -495,7 +497,7 @@ def _most_probable_with(effect: Effect, sets: Sequence[tuple[EvaluatedSet, float
 
 
 def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, w: EvaluatedSet,
-            fit: Refit, after: Folds, effect: Effect, ablation: Refit) -> SetMember:
+            fit: Refit, after: np.ndarray, effect: Effect, ablation: Refit) -> SetMember:
     """An effect of a set `w` as a member; its rivals are those in the most probable set that holds it.
 
     The neighbours of that set were visited, and whether a name is sure must not depend on which of several nearly as
@@ -512,6 +514,6 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,
-                     ablation.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300),
+                     ablation.cost - fit.cost, gain_percent(before, before - float(gains.sum())) if before > 0 else 0.0,
                      float(np.mean(gains > 0)), search.relative_rms(ablation.errors - fit.errors),
                      float(gain) if np.isfinite(gain) else None)

@@ -9,27 +9,23 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid.condition.band_limited import jumps
+from lpvid.condition.bandwidth import PASSED
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
+from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.signals import Signals, SignalStretch
 from lpvid.record import Record
+from lpvid.rounding import TINY
 
-SEARCH_SAMPLES = 3000
-"""samples for a search, whose time is in proportion. A structured error counts as `STRUCTURED_SAMPLES` = 25 of them; in
-white noise of 1 % they reveal a cause of .2 % (a log-likelihood ratio of 60)"""
-BAND = 0.8
-"""share of half the sample rate that an anti-alias filter leaves"""
 REACH_RATIO = 1.2
 """mean square reach of a stretch over that of the median part, from which it is included for its reach: with equal
 reach of all parts none is. Of 60 motions of the foreign rig the samples hold 95 % of the largest stroke in 93 % with
 1.0 and with 1.2, in 92 % with 1.5, in 85 % with 2, in 73 % without such a stretch"""
 FEWEST_STRETCHES = 4
 """stretches over all records at least, so that slow causes are detectable"""
-ROUNDING_SAMPLES = 3
-"""samples by which a stretch is longer: start-up and blocks are each rounded to whole samples"""
 TRANSITION = START_UP / 2
 """time at the head of a stretch of a smooth transition from the one before [s]; in the rest of the start-up its
 transient decays"""
@@ -138,7 +134,7 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         One that holds all stretches; a single record of few samples as it is.
     """
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
-    size = round(length_of(signals) / period) + ROUNDING_SAMPLES
+    size = round(length_of(signals) / period) + 1 + 2  # start-up and two blocks are each rounded to whole samples
     wanted = max(SEARCH_SAMPLES // size, FEWEST_STRETCHES, len(signals))
     if total <= max(wanted * size, SEARCH_SAMPLES):
         return tuple(signals) if len(signals) == 1 else (_whole(signals, round(TRANSITION / period)),)
@@ -215,7 +211,7 @@ def _most_active(s: Signals, count: int, size: int) -> list[int]:
     motion, reach = np.zeros(s.n_samples), np.zeros(s.n_samples)
     for values in s.channels.values():
         for of, square in ((motion, np.diff(values, prepend=values[:1]) ** 2), (reach, (values - values.mean()) ** 2)):
-            of += square / max(float(square.mean()), 1e-300)
+            of += square / max(float(square.mean()), TINY)
     head = round(START_UP / s.sample_time)
     edges = np.linspace(0, s.n_samples, count + 1).round().astype(int)
     parts = [np.arange(a, min(max(b - size, a), s.n_samples - size) + 1) for a, b in pairwise(edges)]
@@ -224,7 +220,7 @@ def _most_active(s: Signals, count: int, size: int) -> list[int]:
         inside = [sums[begins + size] - sums[begins + head] for begins in parts]
         firsts.append([int(begins[np.argmax(w)]) for begins, w in zip(parts, inside, strict=True)])
         most = np.array([w.max() for w in inside])
-        ratios.append(most / max(float(np.median(most)), 1e-300))
+        ratios.append(most / max(float(np.median(most)), TINY))
     out, farthest = firsts[0], int(np.argmax(ratios[1]))
     if ratios[1][farthest] > max(ratios[0][farthest], REACH_RATIO):
         out[farthest] = firsts[1][farthest]
@@ -236,5 +232,5 @@ def _fits_band(s: Signals, factor: int) -> bool:
     if any(jumps(c) for c in s.channels.values()):
         return False
     power = np.abs(np.fft.rfft((s.output - s.output.mean()) * np.hanning(s.n_samples))) ** 2
-    kept = int(BAND * power.size / factor)
+    kept = int(PASSED * power.size / factor)
     return bool(power[kept:].sum() < ACCEPTABLE_MISFIT**2 * power.sum())

@@ -9,24 +9,22 @@ from typing import TypeVar
 import numpy as np
 
 from lpvid._forks import in_forks
+from lpvid.diagnosis.budgets import COARSE_ITERATIONS, NEAR_ITERATIONS
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import misfit_prior
 from lpvid.diagnosis.evidence.relations import compatible
-from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem, without
+from lpvid.diagnosis.problem import DiagnosisProblem, without
 from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial
 from lpvid.diagnosis.screening import start_vector
+from lpvid.rounding import EXPLODED
 
 T = TypeVar("T")
 R = TypeVar("R")
 SEARCH_FACTOR = 3.0
 """factor on α during the search: three causes that only act jointly must be reached from two with little gain alone"""
-COARSE_ITERATIONS, REFIT_ITERATIONS = 2, 8
-"""iterations of the coarse refit from every start vector, and of the refit from the best of these"""
-REFITTED_STARTS = 2
-"""start vectors of one set from which it is refitted: those of the least cost, of all that were evaluated"""
 LEAST_KAPPA = 0.1
 """least κ by which a refit of the search is ended"""
 
@@ -203,7 +201,7 @@ class VisitedSets:
         leading = sorted(coarse, key=lambda f: f.cost)[:full_refits]
         if any(e.stepwise or e.rugged for e in added):
             leading[0] = refined_by_trial(leading[0], COARSE_ITERATIONS, rough=True)
-        fits = self.in_parallel(lambda f: descend(self.problem, composition, f.vector, iterations=REFIT_ITERATIONS,
+        fits = self.in_parallel(lambda f: descend(self.problem, composition, f.vector, iterations=NEAR_ITERATIONS,
                                                   rough=True, sample_weight=weight), leading, (composition,))
         return min(fits, key=lambda f: f.cost)
 

@@ -76,3 +76,15 @@ def test_a_damped_step_of_little_predicted_decrease_is_not_the_end(rough: bool) 
     best = descend(problem, composition, np.array([*TRUE, -60.0, 60.0]))
     assert descend(problem, composition, start, iterations=0).cost - best.cost > 5 * best.variance
     assert found.cost == pytest.approx(best.cost, abs=0.1 * best.variance)
+
+
+@pytest.mark.parametrize("room", [(-1.0, 0.25), (-np.inf, np.inf), (0.0, 0.0)])
+def test_a_step_between_bounds_is_the_best_one_also_where_two_columns_are_one(room: tuple[float, float]) -> None:
+    """xᵀMx/2 − bᵀx over a grid of both parameters; without bounds any pair of the same sum is as good."""
+    matrix, right = np.ones((2, 2)), np.array([1.0, 1.0])
+    low, high = np.full(2, room[0]), np.full(2, room[1])
+    found = refitting._bounded_minimiser(matrix, right, low, high)
+    x = np.clip(np.linspace(-2.0, 2.0, 161), *room)
+    cost = (x[:, None] + x) ** 2 / 2 - (x[:, None] + x)
+    assert (found >= low).all() and (found <= high).all()
+    assert found @ matrix @ found / 2 - right @ found <= cost.min() + 1e-9

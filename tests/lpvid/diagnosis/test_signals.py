@@ -8,7 +8,8 @@ import weakref
 import numpy as np
 import pytest
 
-from lpvid.diagnosis.signals import LONG, REPLACED, Remembered, Signals
+from lpvid.diagnosis.budgets import LONG, REPLACED
+from lpvid.diagnosis.signals import Remembered, Signals
 
 SHORT = LONG // REPLACED**2
 
