@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lpvid._forks import in_forks
@@ -154,14 +153,13 @@ def _step(step: NextStep, origin: Origin | None) -> NextStep:
     """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths."""
     if origin is None:
         return step
-    names = [Path(s.name).name for s in origin.sources]
-    paths = {n: s.name for n, s in zip(names, origin.sources, strict=True) if names.count(n) == 1}
-    if origin.folder:
-        paths[OUT] = origin.folder.rstrip("/")
+    shown = [name for name, _ in shown_names(origin.sources)]
+    paths = {name: s.name for name, s in zip(shown, origin.sources, strict=True) if shown.count(name) == 1}
+    folder = origin.folder.rstrip("/") or OUT
 
     def resolved(name: str) -> str:
         first, slash, rest = name.partition("/")
-        return paths.get(first, first) + slash + rest
+        return paths.get(name) or (folder if first == OUT else first) + slash + rest
 
     words = (",".join(resolved(name) for name in word.split(",")) for word in step.command.split(" "))
     return NextStep(step.text, " ".join(words))

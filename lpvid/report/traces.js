@@ -61,6 +61,19 @@
     return [x, y];
   }
 
+  /* Multiples of a step within a range; of a smaller step where these are fewer than two, so that a scale can be read.
+     As steps go by 1, 2, 2.5, 5, a smaller one has at most four, which even the lowest panel has room for. */
+  function ticks(low, high, step) {
+    let power = 10 ** Math.floor(Math.log10(step || high - low)), mantissa = step ? step / power : 10;
+    const count = () => Math.floor(high / (mantissa * power)) - Math.ceil(low / (mantissa * power)) + 1;
+    while (count() < 2) {
+      mantissa = [5, 2.5, 2, 1, 0.5].find(m => m < mantissa - 1e-9);
+      if (mantissa < 1) { mantissa = 5; power /= 10; }
+    }
+    const first = Math.ceil(low / (mantissa * power));
+    return Array.from({length: count()}, (_, k) => (first + k) * mantissa * power);
+  }
+
   const digits = v => v == null ? "–" : String(Number(v.toPrecision(5)));
 
   class Figure {
@@ -115,7 +128,8 @@
         scales: {x: {time: false, range: () => this.view}, y: {range: (u, low, high) => this.reach(panel, low, high)}},
         axes: [{...axis, size: last ? 42 : 14, label: last ? "time [s]" : undefined, labelSize: 18,
           values: last ? undefined : (u, splits) => splits.map(() => "")},
-          {...axis, label: panel.label, size: AXIS - 18, labelSize: 18, values: (u, s) => s.map(digits)}],
+          {...axis, label: panel.label, size: AXIS - 18, labelSize: 18, values: (u, s) => s.map(digits),
+            splits: (u, i, low, high, step) => ticks(low, high, step)}],
         cursor: {sync: {key: this.root.id, setSeries: false}, drag: {x: true, y: false, setScale: false},
           points: {size: 6}, bind: {dblclick: () => () => { this.show(this.whole); return null; }}},
         hooks: {setSelect: [u => this.selected(u)], drawClear: [u => this.shade(u)]},

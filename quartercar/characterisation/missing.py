@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 from quartercar.characterisation.forces import Between, TooSlow, propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
 from quartercar.characterisation.settings import CREEP
+from quartercar.dampers.driver import driver
 
 if TYPE_CHECKING:
     from quartercar.characterisation.forces import StandardForce
@@ -42,6 +44,14 @@ def missing_of(found: Readings, refused: tuple[str, ...]) -> tuple[Missing, ...]
             "no channel 'temperature'")
         rows.append(Missing("temperature coefficient", why, "record the wall temperature over 100 cycles of one sine" if
                             have else "record the wall temperature beside the force (--role temperature=CHANNEL)"))
+    if not found.specimens:
+        rows.append(Missing("spread between specimens", "no force of two specimens at one speed" if
+                            len(found.data.specimens) > 1 else "these records are of one specimen",
+                            "run the same tests on more specimens, named by --specimen; --tolerance 10%+20N "
+                            "--nominal TABLE.csv compares a single one with its nominal forces"))
+    if driver(found.data.current_unit) == "voltage":  # the texts name the current, whose part it plays
+        rows = [Missing(*(re.sub(r"\bcurrent", "voltage", text) for text in (row.what, row.why, row.run)))
+                for row in rows]
     return tuple(rows)
 
 
