@@ -566,6 +566,26 @@ def quotient(above: str, below: str) -> str:
     return above or "1" if under == "1" else f"{over}/{under}"
 
 
+def driver(unit: str) -> str:
+    """The word for what plays the part of the current: a voltage does where the current was not recorded.
+
+    Parameters
+    ----------
+    unit : str
+        Of the channel that plays the current's part.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> driver("A"), driver("V")
+    ('current', 'voltage')
+    """
+    return "voltage" if unit == "V" else "current"
+
+
 def _readable(dimension: tuple[tuple[str, float], ...]) -> str:
     """Name a dimension: N rather than kg*m/s^2; angles, counts and temperatures stand behind."""
     core = tuple(d for d in dimension if d[0] in ("kg", "m", "s", "A"))

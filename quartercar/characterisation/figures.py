@@ -10,11 +10,11 @@ import numpy as np
 
 from lpvid.plot.colours import CYCLE, FAINT, INK, MUTED, PURPLE, VERMILION
 from lpvid.plot.style import look, panels, shades
+from lpvid.units import driver
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.points import DIRECTIONS, peak_point
 from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.wording import amps, label_of, shortened, speed_text
-from quartercar.dampers.driver import driver
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.units import driver
+from quartercar.characterisation.drift import ENOUGH
 from quartercar.characterisation.forces import Between, TooSlow, propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
 from quartercar.characterisation.settings import CREEP
-from quartercar.dampers.driver import driver
 
 if TYPE_CHECKING:
     from quartercar.characterisation.forces import StandardForce
@@ -38,6 +39,9 @@ def missing_of(found: Readings, refused: tuple[str, ...]) -> tuple[Missing, ...]
     if not found.histograms:
         rows.append(Missing("velocity histogram", "all records are periodic",
                             "record a drive, or play a road on the rig, for 30 s or more"))
+    if not found.drifts:
+        rows.append(Missing("drift over the cycles", f"no test of {ENOUGH} settled cycles at constant current, whose "
+                            "force is not zero at mid stroke", "run 100 cycles of one sine at constant current"))
     if not any(d.per_kelvin is not None for d in found.drifts):
         have = any(r.temperature is not None for r in found.data.runs)
         why = "the temperature does not rise by more than its scatter in any block of five cycles" if have else (

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from lpvid.report import Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
+from lpvid.units import driver
 from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.wording import amps, label_of, newtons, shortened, verdict
-from quartercar.dampers.driver import driver
 
 OPEN = 12
 """Rows above which a table of tests is folded."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from lpvid.units import driver
 from quartercar.characterisation.gas import StaticForce
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
 from quartercar.characterisation.runs import RecordPieces
-from quartercar.dampers.driver import driver
 
 
 def amps(current: float | None, unit: str) -> str:

@@ -23,8 +23,8 @@ from lpvid.plot.style import (
     robust_limits,
     zero_lines,
 )
+from lpvid.units import driver
 from quartercar.dampers.contract import ExtrapolationWarning
-from quartercar.dampers.driver import driver
 
 if TYPE_CHECKING:
     from lpvid.record import Record

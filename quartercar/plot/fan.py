@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.plot.colours import INK, MUTED
 from lpvid.plot.style import Ax, Drawn, drawn, label, limits_of, look, panels, visible_scale, zero_lines
-from quartercar.dampers.driver import driver
+from lpvid.units import driver
 from quartercar.plot.comparing import current_levels, current_span
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from lpvid.report.figures import grade
 from lpvid.report.formatting import number, percent
 from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
 from lpvid.report.traces import Curve, Panel, Traces
+from lpvid.units import driver
 from quartercar import plot
-from quartercar.dampers.driver import driver
 from quartercar.dampers.evaluation.compared import FLAGS, Compared, Comparison, energy_lines
 from quartercar.dampers.evaluation.sampled_passivity import margin_of
 from quartercar.plot.comparing import DRAWN, free_run_of

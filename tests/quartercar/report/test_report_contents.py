@@ -18,6 +18,7 @@ from quartercar.dampers.laws.guo import Guo
 from quartercar.parameters import MEGANE
 from quartercar.plot.fan import force_velocity_fan
 from quartercar.plot.ride_spectra import SIGNALS, estimates, spectra, third_octaves
+from quartercar.report.fit import _parameter_table
 from quartercar.report.rig import rig_page
 from quartercar.rig import Rig
 from quartercar.rig.causes import effect
@@ -98,6 +99,25 @@ def test_a_fan_has_the_static_law_of_every_current(polarity):
         assert line.get_ydata() == pytest.approx(polarity * damper.static_force(v, level, 0.0), rel=1e-9, abs=1e-9)
     cloud = ax.collections[0].get_offsets()
     assert len(cloud) == sum(r.n_samples for r in records)
+
+
+@pytest.mark.parametrize(("unit", "stated"), [("A", "at the lowest current, 0 A"), ("V", "at the lowest voltage, 0 V")])
+def test_an_end_of_the_range_at_which_a_parameter_holds_has_its_unit(unit, stated):
+    damper = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))
+    row = SimpleNamespace(damper=damper, fit=None, parameters=[
+        {"name": p.name, "value": 1.0, "std": None, "unit": p.unit} for p in damper.parameters])
+    table = _parameter_table(row, "", "", unit)
+    assert any(cells[0].endswith(stated) for cells in table.rows)
+
+
+@pytest.mark.parametrize(("unit", "word"), [("A", "current"), ("V", "voltage")])
+def test_the_colour_bar_of_a_fan_names_what_drives_the_damper(unit, word):
+    damper = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))
+    records = [swept(damper, level) for level in (0.0, 2.0)]
+    records = [lpv.Record({n: r[n] for n in r.channels}, sample_time=1 / 500,
+                          units={n: r.unit(n) for n in r.channels} | {"current": unit}) for r in records]
+    ax = force_velocity_fan([SimpleNamespace(damper=damper, name="guo")], records, 1)
+    assert ax.figure.axes[-1].get_ylabel() == f"{word} [{unit}]"
 
 
 # -- the rig ----------------------------------------------------------------------------------------------------------
