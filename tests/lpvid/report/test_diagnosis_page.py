@@ -51,7 +51,8 @@ def test_a_diagnosis_ends_in_commands_that_can_be_run():
     steps = _steps(SimpleNamespace(rivals=()), "Use it.", ("experiment.toml holds the plan: a sweep", "read the cell."),
                    True)
     assert [(s.text, s.command) for s in steps] == [
-        ("Use it.", ""), ("experiment.toml holds the plan: a sweep.", "quartercar rig OUT/experiment.toml --out records"),
+        ("Use it.", ""),
+        ("experiment.toml holds the plan: a sweep.", "quartercar rig OUT/experiment.toml --out records"),
         ("read the cell.", ""), ("Judge the extended model on records that this diagnosis has not seen.",
                                  "lpvid validate OUT/extended_model.json NEW.csv --out checked")]
     rivals = (SimpleNamespace(names=("coil-lag", "command-delay"), experiment="steps of the current"),)

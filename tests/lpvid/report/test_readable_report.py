@@ -16,7 +16,7 @@ from lpvid.model.input_stage import TanhStage
 from lpvid.plot.responses import FrozenResponse
 from lpvid.plot.style import figure_of, panels, plain_decades, shades
 from lpvid.realization.gap import Gap
-from lpvid.report import Curve, NextStep, Origin, Page, PageFigure, Panel, Paragraph, Section, Traces, render
+from lpvid.report import Curve, NextStep, Origin, Page, PageFigure, PageTable, Panel, Paragraph, Section, Traces, render
 from lpvid.report.courses import LOW
 from lpvid.report.figures import comparisons
 from lpvid.report.forms import FormGap, forms_table
@@ -79,6 +79,31 @@ def test_the_columns_of_the_contents_begin_at_one_height(tmp_path):
     sections = tuple(Section(f"Section {k}", (Paragraph("Text."),)) for k in range(7))
     seen = opened(render(Page("t", "v", sections=sections)), COLUMNS, tmp_path)
     assert int(seen["columns"]) > 1 and float(seen["uneven"]) < 0.5
+
+
+PRINTED = """
+addEventListener('load', () => {
+  const root = document.documentElement;
+  root.setAttribute('data-wide', Array.from(document.querySelectorAll('table'), t =>
+    t.getBoundingClientRect().right > root.clientWidth + 0.5).filter(Boolean).length);
+  root.setAttribute('data-tables', document.querySelectorAll('table').length);
+});
+"""
+
+
+@needs_browser
+def test_tables_fit_a_sheet_of_paper(tmp_path):
+    """On paper nothing scrolls: a table of long texts and of many numbers is as wide as the sheet, at most."""
+    texts = PageTable(("cannot be distinguished", "weight of the others", "parameters, each alone", "what separates"),
+                      (("one-sided-filter / displacement-delay", "0.923", "time_constant 0.00085 s, damping 0.72; " * 2,
+                        "the same record with both channels unfiltered, or both through the same filter"),), "", (1,))
+    numbers = PageTable(("cause", "parameter", *(f"held-out gain {k}" for k in range(7))),
+                        (("series-compliance", "compliance", *("1.439e-07 m/N",) * 2, *("75.7 %",) * 5),), "",
+                        tuple(range(2, 9)))
+    html = render(Page("t", "v", sections=(Section("Tables", (texts, numbers)),)))
+    assert "@media print {" in html
+    seen = opened(html.replace("@media print {", "@media all {"), PRINTED, tmp_path, width=718)
+    assert (seen["tables"], seen["wide"]) == ("2", "0")
 
 
 WIDTHS = """

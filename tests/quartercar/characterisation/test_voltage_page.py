@@ -79,6 +79,7 @@ def test_every_quantity_is_on_the_page_or_listed_with_the_test_that_gives_it(dri
                   "Gas force, spring rate, friction", "Hysteresis and energy", f"Over the {word}"):
         assert title in titles, title
     for what in ("forces at 0.6 m/s", "gas force, spring rate and friction at creep", "hysteresis over frequency",
-                 "switching time", "drift over the cycles", "velocity histogram", "temperature coefficient", "spread between specimens"):
+                 "switching time", "drift over the cycles", "velocity histogram", "temperature coefficient",
+                 "spread between specimens"):
         assert missing[what].why and missing[what].run, what
     assert "--specimen" in missing["spread between specimens"].run
