@@ -2,7 +2,7 @@
    pixels: of every bin of samples on view the lowest and the highest, in their order. */
 (() => {
   "use strict";
-  const MISSING = -32768, LEVELS = 65534, AXIS = 72, PER_PIXEL = 1;
+  const MISSING = -32768, LEVELS = 65534, AXIS = 84, PER_PIXEL = 1;
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
   async function inflated(text) {
@@ -76,6 +76,12 @@
 
   const digits = v => v == null ? "–" : String(Number(v.toPrecision(5)));
 
+  /* A number beside an axis, in at most seven characters where that is possible: so much room there is. */
+  function brief(v) {
+    const plain = digits(v), powers = Number(v.toPrecision(5)).toExponential();
+    return plain.length > 7 && powers.length < plain.length ? powers : plain;
+  }
+
   class Figure {
     constructor(root) {
       this.root = root;
@@ -128,7 +134,7 @@
         scales: {x: {time: false, range: () => this.view}, y: {range: (u, low, high) => this.reach(panel, low, high)}},
         axes: [{...axis, size: last ? 42 : 14, label: last ? "time [s]" : undefined, labelSize: 18,
           values: last ? undefined : (u, splits) => splits.map(() => "")},
-          {...axis, label: panel.label, size: AXIS - 18, labelSize: 18, values: (u, s) => s.map(digits),
+          {...axis, label: panel.label, size: AXIS - 18, labelSize: 18, values: (u, s) => s.map(brief),
             splits: (u, i, low, high, step) => ticks(low, high, step)}],
         cursor: {sync: {key: this.root.id, setSeries: false}, drag: {x: true, y: false, setScale: false},
           points: {size: 6}, bind: {dblclick: () => () => { this.show(this.whole); return null; }}},

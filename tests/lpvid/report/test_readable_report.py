@@ -25,7 +25,7 @@ from lpvid.report.origin import Source
 from lpvid.report.responses import frozen_figures
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
-RANGES = ((-900.0, 900.0), (0.0, 1.0), (-3.2e-3, 3.1e-3), (0.95, 1.05), (-7.0, 13.0), (1.2e-9, 4.1e-9), (64.0, 66.0),
+RANGES = ((-900.0, 900.0), (0.0, 1.0), (-3.2e-3, 3.1e-3), (0.95, 1.05), (-7.0, 13.0), (1.2e-9, 4.1e-9), (-3.4e-4, 3.4e-4), (-2.2e5, 2.2e5), (64.0, 66.0),
           (-2.4, 2.6), (0.26, 0.26))
 """Least and largest value of a panel: ranges about zero and far from it, small and large, and a constant."""
 HEIGHTS = (LOW, 190)
@@ -36,11 +36,13 @@ addEventListener('load', async () => {
   try {
     await window.lpvidTraces.all();
     const seen = window.lpvidTraces.figures.flatMap(f => f.charts.map(u => {
+      u.ctx.font = '12px system-ui, sans-serif';
       const axis = u.axes[1], tall = u.bbox.height / devicePixelRatio, {min, max} = u.scales.y;
       const kept = axis._splits.filter((v, i) => axis._values[i] != null && axis._values[i] !== '');
       return {labels: kept.length, wrong: kept.filter(v => v < min || v > max).length,
               apart: kept.length > 1 ? (kept[1] - kept[0]) / (max - min) * tall : 0,
-              texts: axis._values.filter(t => t)};
+              texts: axis._values.filter(t => t), room: axis.size(u, axis._values, 1, 0) - axis.ticks.size - axis.gap,
+              wide: Math.max(...axis._values.filter(t => t).map(t => u.ctx.measureText(t).width)) / devicePixelRatio};
     }));
     root.setAttribute('data-axes', JSON.stringify(seen));
   } catch (error) { root.setAttribute('data-error', String(error)); }
@@ -60,6 +62,7 @@ def test_every_time_trace_has_a_scale(tmp_path):
     assert len(axes) == len(RANGES) * len(HEIGHTS)
     for axis in axes:
         assert axis["labels"] >= 2 and axis["wrong"] == 0 and len(set(axis["texts"])) == axis["labels"], axis
+        assert axis["wide"] <= axis["room"] + 1, axis
         assert axis["apart"] >= 10, axis  # digits of 12 px letters are 9 px high
 
 
