@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.plot.colours import CYCLE, INK
 from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, plain_decades, shades, zero_lines
+from lpvid.units import driver
 from quartercar.design.figures import FREQUENCIES, SHOWN
 from quartercar.plot.rides import SIGNALS, draw_signals
 
@@ -144,7 +145,7 @@ def actuator_use(found: Design | IdentifiedDesign, controlled: Ride, ax: Ax = No
         left.set_ylabel(label("damper force", "N"))
         left.legend(loc="upper left")
         right.hist(current, bins=30, weights=np.full(current.size, 100.0 / current.size), color=CYCLE[0], alpha=0.75)
-        right.set_xlabel(label("current", unit))
+        right.set_xlabel(label(driver(unit), unit))
         right.set_ylabel(label("share of the time", "%"))
         for level in (low, high):
             if np.isfinite(level):

@@ -144,6 +144,7 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
         levels = [float(np.mean(c.record[current])) for c in constant]
         scale = Normalize(min(levels, default=0.0), max(levels, default=1.0))
         colours = visible_scale()
+        unit = constant[0].record.unit(current) if constant else "A"
         for level, c in zip(levels, constant, strict=True):
             keep = slice(c.start, None, max(1, c.record.n_samples // 1500))
             v = c.record["velocity"][keep]
@@ -152,5 +153,5 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
                        zorder=2)
         right.set_xlabel(label("velocity", "m/s"))
         right.set_title(f"Constant currents (grey: {driven.origin})")
-        figure.colorbar(ScalarMappable(scale, colours), ax=right, label=label(current, "A"))
+        figure.colorbar(ScalarMappable(scale, colours), ax=right, label=label(current, unit))
     return drawn(axes)

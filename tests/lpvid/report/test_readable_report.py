@@ -25,8 +25,8 @@ from lpvid.report.origin import Source
 from lpvid.report.responses import frozen_figures
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
-RANGES = ((-900.0, 900.0), (0.0, 1.0), (-3.2e-3, 3.1e-3), (0.95, 1.05), (-7.0, 13.0), (1.2e-9, 4.1e-9), (-3.4e-4, 3.4e-4), (-2.2e5, 2.2e5), (64.0, 66.0),
-          (-2.4, 2.6), (0.26, 0.26))
+RANGES = ((-900.0, 900.0), (0.0, 1.0), (-3.2e-3, 3.1e-3), (0.95, 1.05), (-7.0, 13.0), (1.2e-9, 4.1e-9),
+          (-3.4e-4, 3.4e-4), (-2.2e5, 2.2e5), (64.0, 66.0), (-2.4, 2.6), (0.26, 0.26))
 """Least and largest value of a panel: ranges about zero and far from it, small and large, and a constant."""
 HEIGHTS = (LOW, 190)
 """Heights of panels [px], the lowest that the pages have among them."""
