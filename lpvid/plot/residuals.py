@@ -73,6 +73,7 @@ def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
             label="normal law")
     ax.axvline(centre, color=MODEL, linewidth=1.2, linestyle="--", label=f"mean {centre:.3g} {unit}".rstrip())
     ax.set_title("histogram")
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(label("residual", unit))
     ax.set_ylabel(label("density", quotient("", unit)))
     legend_above(ax, 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lpvid._forks import in_forks
@@ -150,11 +151,16 @@ def _command(line: str) -> Markup:
 
 
 def _step(step: NextStep, origin: Origin | None) -> NextStep:
-    """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths."""
+    """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths.
+
+    A name that several files share is the first one's: a command's argument stands before what its options name.
+    """
     if origin is None:
         return step
     shown = [name for name, _ in shown_names(origin.sources)]
     paths = {name: s.name for name, s in zip(shown, origin.sources, strict=True) if shown.count(name) == 1}
+    for s in origin.sources:
+        paths.setdefault(Path(s.name).name, s.name)
     folder = origin.folder.rstrip("/") or OUT
 
     def resolved(name: str) -> str:

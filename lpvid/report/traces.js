@@ -2,7 +2,7 @@
    pixels: of every bin of samples on view the lowest and the highest, in their order. */
 (() => {
   "use strict";
-  const MISSING = -32768, LEVELS = 65534, AXIS = 84, PER_PIXEL = 1;
+  const MISSING = -32768, LEVELS = 65534, AXIS = 84, BEYOND = 12, TALLEST = 200, PER_PIXEL = 1;
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
   async function inflated(text) {
@@ -102,6 +102,8 @@
       this.buttons();
       this.sync = uPlot.sync(this.root.id);
       this.data.panels.forEach((panel, i) => this.charts.push(this.chart(panel, i === this.data.panels.length - 1)));
+      await null;  // uPlot lays its charts out in a task of its own
+      this.charts.forEach((u, i) => this.heighten(u, this.data.panels[i].label));
       new ResizeObserver(() => this.fit()).observe(this.body);
       matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
         for (const u of this.charts) u.redraw(false, true);
@@ -141,6 +143,16 @@
         hooks: {setSelect: [u => this.selected(u)], drawClear: [u => this.shade(u)]},
       };
       return new uPlot(options, this.table(panel), this.body);
+    }
+
+    /* Makes room for the label beside a low panel: it is centred on the panel, and reaches a little beyond it. */
+    heighten(u, label) {
+      const ratio = devicePixelRatio;
+      u.ctx.save();
+      u.ctx.font = `${12 * ratio}px system-ui, sans-serif`;
+      const short = u.ctx.measureText(label).width / ratio - u.bbox.height / ratio - BEYOND;
+      u.ctx.restore();
+      if (short > 0) u.setSize({width: u.width, height: u.height + Math.min(Math.ceil(short), TALLEST)});
     }
 
     /* Vertical range: what is on view, with a margin. */

@@ -66,6 +66,30 @@ def test_every_time_trace_has_a_scale(tmp_path):
         assert axis["apart"] >= 10, axis  # digits of 12 px letters are 9 px high
 
 
+LONG_LABEL = """
+addEventListener('load', async () => {
+  const root = document.documentElement;
+  await window.lpvidTraces.all();
+  await null;
+  const u = window.lpvidTraces.figures[0].charts[0], ratio = devicePixelRatio;
+  u.ctx.font = 12 * ratio + 'px system-ui, sans-serif';
+  const half = u.ctx.measureText(u.axes[1].label).width / 2, middle = u.bbox.top + u.bbox.height / 2;
+  root.setAttribute('data-above', middle - half);
+  root.setAttribute('data-below', u.ctx.canvas.height - middle - half);
+});
+"""
+
+
+@needs_browser
+@pytest.mark.parametrize("last", [False, True])
+def test_the_name_of_a_channel_is_whole_beside_a_low_panel(last, tmp_path):
+    t = np.arange(400) / 100
+    name = Panel("actuator force, measured [kN]", (Curve("y", t, np.sin(t)),), None, LOW)
+    figure = Traces((name,) if last else (name, Panel("y [1]", (Curve("y", t, np.cos(t)),), None, LOW)), "Long.")
+    seen = opened(render(Page("t", "v", sections=(Section("Over time", (figure,)),))), LONG_LABEL, tmp_path)
+    assert float(seen["above"]) >= 0 and float(seen["below"]) >= 0
+
+
 COLUMNS = """
 addEventListener('load', () => {
   const items = Array.from(document.querySelectorAll('nav.contents li'), li => li.getBoundingClientRect());
@@ -227,10 +251,25 @@ def test_the_next_command_of_an_audit_names_the_channels_that_there_are():
     assert "--input INPUT --output OUTPUT --hold-out" in command(car)
 
 
+def test_the_numbers_below_a_histogram_do_not_overlap():
+    """Small residuals have long numbers."""
+    rng = np.random.default_rng(0)
+    data = lpv.Record({"u": rng.standard_normal(900), "y": 3e-4 * rng.standard_normal(900)}, sample_time=0.01,
+                      units={"u": "N", "y": "m"})
+    found = lpv.identify([data], lpv.ARX(na=1, nb=1, nk=0, input="u", output="y"))
+    ax = plot.residuals(comparisons(found.model, [data], "training"), inputs=("u",))[0]
+    ax.figure.canvas.draw()
+    low, high = ax.get_xlim()
+    boxes = [t.get_window_extent() for t in ax.get_xticklabels() if low <= t.get_position()[0] <= high]
+    assert len(boxes) >= 3 and all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
+
+
 def test_a_file_that_shares_its_name_is_called_by_its_path_in_commands():
     sources = (Source("far/a/model.json", "0" * 12), Source("far/b/model.json", "1" * 12),
                Source("far/run.csv", "2" * 12))
     step = NextStep("Go.", "lpvid validate a/model.json run.csv OUT/x.json elsewhere/model.json")
     html = render(Page("t", "v", steps=(step,), origin=Origin("lpvid compare", None, sources, (), "res")))
+    assert "far/a/model.json" in render(Page("t", "v", steps=(NextStep("Go.", "lpvid stability model.json"),),
+                                             origin=Origin("lpvid validate", None, sources, (), "res")))
     words = html.replace("</span> <span>", " ")
     assert "lpvid validate far/a/model.json far/run.csv res/x.json elsewhere/model.json" in words
