@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 from html import unescape
+from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 import pytest
+import typer
 from helpers.browser import BROWSER, opened
 
 import lpvid as lpv
 from lpvid import plot
 from lpvid.auditing import audit
+from lpvid.cli.invocation import Invocation
 from lpvid.model.input_stage import TanhStage
 from lpvid.plot.responses import FrozenResponse
 from lpvid.plot.style import figure_of, panels, plain_decades, shades
@@ -261,7 +265,7 @@ def test_the_numbers_below_a_histogram_do_not_overlap():
     ax.figure.canvas.draw()
     low, high = ax.get_xlim()
     boxes = [t.get_window_extent() for t in ax.get_xticklabels() if low <= t.get_position()[0] <= high]
-    assert len(boxes) >= 3 and all(a.x1 < b.x0 for a, b in zip(boxes, boxes[1:], strict=False))
+    assert len(boxes) >= 3 and all(a.x1 < b.x0 for a, b in pairwise(boxes))
 
 
 def test_a_file_that_shares_its_name_is_called_by_its_path_in_commands():
@@ -273,3 +277,16 @@ def test_a_file_that_shares_its_name_is_called_by_its_path_in_commands():
                                              origin=Origin("lpvid validate", None, sources, (), "res")))
     words = html.replace("</span> <span>", " ")
     assert "lpvid validate far/a/model.json far/run.csv res/x.json elsewhere/model.json" in words
+
+
+def test_the_files_of_arguments_stand_before_those_of_options(tmp_path):
+    """Whatever the order on the command line: a bare name in a next step is that of the model that was judged."""
+    def judge(beside: Annotated[list[str] | None, typer.Option("--beside")] = None,
+              data: Annotated[list[str], typer.Argument()] = [],  # noqa: B006
+              model: Annotated[str, typer.Argument()] = "") -> None: ...
+
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "model.json").write_text("{}")
+    given = {"beside": [str(tmp_path / "b" / "model.json")], "model": str(tmp_path / "a" / "model.json"), "data": []}
+    assert [p.parent.name for p in Invocation("lpvid judge", judge, given).files()] == ["a", "b"]
