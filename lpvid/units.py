@@ -544,6 +544,48 @@ def _dimension(si_unit: str) -> tuple[tuple[str, float], ...]:
     return tuple(sorted((name, e) for name, e in exponents.items() if e))
 
 
+def quotient(above: str, below: str) -> str:
+    """The unit of one quantity over another, as figures and remarks print it.
+
+    Parameters
+    ----------
+    above, below : str
+        Units; "" and "1" of a pure number.
+
+    Returns
+    -------
+    str
+        In brackets what is itself a product or a quotient; what is divided by a pure number keeps its unit.
+
+    Examples
+    --------
+    >>> quotient("N", "m/s"), quotient("N", "1"), quotient("m/s", "V"), quotient("", "V"), quotient("N", "N")
+    ('N/(m/s)', 'N', '(m/s)/V', '1/V', 'N/N')
+    """
+    over, under = ((f"({u})" if any(c in u for c in "*/ ·") else u) for u in (above or "1", below or "1"))
+    return above or "1" if under == "1" else f"{over}/{under}"
+
+
+def driver(unit: str) -> str:
+    """The word for what plays the part of the current: a voltage does where the current was not recorded.
+
+    Parameters
+    ----------
+    unit : str
+        Of the channel that plays the current's part.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> driver("A"), driver("V")
+    ('current', 'voltage')
+    """
+    return "voltage" if unit == "V" else "current"
+
+
 def _readable(dimension: tuple[tuple[str, float], ...]) -> str:
     """Name a dimension: N rather than kg*m/s^2; angles, counts and temperatures stand behind."""
     core = tuple(d for d in dimension if d[0] in ("kg", "m", "s", "A"))

@@ -12,6 +12,7 @@ from lpvid import _checks
 from lpvid.codec import encode
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.units import quotient
 
 BAND = 25.0
 """[Hz] Body (1 to 2 Hz) and wheel (10 to 15 Hz) motion of road vehicles with their first harmonics: what a damper in a
@@ -277,7 +278,7 @@ def _unit(model: LPVTransferFunction) -> str:
     pair = (model.outputs[0].unit, model.inputs[0].unit)
     if pair == ("N", "m/s"):
         return "N s/m"
-    return f"{pair[0]}/({pair[1]})" if all(pair) else ""
+    return quotient(*pair) if all(pair) else ""
 
 
 def _span(values: np.ndarray, name: str, unit: str) -> str:

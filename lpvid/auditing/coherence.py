@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
+from lpvid.units import quotient
 
 INFLATION = 10.0
 """variance inflation 1/(1 − γ²) from which inputs count as not separable: the usual rule for collinear regressors
@@ -177,7 +178,7 @@ def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Fin
         return
     worst = int(np.argmin(found.share))
     units = [views[0].record.unit(n) if views[0].record.has(n) else "" for n in (names[-1], names[0])]
-    unit = "" if units[0] == units[1] else f" ({units[0] or '1'})/({units[1] or '1'})"
+    unit = "" if units[0] == units[1] else f" {quotient(*units)}"
     others = ", ".join(n for k, n in enumerate(names) if k != worst)
     yield Finding(
         "coherent-inputs", views[0].name if len(views) == 1 else "", names[worst], "warning",

@@ -67,12 +67,14 @@ class Invocation:
         Returns
         -------
         list of Path
-            Each once, in the order of the options; what --out names is left out.
+            Each once: those of the arguments, then those of the options, as they are declared; what --out names is left
+            out.
         """
         found: list[Path] = []
-        for name, value in self.values.items():
-            if name != RESULTS:
-                found += [p for v in _several(value) for p in _behind(v)]
+        declared = sorted(_declared(self.function), key=lambda row: not isinstance(row[1], ArgumentInfo))
+        for name in dict.fromkeys([*(name for name, _, _ in declared), *self.values]):
+            if name != RESULTS and name in self.values:
+                found += [p for v in _several(self.values[name]) for p in _behind(v)]
         return list(dict.fromkeys(found))
 
     def origin(self, folder: Path | None, names: tuple[str, ...]) -> Origin:

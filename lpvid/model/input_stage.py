@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.codec import Coded
 from lpvid.model.signals import Signal
+from lpvid.units import quotient
 
 NARROWEST = 1e-9
 """Lower bound of a knee under search, in the shaped input's SI unit: as good as sign(u), and no division by zero."""
@@ -75,10 +76,10 @@ class InputStage(Coded, ABC):
         -------
         str
         """
-        per = f"/({scheduling})" if scheduling not in ("", "1") else ""
-        units = {name: f"1{per}" if per else "" for name in self.to_dict() if name.endswith("slope")}
+        per = quotient("", scheduling)
+        units = {name: "" if per == "1" else per for name in self.to_dict() if name.endswith("slope")}
         if self.KNEE:
-            units |= {self.KNEE[0]: shaped, self.KNEE[1]: f"({shaped}){per}" if per else shaped}
+            units |= {self.KNEE[0]: shaped, self.KNEE[1]: quotient(shaped, scheduling)}
         return ", ".join(f"{k} {v:.4g} {units.get(k, '')}".rstrip() for k, v in self.to_dict().items()
                          if isinstance(v, float))
 

@@ -10,6 +10,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.colours import CYCLE
 from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades
 from lpvid.plot.synthesis import frequencies_of, line_of, responses
+from lpvid.units import quotient
 
 if TYPE_CHECKING:
 
@@ -56,6 +57,7 @@ def controller_gains(controller: LPVStateSpace, ax: Ax = None) -> Drawn:
             row[0].set_ylabel(label("gain", _unit(controller, i, j)))
             if box.names:
                 _over_scheduling(row[1], controller, omega[[0, len(omega) // 2, -1]], i, j)
+                row[1].set_ylabel(label("gain", _unit(controller, i, j)))
         axes[-1, 0].set_xlabel(label("frequency", "Hz"))
         if box.names:
             axes[-1, 1].set_xlabel(label(box.names[0], box.units[0] or "1"))
@@ -104,7 +106,4 @@ def _pairs(controller: LPVStateSpace) -> list[tuple[int, int]]:
 
 
 def _unit(controller: LPVStateSpace, i: int, j: int) -> str:
-    out, into = controller.outputs[i].unit or "1", controller.inputs[j].unit or "1"
-    if into == "1":
-        return out
-    return f"{out}/({into})" if any(c in into for c in "*/ ·") else f"{out}/{into}"
+    return quotient(controller.outputs[i].unit, controller.inputs[j].unit)

@@ -24,6 +24,7 @@ from lpvid.plot.style import (
     panels,
     thinned,
 )
+from lpvid.units import driver
 
 if TYPE_CHECKING:
     pass
@@ -88,6 +89,21 @@ class BeforeAfter:
         """
         return self.units.get(role) or ROLES_UNITS[role]
 
+    def axis_label(self, role: str) -> str:
+        """Name and unit of a driving channel for an axis; a voltage that stands for the current is called one.
+
+        Parameters
+        ----------
+        role : str
+            A key of `ROLES_UNITS`.
+
+        Returns
+        -------
+        str
+        """
+        unit = self.unit_of(role)
+        return label(driver(unit) if role == "current" else role, unit)
+
     @property
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Measured less simulated, before and after."""
@@ -151,8 +167,8 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> D
             for ax, (x, y, cells), stage in zip(axes[row], tables, stages, strict=True):
                 mesh = ax.pcolormesh(x, y, cells.T, cmap="magma_r", vmin=0.0, vmax=top, rasterized=True)
                 ax.set_title(f"error {stage}")
-                ax.set_xlabel(label(pair[0], shown[0].unit_of(pair[0])))
-                ax.set_ylabel(label(pair[1], shown[0].unit_of(pair[1])))
+                ax.set_xlabel(shown[0].axis_label(pair[0]))
+                ax.set_ylabel(shown[0].axis_label(pair[1]))
                 ax.grid(False)
             figure.colorbar(mesh, ax=list(axes[row]), label=label("rms error", shown[0].unit), pad=0.01)
     return drawn(axes)
@@ -215,7 +231,7 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) ->
                 ax.plot(at, [float(v.mean()) for _, v in cells], color=colour, label=stated)
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.locator_params(axis="x", nbins=5)
-            ax.set_xlabel(label(name, shown[0].unit_of(name)))
+            ax.set_xlabel(shown[0].axis_label(name))
             legend_above(ax, 2)
         axes[0, 0].set_ylabel(label("mean error", shown[0].unit))
     return drawn(axes)
@@ -397,7 +413,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool, ax: Ax = None) -> Dra
         axes[1, 0].set_ylabel(label("error", s.unit))
         for axis, name in zip(axes[2:, 0], extra, strict=True):
             axis.plot(*thinned(t, s.channels[name][window]), color=GREEN)
-            axis.set_ylabel(label(name, s.unit_of(name)))
+            axis.set_ylabel(s.axis_label(name))
         axes[-1, 0].set_xlabel("time [s]")
         axes[-1, 0].margins(x=0.005)
         figure.align_ylabels()

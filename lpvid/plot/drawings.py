@@ -18,9 +18,9 @@ from lpvid.identification.result import Identification
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot.audit import MOST_CHANNELS
-from lpvid.plot.colours import BLUE, CYCLE, SCALE, VERMILION
+from lpvid.plot.colours import BLUE, CYCLE, VERMILION
 from lpvid.plot.stability import pole_plane
-from lpvid.plot.style import label, look, panels, robust_limits, shades, thinned
+from lpvid.plot.style import label, look, panels, robust_limits, shades, thinned, visible_scale
 from lpvid.record import Record
 from lpvid.synthesis.result import Synthesis
 
@@ -183,7 +183,7 @@ def _locus(model: LPVTransferFunction | LPVStateSpace) -> Drawing:
             found = pole_locus(model, model.box.names[0])
             colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
             drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9,
-                               cmap=SCALE, zorder=3, linewidths=0)
+                               cmap=visible_scale(), zorder=3, linewidths=0)
             ax.figure.colorbar(drawn, ax=ax, label=label(found.variable, found.unit))
         else:
             poles = np.asarray(model.to_control([]).poles())

@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.plot.colours import BLUE, VERMILION
-from lpvid.plot.style import Ax, Drawn, drawn, label, look, panels
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, look, panels
 
 if TYPE_CHECKING:
 
     from lpvid.fleet.differing import Differing
+
+
+DECADE = 10.0
+"""An axis is logarithmic where its values reach over more: with less it has a single power of ten, and no scale."""
 
 
 def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing, ax: Ax = None) -> Drawn:
@@ -37,13 +41,17 @@ def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing, ax: Ax 
     with look():
         axes = panels(1, height=3.4, ax=ax)[1]
         ax = axes[0, 0]
-        ax.semilogx(x[~marked], y[~marked], ".", color=BLUE, label="like the fleet")
-        ax.semilogx(x[marked], y[marked], "o", color=VERMILION, markersize=5, label="differs")
+        ax.plot(x[~marked], y[~marked], ".", color=BLUE, label="like the fleet")
+        if marked.any():
+            ax.plot(x[marked], y[marked], "o", color=VERMILION, markersize=5, label="differs")
         for k in np.flatnonzero(marked)[:12]:
             ax.annotate(names[k], (x[k], y[k]), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
         ax.set_xlabel(label("free-run ESR of the fleet's model, training", "1"))
-        ax.set_yscale("symlog", linthresh=1.0)
+        if x.size and x.max() > DECADE * x.min():
+            ax.set_xscale("log")
+        if y.size and np.abs(y).max() > DECADE:
+            ax.set_yscale("symlog", linthresh=1.0)
         ax.set_ylabel(label("distance from the fleet, typical is about 1", "1"))
         ax.margins(x=0.12)
-        ax.legend(loc="upper left")
+        legend_above(ax, 2)
     return drawn(axes)

@@ -58,7 +58,7 @@ def _lines(ax, found: PassivityMargin) -> None:
         stated = ", ".join(f"{v:.3g} {u}".rstrip() for v, u in zip(found.scheduling[row], found.units, strict=True))
         ax.plot(found.frequencies, np.where(np.isfinite(found.damping[row]), found.damping[row], np.nan), color=colour,
                 linewidth=1.3, label=stated or "damping")
-    ax.axhline(0.0, color=VERMILION, linewidth=1.0, linestyle="--")
+    ax.axhline(0.0, color=VERMILION, linewidth=1.0, linestyle="--", label="limit of passivity")
     _frequency(ax, found)
     ax.set_ylabel(label("least damping", found.unit))
     legend_above(ax, 3)
@@ -68,5 +68,5 @@ def _frequency(ax, found: PassivityMargin) -> None:
     ax.set_xscale("log")
     ax.set_xlim(float(found.frequencies[found.frequencies > 0][0]), float(found.frequencies[-1]))
     if found.frequencies[0] < BAND < found.frequencies[-1]:
-        ax.axvline(BAND, color=INK, linewidth=0.7, linestyle=":")
+        ax.axvline(BAND, color=INK, linewidth=0.7, linestyle=":", label=f"{BAND:g} Hz, body and wheel below")
     ax.set_xlabel(label("frequency", "Hz"))

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.plot.colours import BLUE, INK, MODEL
 from lpvid.plot.comparison import Comparison
 from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, look, panels
+from lpvid.units import quotient
 from lpvid.validation.residuals import lagged_means
 
 if TYPE_CHECKING:
@@ -72,8 +73,9 @@ def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
             label="normal law")
     ax.axvline(centre, color=MODEL, linewidth=1.2, linestyle="--", label=f"mean {centre:.3g} {unit}".rstrip())
     ax.set_title("histogram")
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(label("residual", unit))
-    ax.set_ylabel(f"density [1/{unit}]" if unit else "density [1]")
+    ax.set_ylabel(label("density", quotient("", unit)))
     legend_above(ax, 2)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.plot.colours import CYCLE, MUTED
-from lpvid.plot.style import WIDTH, Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.style import WIDTH, Ax, Drawn, drawn, label, legend_outside, look, panels, plain_decades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +77,8 @@ def bode(hertz: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[st
             axes[1, j].set_ylabel(label("phase", "°"))
             if banded:
                 axes[2, j].set_yscale("log")
-                axes[2, j].set_ylabel(f"{level:.0%} band [± %]")
+                axes[2, j].set_ylabel(f"{level:.0%} band\n[± %]")
+                plain_decades(axes[2, j].yaxis)
             axes[-1, j].set_xlabel(label("frequency", "Hz"))
             for row in axes[:, j]:  # the rows of a new figure share it
                 row.set_xscale("log")

@@ -9,8 +9,8 @@ import numpy as np
 from lpvid.analysis.critical import CriticalScheduling
 from lpvid.analysis.pole_locus import PoleLocus
 from lpvid.analysis.uncertainty import PoleBand
-from lpvid.plot.colours import BLUE, INK, MUTED, SCALE, VERMILION
-from lpvid.plot.style import Ax, Drawn, drawn, label, look, panels
+from lpvid.plot.colours import BLUE, INK, MUTED, VERMILION
+from lpvid.plot.style import Ax, Drawn, drawn, label, look, panels, visible_scale
 
 CROWD = 400
 """Poles of a locus above which they are drawn as pixels: a mark of its own for each would fill the page."""
@@ -94,8 +94,9 @@ def _plane(figure: Figure, ax: Axes, found: PoleLocus, band: PoleBand | None) ->
         ax.plot(np.real(cloud), np.imag(cloud), ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True,
                 label=f"poles of {band.draws} models drawn from the covariance")
     colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
-    marks = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
-                       zorder=3, linewidths=0, rasterized=found.poles.size > CROWD, label="poles of this model")
+    marks = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9,
+                       cmap=visible_scale(), zorder=3, linewidths=0, rasterized=found.poles.size > CROWD,
+                       label="poles of this model")
     figure.colorbar(marks, ax=ax, label=label(found.variable, found.unit), fraction=0.046, pad=0.03)
     ax.set_title("Frozen poles")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=1, borderaxespad=0.0, markerscale=2)

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.plot.colours import FAINT, INK, MUTED, SCALE
+from lpvid.plot.colours import FAINT, INK, MUTED, SCALE, VISIBLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 Ax = Any
@@ -151,22 +153,51 @@ def label(name: str, unit: str) -> str:
     return f"{name} [{unit or '1'}]"
 
 
-def shades(count: int, first: float = 0.1, last: float = 0.9) -> np.ndarray:
-    """Colours along `SCALE`, evenly spread.
+def visible_scale() -> Colormap:
+    """The part of `SCALE` that can be seen on a light and on a dark page.
+
+    Returns
+    -------
+    matplotlib.colors.Colormap
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps[SCALE](np.linspace(0.0, VISIBLE, 256)), SCALE)
+
+
+def shades(count: int) -> np.ndarray:
+    """Colours along `visible_scale`, evenly spread.
 
     Parameters
     ----------
     count : int
-    first, last : float
-        Shares of the map at which they begin and end.
 
     Returns
     -------
     (count, 4) array
     """
-    from matplotlib import colormaps
+    return visible_scale()(np.linspace(0.0, 1.0, count))
 
-    return colormaps[SCALE](np.linspace(first, last, count))
+
+def plain_decades(axis: Axis) -> None:
+    """Numbers of a logarithmic axis as 4, 6, 10, where matplotlib writes 4 × 10⁰ and 6 × 10⁰.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+        Its scale is set.
+    """
+    from matplotlib.ticker import LogFormatter
+
+    class Plain(LogFormatter):
+        """Which ticks have a number is matplotlib's choice, how it is written not."""
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return f"{x:g}" if super().__call__(x, pos) else ""
+
+    axis.set_major_formatter(Plain(labelOnlyBase=False))
+    axis.set_minor_formatter(Plain(labelOnlyBase=False))
 
 
 def zero_lines(axes: Axes) -> None:

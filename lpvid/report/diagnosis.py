@@ -11,11 +11,10 @@ from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.facade import DiagnosisTask
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
-from lpvid.plot.style import label
 from lpvid.report.courses import signal_traces
 from lpvid.report.formatting import number, percent
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces
 from lpvid.validation.residuals import probability
 from lpvid.validation.trust import QUANTILE
 
@@ -36,6 +35,10 @@ _ADVICE = {
 }
 _REPEAT = ("Repeat the run. An error that the repeat does not show again is noise, and the baseline is as good as "
            "these data can show; one that it shows again has a cause which none of those known here explains.")
+
+
+PLAN = "experiment.toml"
+"""File beside the page that holds the planned experiment; its description begins with this name."""
 
 
 def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | None = None,
@@ -62,7 +65,7 @@ def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | No
     if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
             found.after.esr_held_out > ACCEPTABLE_MISFIT**2:  # much, and nothing shows that it is noise
         mark, advice = "warn", _REPEAT
-    sections = [Section("What to do", (Paragraph(advice, strong=True), *_proposal(found, experiment)))]
+    sections = []
     if found.causes or found.rivals:
         sections.append(Section("The cause" if len(found.causes) < 2 else "The causes", tuple(_causes(found))))
     sections.append(Section("What the simulation gets wrong", tuple(_wrong(found, shown, extended))))
@@ -76,7 +79,7 @@ def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | No
     verdict = f"{_HEADINGS[found.verdict]}: {found.reason}."
     name = str(found.baseline.get("name", "a baseline"))
     return Page(f"Diagnosis of {name}", verdict, mark, _facts(found, extended), _caveats(found),
-                tuple(sections))
+                tuple(sections), _steps(found, advice, experiment, extended))
 
 
 def before_after(found: Diagnosis, task: DiagnosisTask) -> list[draw.BeforeAfter]:
@@ -142,12 +145,17 @@ def _caveats(found: Diagnosis) -> tuple[str, ...]:
     return tuple(stated)
 
 
-def _proposal(found: Diagnosis, experiment: Sequence[str]) -> list[Item]:
-    if experiment:
-        return [Notes(tuple(f"{e.rstrip('.')}." for e in experiment))]
-    if found.rivals:
-        return [Notes(tuple(f"{' or '.join(r.names)}: {r.experiment}." for r in found.rivals))]
-    return []
+def _steps(found: Diagnosis, advice: str, experiment: Sequence[str], extended: bool) -> tuple[NextStep, ...]:
+    """The advice, what would settle what is open, and the commands for both."""
+    proposed = list(experiment) or [f"{' or '.join(r.names)}: {r.experiment}" for r in found.rivals]
+    steps = [NextStep(advice)]
+    for text in proposed:
+        command = f"quartercar rig {OUT}/{PLAN} --out records" if text.startswith(PLAN) else ""
+        steps.append(NextStep(f"{text.rstrip('.')}.", command))
+    if extended:
+        steps.append(NextStep("Judge the extended model on records that this diagnosis has not seen.",
+                              f"lpvid validate {OUT}/extended_model.json NEW.csv --out checked"))
+    return tuple(steps)
 
 
 def _causes(found: Diagnosis) -> list[Item]:
@@ -237,17 +245,22 @@ def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) 
         items.append(
             PageFigure.of(
                 maps,
-                "Root mean square error of the free run by regime; empty cells were not visited. "
+                f"Root mean square error of the free run{_parts(shown)} by regime; empty cells were not visited. "
                 "Both columns share one scale.",
             )
         )
     shapes = draw.error_shapes(shown, extended)
     if shapes is not None:
-        items.append(PageFigure.of(shapes, "Mean error over each input, with the band of its middle half: the shape of "
-                               "what the simulation lacks."))
-    items.append(PageFigure.of(draw.error_courses(shown, found.noise_floor, extended), "The error of the free run over "
-                           "time and over frequency."))
+        items.append(PageFigure.of(shapes, f"Mean error of the free run{_parts(shown)} over each input, with the band "
+                                   "of its middle half: the shape of what the simulation lacks."))
+    items.append(PageFigure.of(draw.error_courses(shown, found.noise_floor, extended),
+                               f"The error of the free run{_parts(shown)} over time and over frequency."))
     return items
+
+
+def _parts(shown: Sequence[draw.BeforeAfter]) -> str:
+    """On which data the records shown are, for a caption."""
+    return f", {' and '.join(dict.fromkeys(s.label for s in shown))} data,"
 
 
 def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension | None) -> list[Item]:
@@ -261,7 +274,7 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
         items.append(_lpv_table(lpv))
     drawn = draw.loops(shown, True)
     if drawn is not None:
-        items.append(PageFigure.of(drawn, "Measured and simulated output over velocity, before and after."))
+        items.append(PageFigure.of(drawn, f"Measured output and free runs{_parts(shown)} over velocity."))
     items.append(_before_after_traces(shown))
     return items
 
@@ -272,7 +285,8 @@ def _before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
     unit = worst.unit or "1"
     runs = {"measured": worst.measured, "baseline": worst.before, "extended model": worst.after}
     errors = {n: worst.measured - runs[n] for n in ("baseline", "extended model")}
-    moving = {label(n, worst.unit_of(n)): {n: v} for n, v in worst.channels.items() if n in ("velocity", "current")}
+    moving = {(stated := worst.axis_label(n)): {stated.partition(" [")[0]: v} for n, v in worst.channels.items()
+              if n in ("velocity", "current")}
     return signal_traces(worst.times, {f"{worst.output} [{unit}]": runs, f"error [{unit}]": errors, **moving},
                          f"{worst.name}, {worst.label}: the record on which the baseline is most wrong, free run.")
 

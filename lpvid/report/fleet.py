@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from lpvid.fleet.running import FleetResult
 from lpvid.plot.fleet import departures
 from lpvid.report.formatting import number
-from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section
+from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
 
 if TYPE_CHECKING:
     from lpvid.fleet.plan import Job
@@ -43,7 +44,30 @@ def fleet_page(found: FleetResult) -> Page:
     sections.append(Section("All files", (_all(found),)))
     if found.failed or found.left_out:
         sections.append(Section("Not done", (Notes(tuple(_faults(found))),)))
-    return Page("Fleet", found.verdict, mark, tuple(facts), (), tuple(sections))
+    return Page("Fleet", found.verdict, mark, tuple(facts), (), tuple(sections), _next(found))
+
+
+def _next(found: FleetResult) -> tuple[NextStep, ...]:
+    """What failed, then the file that lies furthest away, then the model of all."""
+    steps = []
+    if found.failed:
+        steps.append(NextStep("Mend the files that were not done, and run the same command again: only what is missing "
+                              "in the folder is done."))
+    named = () if found.differing is None else found.differing.named
+    if named:
+        first = next(job for job in found.plan.jobs if job.name == named[0])
+        steps.append(NextStep(f"Look at {first.name} first, which lies furthest from the fleet.",
+                              f"lpvid inspect {shlex.quote(str(first.path))} --out audit"))
+        if "diagnose" not in found.plan.do:
+            steps.append(NextStep("Find the causes in the files that differ: run the same command with --do "
+                                  "audit,identify,diagnose."))
+    if found.errors:
+        steps.append(NextStep("Judge the model of all files on records of another day.",
+                              f"lpvid validate {OUT}/model/model.json NEW.csv --out checked"))
+    else:
+        steps.append(NextStep("Fit one model to all files, and see which of them differ: run the same command with "
+                              "--do audit,identify and the names of input, output and scheduling."))
+    return tuple(steps)
 
 
 def _who(found: FleetResult) -> list[Item]:
@@ -95,7 +119,8 @@ def _all(found: FleetResult) -> PageTable:
         warned = found.warned.get(job.name, ())
         rows.append((job.name, *_errors(found.errors.get(job.name)), ", ".join(warned) or "–", _steps(found, job)))
         marks.append("bad" if job.name in found.failed else "warn" if job.name in named or warned else "good")
-    return PageTable(("file", "free-run ESR", "rmse", "mean error", "the audit warns of", "steps"), tuple(rows), "",
+    return PageTable(("file", "free-run ESR", "rmse", "mean error", "the audit warns of", "steps"), tuple(rows),
+                 "Free run of the model of all files along each, training data." if found.errors else "",
                  (1, 2, 3), tuple(marks),
                  f"{len(rows)} files" if len(rows) > 40 else "")
 

@@ -112,7 +112,8 @@ def forms_table(gaps: Sequence[FormGap]) -> PageTable:
             marks.append("plain")
             continue
         rows.append((g.form, str(g.order), "yes" if g.gap.exact else "no", "yes" if g.gap.causal else "no",
-                     listing([number(e, 3) for e in g.gap.esr]), listing([number(f, 5) for f in g.gap.fit_percent]),
+                     listing(["0" if g.gap.exact else number(e, 3) for e in g.gap.esr]),
+                     listing([number(f, 4) for f in g.gap.fit_percent]),
                      g.gap.advice))
         marks.append(_mark(g.gap))
     return PageTable(("form", "states", "exact", "causal", "ESR of the gap", "fit [%]", "advice"), tuple(rows), "",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 
 from lpvid import plot
@@ -41,17 +42,30 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
     sections = (Section("Findings", (findings_table(audit),)), Section("Records", (_records_table(records),)),
                 Section("Channels over time", tuple(_figures(records, channels))))
     return Page(f"Audit of {listing(audit.names, 4)}", f"{audit.verdict[:1].upper()}{audit.verdict[1:]}.", mark, facts,
-                ("Nothing in the data was changed, and nothing was flipped or interpolated.",), sections, _steps(audit))
+                ("Nothing in the data was changed, and nothing was flipped or interpolated.",), sections,
+                _steps(audit, records))
 
 
-def _steps(audit: Audit) -> tuple[NextStep, ...]:
+def _steps(audit: Audit, records: Sequence[Record]) -> tuple[NextStep, ...]:
     """The mends of the most severe findings, then a model."""
     severe = [f for f in audit.findings if f.severity != "note" and f.mend]
     advice = (f"use {f.mend}" if f.mend.startswith("--") else f.mend for f in severe)
     mends = dict.fromkeys(f"{m[:1].upper()}{m[1:].rstrip('.')}." for m in advice)
     return (*(NextStep(m) for m in list(mends)[:3]),
             NextStep("Fit a model, with data kept out of the fit to judge it on.",
-                 "lpvid identify DATA --input VELOCITY --output FORCE --schedule CURRENT --hold-out 1/3 --out model"))
+                 f"lpvid identify DATA {_channels_of_a_model(records)} --hold-out 1/3 --out model"))
+
+
+def _channels_of_a_model(records: Sequence[Record]) -> str:
+    """Options that name the channels: those of a damper where there are such, else in capitals what is to be named."""
+    seen = view(records[0], None)
+    motion = seen.velocity or ("velocity" if seen.displacement and seen.record.has("displacement") else None)
+    driven = [n for n in seen.scheduling if n in seen.usable and seen.usable[n].unit in ("A", "V")]
+    if seen.force and motion:
+        named = {"--input": motion, "--output": seen.force, "--schedule": ",".join(driven)}
+    else:
+        named = {"--input": "INPUT", "--output": "OUTPUT", "--schedule": "SCHEDULING" if seen.scheduling else ""}
+    return " ".join(f"{option} {shlex.quote(name)}" for option, name in named.items() if name)
 
 
 def findings_table(audit: Audit) -> Item:

@@ -21,7 +21,11 @@ DESCRIPTIONS = {"model.json": "the model, for lpvid validate, simulate, stabilit
         "diagnosis.json": "everything found", "extended_model.json": "the extended model",
         "extended_lpv.json": "the causes in an LPV model", "experiment.toml": "the experiment, for quartercar rig",
         "comparison.json": "all figures", "ride.json": "all figures", "demo.json": "everything found",
-        "plan.toml": "the plan"}
+        "plan.toml": "the plan", "simulation.csv": "measured, simulated, residual and scheduling, sample by sample",
+        "locus.png": "the figure of the poles", "fleet.json": "everything found", "fleet.csv": "one row for each file",
+        "characterisation.json": "everything that was read off", "forces.csv": "forces at the standard speeds",
+        "characteristics.csv": "every other quantity, with its standard error",
+        "velocity_histogram.csv": "shares of the time by class of velocity"}
 
 
 @dataclass(frozen=True)

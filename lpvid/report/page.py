@@ -93,6 +93,13 @@ class PageFigure:
     alternative: str
     kind: ClassVar[str] = "figure"
 
+    @property
+    def narrow(self) -> bool:
+        """Whether its letters can be read when it is as wide as a phone."""
+        from lpvid.plot.style import figure_of
+
+        return figure_of(self.drawing).get_figwidth() <= NARROW
+
     @classmethod
     def of(cls, drawing: Drawing, caption: str, alternative: str = "") -> PageFigure:
         """A matplotlib figure with its caption.
@@ -113,6 +120,8 @@ class PageFigure:
         return cls(drawing, caption, alternative or caption)
 
 
+NARROW = 7.5
+"""Width up to which a drawing is shown whole on a phone [inch]: wider ones scroll, at twice the width of the screen."""
 Item = Paragraph | Notes | PageTable | PageFigure | Traces
 
 OUT = "OUT"

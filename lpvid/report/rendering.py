@@ -151,17 +151,21 @@ def _command(line: str) -> Markup:
 
 
 def _step(step: NextStep, origin: Origin | None) -> NextStep:
-    """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths."""
+    """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths.
+
+    A name that several files share is the first one's: a command's argument stands before what its options name.
+    """
     if origin is None:
         return step
-    names = [Path(s.name).name for s in origin.sources]
-    paths = {n: s.name for n, s in zip(names, origin.sources, strict=True) if names.count(n) == 1}
-    if origin.folder:
-        paths[OUT] = origin.folder.rstrip("/")
+    shown = [name for name, _ in shown_names(origin.sources)]
+    paths = {name: s.name for name, s in zip(shown, origin.sources, strict=True) if shown.count(name) == 1}
+    for s in origin.sources:
+        paths.setdefault(Path(s.name).name, s.name)
+    folder = origin.folder.rstrip("/") or OUT
 
     def resolved(name: str) -> str:
         first, slash, rest = name.partition("/")
-        return paths.get(first, first) + slash + rest
+        return paths.get(name) or (folder if first == OUT else first) + slash + rest
 
     words = (",".join(resolved(name) for name in word.split(",")) for word in step.command.split(" "))
     return NextStep(step.text, " ".join(words))

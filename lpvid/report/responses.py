@@ -18,6 +18,7 @@ from lpvid.plot.responses import FrozenResponse
 from lpvid.report.formatting import number
 from lpvid.report.page import Item, PageFigure
 from lpvid.scheduling import Scheduling
+from lpvid.units import quotient
 from lpvid.validation.trust import LEVEL
 
 Linear = LPVTransferFunction | LPVStateSpace
@@ -90,7 +91,7 @@ def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], lo
     hertz = np.geomspace(max(rate / longest, rate / 2000), 0.5 * rate, POINTS)
     signals = first.filter_inputs[:INPUTS]
     names, columns, output = [s.name for s in signals], len(signals), first.outputs[0]
-    units = [f"{output.unit or '1'}/({s.unit or '1'})" for s in signals]
+    units = [quotient(output.unit, s.unit) for s in signals]
     samples = max(round(settling_samples(m, [at]) * float(m.sample_time or 0.0) / period) for _, m, _, at in several)
     time = period * np.arange(samples)
 

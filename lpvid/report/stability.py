@@ -277,8 +277,17 @@ def stability_page(study: StabilityStudy, name: str) -> Page:
     if study.reach.items():
         sections.insert(-1, Section("How far it reaches", tuple(study.reach.items())))
     return Page(f"Stability of {name}", study.verdict, study.mark, _facts(study),
-                (WARNING,) if study.model.box.names else (), tuple(sections),
+                (*_uncertainty(study), *((WARNING,) if study.model.box.names else ())), tuple(sections),
                 _steps(study, name))
+
+
+def _uncertainty(study: StabilityStudy) -> tuple[str, ...]:
+    """That the verdict is one of the estimate, where some of the models that the data allow are unstable."""
+    found = study.probability
+    if found is None or not study.frozen.stable or found.probability >= 1:
+        return ()
+    return (f"The verdict is that of the estimate: of the models drawn from the covariance of its parameters "
+            f"{percent(1 - found.probability)} have a frozen pole beyond the limit.",)
 
 
 def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:

@@ -20,6 +20,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import realize
 from lpvid.report.formatting import number, percent
 from lpvid.report.page import Item, Notes, PageTable
+from lpvid.units import quotient
 
 UNCONSTRAINED = "the covariance leaves out the constraint of passivity, which the estimate keeps and draws would not"
 
@@ -215,7 +216,7 @@ def _gain_unit(model: Model) -> str:
     over, under = above.pop(), below.pop()
     if over == under:
         return "1"
-    return (over or "1") + (f"/({under})" if "/" in under or " " in under else f"/{under}" if under else "")
+    return quotient(over, under)
 
 
 def _gain(model: Model, rate: Rate) -> Gain:

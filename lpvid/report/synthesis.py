@@ -21,6 +21,7 @@ from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure
 from lpvid.synthesis.design_log import limiting, limits
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
+from lpvid.units import quotient
 
 
 def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str,
@@ -235,7 +236,7 @@ def _design(result: Synthesis, plant: GeneralizedPlant) -> list[Item]:
             ("measurements", ", ".join(plant.measurements)), ("states of plant and weights", str(plant.order)),
             ("time", "continuous" if plant.sample_time is None else f"discrete, {plant.sample_time:g} s")]
     for n, low, high, rate, unit in zip(box.names, box.lower, box.upper, box.rate, box.units, strict=True):
-        speed = "arbitrarily fast" if rate is None else f"at most {number(rate, 4, (unit or '1') + '/s')}"
+        speed = "arbitrarily fast" if rate is None else f"at most {number(rate, 4, quotient(unit, 's'))}"
         rows.append((f"scheduling: {n}", f"{number(low)} … {number(high, 4, unit)}, {speed}"))
     if isinstance(result.certificate, HullCertificate):
         named, at = result.certificate.names, result.certificate.vertices

@@ -2,7 +2,7 @@
    pixels: of every bin of samples on view the lowest and the highest, in their order. */
 (() => {
   "use strict";
-  const MISSING = -32768, LEVELS = 65534, AXIS = 72, PER_PIXEL = 1;
+  const MISSING = -32768, LEVELS = 65534, AXIS = 84, BEYOND = 12, TALLEST = 200, PER_PIXEL = 1;
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
   async function inflated(text) {
@@ -61,7 +61,26 @@
     return [x, y];
   }
 
+  /* Multiples of a step within a range; of a smaller step where these are fewer than two, so that a scale can be read.
+     As steps go by 1, 2, 2.5, 5, a smaller one has at most four, which even the lowest panel has room for. */
+  function ticks(low, high, step) {
+    let power = 10 ** Math.floor(Math.log10(step || high - low)), mantissa = step ? step / power : 10;
+    const count = () => Math.floor(high / (mantissa * power)) - Math.ceil(low / (mantissa * power)) + 1;
+    while (count() < 2) {
+      mantissa = [5, 2.5, 2, 1, 0.5].find(m => m < mantissa - 1e-9);
+      if (mantissa < 1) { mantissa = 5; power /= 10; }
+    }
+    const first = Math.ceil(low / (mantissa * power));
+    return Array.from({length: count()}, (_, k) => (first + k) * mantissa * power);
+  }
+
   const digits = v => v == null ? "–" : String(Number(v.toPrecision(5)));
+
+  /* A number beside an axis, in at most seven characters where that is possible: so much room there is. */
+  function brief(v) {
+    const plain = digits(v), powers = Number(v.toPrecision(5)).toExponential();
+    return plain.length > 7 && powers.length < plain.length ? powers : plain;
+  }
 
   class Figure {
     constructor(root) {
@@ -83,6 +102,8 @@
       this.buttons();
       this.sync = uPlot.sync(this.root.id);
       this.data.panels.forEach((panel, i) => this.charts.push(this.chart(panel, i === this.data.panels.length - 1)));
+      await null;  // uPlot lays its charts out in a task of its own
+      this.charts.forEach((u, i) => this.heighten(u, this.data.panels[i].label));
       new ResizeObserver(() => this.fit()).observe(this.body);
       matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
         for (const u of this.charts) u.redraw(false, true);
@@ -115,12 +136,23 @@
         scales: {x: {time: false, range: () => this.view}, y: {range: (u, low, high) => this.reach(panel, low, high)}},
         axes: [{...axis, size: last ? 42 : 14, label: last ? "time [s]" : undefined, labelSize: 18,
           values: last ? undefined : (u, splits) => splits.map(() => "")},
-          {...axis, label: panel.label, size: AXIS - 18, labelSize: 18, values: (u, s) => s.map(digits)}],
+          {...axis, label: panel.label, size: AXIS - 18, labelSize: 18, values: (u, s) => s.map(brief),
+            splits: (u, i, low, high, step) => ticks(low, high, step)}],
         cursor: {sync: {key: this.root.id, setSeries: false}, drag: {x: true, y: false, setScale: false},
           points: {size: 6}, bind: {dblclick: () => () => { this.show(this.whole); return null; }}},
         hooks: {setSelect: [u => this.selected(u)], drawClear: [u => this.shade(u)]},
       };
       return new uPlot(options, this.table(panel), this.body);
+    }
+
+    /* Makes room for the label beside a low panel: it is centred on the panel, and reaches a little beyond it. */
+    heighten(u, label) {
+      const ratio = devicePixelRatio;
+      u.ctx.save();
+      u.ctx.font = `${12 * ratio}px system-ui, sans-serif`;
+      const short = u.ctx.measureText(label).width / ratio - u.bbox.height / ratio - BEYOND;
+      u.ctx.restore();
+      if (short > 0) u.setSize({width: u.width, height: u.height + Math.min(Math.ceil(short), TALLEST)});
     }
 
     /* Vertical range: what is on view, with a margin. */

@@ -132,7 +132,7 @@ def probability(p: float) -> str:
     ('p = 3.2e-05', 'p < 2.2e-308')
     """
     least = float(np.finfo(float).tiny)
-    return f"p < {least:.1e}" if p < least else f"p = {p:.1e}"
+    return f"p < {least:.1e}" if p < least else f"p = {p:.2g}"
 
 
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:

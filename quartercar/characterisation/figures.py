@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.colours import CYCLE, FAINT, INK, MUTED, PURPLE, SCALE, VERMILION
-from lpvid.plot.style import look, panels
+from lpvid.plot.colours import CYCLE, FAINT, INK, MUTED, PURPLE, VERMILION
+from lpvid.plot.style import look, panels, shades
+from lpvid.units import driver
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.points import DIRECTIONS, peak_point
 from quartercar.characterisation.readings import Readings
@@ -78,14 +79,12 @@ def _chart(rows: int = 1, height: float = HEIGHT, sharex: bool = False) -> tuple
 
 def _colours(found: Readings) -> dict:
     """A colour for every (specimen, current): by current along a map, or by specimen where there is one current."""
-    import matplotlib as mpl
-
     keys = list(dict.fromkeys((b.run.specimen, b.run.level) for b in _steady(found)))
     keys.sort(key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
     levels = found.data.levels
     if len(levels) < 2:
         return {k: CYCLE[n % len(CYCLE)] for n, k in enumerate(keys)}
-    shade = {level: mpl.colormaps[SCALE](0.9 * n / (len(levels) - 1)) for n, level in enumerate(levels)}
+    shade = dict(zip(levels, shades(len(levels)), strict=True))
     return {k: MUTED if k[1] is None else shade.get(k[1], MUTED) for k in keys}
 
 
@@ -158,6 +157,7 @@ def _one_per_key(found: Readings) -> tuple[list[Block], str]:
     steady = _steady(found)
     keys = list(dict.fromkeys((b.run.specimen, b.run.level) for b in steady))
     if len(keys) > 1:
+        keys.sort(key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
         return [max((b for b in steady if (b.run.specimen, b.run.level) == k), key=lambda b: b.peak) for k in keys], \
             "the fastest test of each"
     return _spread_over(steady), "every test" if len(steady) <= MOST_CURVES else f"{MOST_CURVES} of {len(steady)} tests"
@@ -204,6 +204,7 @@ def _by_current(found: Readings) -> Drawn | None:
     if len({s.current for s in found.spreads}) < 3:
         return None
     figure, ax = _chart()
+    word = driver(found.data.current_unit)
     speeds = list(dict.fromkeys(s.speed for s in found.spreads))
     shown = [speeds[k] for k in np.unique(np.linspace(0, len(speeds) - 1, min(3, len(speeds))).round().astype(int))]
     specimen = found.spreads[0].specimen
@@ -217,12 +218,12 @@ def _by_current(found: Readings) -> Drawn | None:
     ends = [min(s.current for s in found.spreads), max(s.current for s in found.spreads)]
     ax.plot(ends, [0, 100], color=MUTED, linewidth=1.0, linestyle=":", label="straight line")
     ax.set_xlim(low, high)
-    ax.set(xlabel=f"current [{found.data.current_unit}]", ylabel="place between soft and hard [%]",
-           title="Spread over the current")
+    ax.set(xlabel=f"{word} [{found.data.current_unit}]", ylabel="place between soft and hard [%]",
+           title=f"Spread over the {word}")
     _legend(ax)
     of = f" of {specimen}" if specimen else ""
     return Drawn("by_current", figure, f"(F − F_soft)/(F_hard − F_soft){of} at standard speeds, with two standard "
-                 "errors; off the dotted line the setting is not linear in the current.")
+                 f"errors; off the dotted line the setting is not linear in the {word}.")
 
 
 def _static_line(found: Readings) -> Drawn:
@@ -297,11 +298,11 @@ def _switching(found: Readings) -> Drawn:
     for level in (0, 90, 100):
         ax.axhline(level, color=MUTED if level == 90 else FAINT, linewidth=0.9, linestyle=":" if level == 90 else "-")
     ax.axvline(0, color=MUTED, linewidth=0.9, linestyle=":")
-    ax.set(xlabel="time since 10 % of the current's step [ms]", ylabel="force, share of its step [%]",
+    ax.set(xlabel=f"time since 10 % of the {driver(unit)}'s step [ms]", ylabel="force, share of its step [%]",
            title="Switching")
     ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=1, borderaxespad=0.0)
-    return Drawn("switching", figure, "Force after a step of the current at steady speed, mean over like steps; the "
-                 "dot is at 90 %.")
+    return Drawn("switching", figure, f"Force after a step of the {driver(unit)} at steady speed, mean over like "
+                 "steps; the dot is at 90 %.")
 
 
 def _drift(found: Readings) -> Drawn:
@@ -316,7 +317,7 @@ def _drift(found: Readings) -> Drawn:
             mean = float(np.mean(own))
             ax.plot(np.arange(1, point.by_cycle.size + 1), 100 * (point.by_cycle / mean - 1), "o-", markersize=3,
                     linewidth=0.8, color=CYCLE[n], label=f"{DIRECTIONS[direction]}, mean {abs(mean):.4g} N")
-    ax.set(xlabel="cycle", ylabel="|force| about its mean [%]", title="Drift over the cycles")
+    ax.set(xlabel="cycle [1]", ylabel="|force| about its mean [%]", title="Drift over the cycles")
     temperature = block.run.temperature
     if temperature is not None:
         other = ax.twinx()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.units import driver
+from quartercar.characterisation.drift import ENOUGH
 from quartercar.characterisation.forces import Between, TooSlow, propose_sine, round_down
 from quartercar.characterisation.readings import Missing, Readings
 from quartercar.characterisation.settings import CREEP
@@ -36,12 +39,23 @@ def missing_of(found: Readings, refused: tuple[str, ...]) -> tuple[Missing, ...]
     if not found.histograms:
         rows.append(Missing("velocity histogram", "all records are periodic",
                             "record a drive, or play a road on the rig, for 30 s or more"))
+    if not found.drifts:
+        rows.append(Missing("drift over the cycles", f"no test of {ENOUGH} settled cycles at constant current, whose "
+                            "force is not zero at mid stroke", "run 100 cycles of one sine at constant current"))
     if not any(d.per_kelvin is not None for d in found.drifts):
         have = any(r.temperature is not None for r in found.data.runs)
         why = "the temperature does not rise by more than its scatter in any block of five cycles" if have else (
             "no channel 'temperature'")
         rows.append(Missing("temperature coefficient", why, "record the wall temperature over 100 cycles of one sine" if
                             have else "record the wall temperature beside the force (--role temperature=CHANNEL)"))
+    if not found.specimens:
+        rows.append(Missing("spread between specimens", "no force of two specimens at one speed" if
+                            len(found.data.specimens) > 1 else "these records are of one specimen",
+                            "run the same tests on more specimens, named by --specimen; --tolerance 10%+20N "
+                            "--nominal TABLE.csv compares a single one with its nominal forces"))
+    if driver(found.data.current_unit) == "voltage":  # the texts name the current, whose part it plays
+        rows = [Missing(*(re.sub(r"\bcurrent", "voltage", text) for text in (row.what, row.why, row.run)))
+                for row in rows]
     return tuple(rows)
 
 

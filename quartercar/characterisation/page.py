@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.report import Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
+from lpvid.units import driver
 from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
@@ -39,13 +40,14 @@ def characterisation_page(found: Readings, figures: Sequence[Drawn] | None = Non
     def table(rows: Sequence[Any], made: Callable[[Readings], list[Item]]) -> list[Item]:
         return made(found) if rows else []
 
+    word = driver(found.data.current_unit)
     sections = [
         Section("Forces at standard speeds", (*_forces(found), *table(found.ratios, _ratio))),
         Section("Peak velocity", (*shown("peak_velocity"), *table(found.peaks, _peaks))),
         Section("Continuous velocity and loops", (*shown("continuous_velocity"), *shown("force_displacement"))),
         Section("Gas force, spring rate, friction", (*table(found.static, _static), *shown("static"))),
         Section("Hysteresis and energy", (*table(found.loops, _loops), *shown("stiffness"))),
-        Section("Over the current", (*shown("by_current"), *table(found.spreads, _spreads))),
+        Section(f"Over the {word}", (*shown("by_current"), *table(found.spreads, _spreads))),
         Section("Switching time", (*table(found.switching, _switching), *shown("switching"))),
         Section("Drift and temperature", (*table(found.drifts, _drift), *shown("drift"))),
         Section("Velocity histogram", (*shown("velocity_histogram"), *table(found.histograms, _histogram))),
@@ -89,7 +91,8 @@ def _first(found: Readings) -> str:
     """Heading of the column that `_where` fills."""
     if all(f.current is None for f in found.forces):
         return "records" if len(found.data.specimens) < 2 else "specimen"
-    return "current" if len(found.data.specimens) < 2 else "specimen, current"
+    word = driver(found.data.current_unit)
+    return word if len(found.data.specimens) < 2 else f"specimen, {word}"
 
 
 def _test(label: str) -> str:
@@ -121,7 +124,8 @@ def _facts(found: Readings) -> tuple[tuple[str, str], ...]:
 
 def _forces(found: Readings) -> list[Item]:
     if not found.forces:
-        return [Paragraph("No force at a constant current: see what is not in these records.")]
+        word = driver(found.data.current_unit)
+        return [Paragraph(f"No force at a constant {word}: see what is not in these records.")]
     sign = found.settings.sign
     keys = list(dict.fromkeys((f.specimen, f.current, f.direction) for f in found.forces))
     at = {(f.specimen, f.current, f.direction, f.speed): f for f in found.forces}
@@ -221,9 +225,10 @@ def _loops(found: Readings) -> list[Item]:
 
 def _spreads(found: Readings) -> list[Item]:
     items: list[Item] = []
+    word = driver(found.data.current_unit)
     worst = worst_off_line(found.spreads)
     if worst is not None and abs(worst.off_line) > 2 * worst.share_std:
-        items.append(Paragraph(f"Furthest from a straight line over the current: {100 * worst.off_line:+.0f} % of the "
+        items.append(Paragraph(f"Furthest from a straight line over the {word}: {100 * worst.off_line:+.0f} % of the "
                                f"spread at {amps(worst.current, found.data.current_unit)}, "
                                f"{DIRECTIONS[worst.direction]} {worst.speed:g} m/s."))
     rows = []
@@ -241,7 +246,7 @@ def _spreads(found: Readings) -> list[Item]:
     start = len(first)
     items.append(PageTable((*first, "direction", "speed [m/s]", "hard − soft [N]", "hard / soft",
                         *(f"{amps(level, found.data.current_unit)} [%]" for level in found.data.levels)), tuple(rows),
-                       "Place of each current between the softest and the hardest, (F − F_soft)/(F_hard − F_soft).",
+                       f"Place of each {word} between the softest and the hardest, (F − F_soft)/(F_hard − F_soft).",
                        tuple(range(start + 1, start + 4 + len(found.data.levels)))))
     return items
 
@@ -254,8 +259,8 @@ def _switching(found: Readings) -> list[Item]:
                   f"{100 * s.overshoot:.1f}", number(s.step, 4), str(s.events)) for s in found.switching)
     return [PageTable(("step", "direction", "speed [mm/s]", "t(F90) − t(I10) [ms]", "between steps [ms]",
                    "settled after [ms]", "dip [%]", "overshoot [%]", "step of the force [N]", "steps"), rows,
-                  "From 10 % of the current's step to 90 % of the force's, at steady speed, from the samples as "
-                  "measured. ± holds the clock's resolution. Settled: within 5 % for good. Delays of sensors and "
+                  f"From 10 % of the {driver(unit)}'s step to 90 % of the force's, at steady speed, from the samples "
+                  "as measured. ± holds the clock's resolution. Settled: within 5 % for good. Delays of sensors and "
                   "filters are in it unless given with --delay.", (2, 3, 4, 5, 6, 7, 8, 9))]
 
 
@@ -290,8 +295,9 @@ def _tolerance(found: Readings) -> list[Item]:
     rows = tuple((_where(found, c.force.specimen, c.force.current), DIRECTIONS[c.force.direction], f"{c.force.speed:g}",
                   _value(sign * (c.force.force or 0.0), c.force.std), number(c.nominal), number(c.lower),
                   number(c.upper), words[c.inside][0]) for c in ordered)
-    return [PageTable(("specimen, current", "direction", "speed [m/s]", "force [N]", "nominal [N]", "lower [N]",
-                   "upper [N]", "verdict"), rows, "Undecided: within two standard errors of a limit.", (2, 3, 4, 5, 6),
+    return [PageTable((f"specimen, {driver(found.data.current_unit)}", "direction", "speed [m/s]", "force [N]",
+                   "nominal [N]", "lower [N]", "upper [N]", "verdict"), rows,
+                  "Undecided: within two standard errors of a limit.", (2, 3, 4, 5, 6),
                   tuple(words[c.inside][1] for c in ordered),
                   folded=f"{len(rows)} forces against their bands" if len(rows) > 2 * OPEN else "")]
 
@@ -304,7 +310,8 @@ def _specimens(found: Readings) -> list[Item]:
                   f"{shortened(s.lowest[0])} ({sign * s.lowest[1]:.4g})",
                   f"{shortened(s.highest[0])} ({sign * s.highest[1]:.4g})",
                   str(s.count)) for s in found.specimens)
-    return [PageTable(("current", "direction", "speed [m/s]", "mean [N]", "std between specimens [N]", "[%]",
+    return [PageTable((driver(found.data.current_unit), "direction", "speed [m/s]", "mean [N]",
+                   "std between specimens [N]", "[%]",
                    "of which measurement [N]", "weakest", "strongest", "specimens"), rows,
                   "Specimen-to-specimen spread.", (2, 3, 4, 5, 6, 9),
                   folded=f"{len(rows)} rows" if len(rows) > 2 * OPEN else "")]
@@ -325,7 +332,8 @@ def _tests(found: Readings) -> tuple[Item, ...]:
         kind = {"varies": "moving", "none": "–"}.get(run.current, amps(run.level, found.data.current_unit))
         rows.append((run.name, run.specimen or "–", kind, f"{1.0 / run.period:.5g}",
                      f"{run.duration:.3g}", what))
-    table = PageTable(("record", "specimen", "current", "rate [Hz]", "length [s]", "what it holds"), tuple(rows),
+    table = PageTable(("record", "specimen", driver(found.data.current_unit), "rate [Hz]", "length [s]",
+                   "what it holds"), tuple(rows),
                   "Records as used.", (3, 4), folded=f"{len(rows)} records" if len(rows) > OPEN else "")
     lines = (*found.data.notes, *found.notes, *_conventions(any(r.held is not None for r in found.data.runs)))
     return table, Notes(tuple(lines))

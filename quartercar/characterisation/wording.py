@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from lpvid.units import driver
 from quartercar.characterisation.gas import StaticForce
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.characterisation.readings import Readings
@@ -127,10 +128,11 @@ def label_of(found: Readings, record: str, label: str) -> str:
 def _currents_text(data: RecordPieces) -> str:
     """Which currents were held."""
     if not data.levels:
-        return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
+        return f"a moving {driver(data.current_unit)}" if any(r.current == "varies" for r in data.runs) else (
+            "no recorded current")
     if len(data.levels) == 1:
         return f"{amps(data.levels[0], data.current_unit)}"
-    return (f"{len(data.levels)} currents, {amps(data.levels[0], data.current_unit)} to "
+    return (f"{len(data.levels)} {driver(data.current_unit)}s, {amps(data.levels[0], data.current_unit)} to "
             f"{amps(data.levels[-1], data.current_unit)}")
 
 
@@ -154,7 +156,8 @@ def verdict(found: Readings) -> str:
     if specimens > 1:
         count += f" of {specimens} specimens"
     if not given:
-        text = f"{count}, {_currents_text(found.data)}: none of the standard speeds is reached at constant current."
+        text = (f"{count}, {_currents_text(found.data)}: none of the standard speeds is reached at constant "
+                f"{driver(found.data.current_unit)}.")
     else:
         low, high = min(f.speed for f in given), max(f.speed for f in given)
         range_ = f"{high:g} m/s" if low == high else f"{low:g} to {high:g} m/s"

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.plot.colours import CYCLE, INK
-from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, shades, zero_lines
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, plain_decades, shades, zero_lines
+from lpvid.units import driver
 from quartercar.design.figures import FREQUENCIES, SHOWN
 from quartercar.plot.rides import SIGNALS, draw_signals
 
@@ -76,7 +77,7 @@ def gains(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
 
 def _draw_frozen(ax: Axes, found: Design | IdentifiedDesign, signal: str, over: np.ndarray | float = 1.0) -> None:
     """A curve for every frozen value of the scheduling: the gain to a signal, as a share of `over`."""
-    for colour, (share, curves) in zip(shades(len(found.gains), 0.05, 0.85), found.gains, strict=True):
+    for colour, (share, curves) in zip(shades(len(found.gains)), found.gains, strict=True):
         ax.loglog(FREQUENCIES, curves[signal] / over, color=colour, label=f"ρ = {share:.2g}")
 
 
@@ -101,6 +102,7 @@ def sensitivity(found: Design | IdentifiedDesign, ax: Ax = None) -> Drawn:
         figure, axes = panels(1, 3, height=2.8, ax=ax)
         for ax, signal in zip(axes[0], SHOWN, strict=True):
             _draw_frozen(ax, found, signal, np.maximum(found.passive_gains[signal], 1e-300))
+            plain_decades(ax.yaxis)
             ax.axhline(1.0, color=INK, linewidth=0.9, linestyle="--")
             ax.set_title(TITLES[signal][0])
             ax.set_ylabel(label("with control / without", "1"))
@@ -143,7 +145,7 @@ def actuator_use(found: Design | IdentifiedDesign, controlled: Ride, ax: Ax = No
         left.set_ylabel(label("damper force", "N"))
         left.legend(loc="upper left")
         right.hist(current, bins=30, weights=np.full(current.size, 100.0 / current.size), color=CYCLE[0], alpha=0.75)
-        right.set_xlabel(label("current", unit))
+        right.set_xlabel(label(driver(unit), unit))
         right.set_ylabel(label("share of the time", "%"))
         for level in (low, high):
             if np.isfinite(level):

@@ -19,9 +19,11 @@ from lpvid.plot.style import (
     limits_of,
     look,
     panels,
+    plain_decades,
     robust_limits,
     zero_lines,
 )
+from lpvid.units import driver
 from quartercar.dampers.contract import ExtrapolationWarning
 
 if TYPE_CHECKING:
@@ -79,6 +81,7 @@ def ranking(found: Comparison, ax: Ax = None) -> Drawn:
         ax.set_xscale("log")
         every = [v for v in (*held, *(t for _, t in known)) if v > 0]
         ax.set_xlim(0.7 * min(every, default=1e-3), 1.8 * max(every, default=1.0))
+        plain_decades(ax.xaxis)
         ax.set_ylim(len(names) - 0.4, -0.6)
         ax.set_yticks(np.arange(len(names)), names)
         ax.set_xlabel("free-run ESR [1]")
@@ -116,6 +119,7 @@ def experiments_by_model(found: Comparison, ax: Ax = None) -> Drawn | None:
         known = values[np.isfinite(values) & (values > 0)]
         if known.size:
             ax.set_ylim(0.7 * float(known.min()), 1.5 * float(known.max()))
+        plain_decades(ax.yaxis)
         ax.set_xticks(np.arange(len(names)), names, rotation=30 if tall else 0, ha="right" if tall else "center")
         for edge in np.arange(len(names) - 1) + 0.5:
             ax.axvline(edge, color=MUTED, linewidth=0.4)
@@ -161,7 +165,8 @@ def force_over_time(found: Comparison, ax: Ax = None) -> Drawn:
         under.set_ylabel(label("error", "N"))
         if moving:
             axes[2, 0].plot(t, record["current"][window], color=MUTED, drawstyle="steps-post")
-            axes[2, 0].set_ylabel(label("current", record.unit("current")))
+            unit = record.unit("current")
+            axes[2, 0].set_ylabel(label(driver(unit), unit))
             axes[2, 0].set_ylim(*robust_limits(record["current"], 0.1))
         axes[-1, 0].set_xlabel(label("time", "s"))
         axes[-1, 0].set_xlim(float(t[0]), float(t[-1]))

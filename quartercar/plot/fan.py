@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.colours import INK, MUTED, SCALE
-from lpvid.plot.style import Ax, Drawn, drawn, label, limits_of, look, panels, zero_lines
+from lpvid.plot.colours import INK, MUTED
+from lpvid.plot.style import Ax, Drawn, drawn, label, limits_of, look, panels, visible_scale, zero_lines
+from lpvid.units import driver
 from quartercar.plot.comparing import current_levels, current_span
 
 if TYPE_CHECKING:
@@ -56,9 +57,7 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
     ends = (min(levels), max(levels)) if len(levels) > 1 else (levels[0] - 0.5, levels[0] + 0.5) if levels else (0, 1)
     scale = Normalize(*ends)
     with look():
-        import matplotlib as mpl
-
-        colours = mpl.colormaps[SCALE]
+        colours = visible_scale()
         figure, axes = panels(1, len(rows), height=3.9, width=max(6.4, min(9.9, 3.9 * len(rows))), ax=ax)
         for ax, row in zip(axes[0], rows, strict=True):
             shade = MUTED if current is None else colours(scale(current))
@@ -77,7 +76,7 @@ def force_velocity_fan(rows: Sequence[Compared], records: Sequence[Record], pola
         for ax in axes[0, 1:]:
             ax.tick_params(labelleft=False)
         if len(levels) > 1:
-            figure.colorbar(ScalarMappable(scale, SCALE), ax=axes[0].tolist(), label=label("current", unit),
+            figure.colorbar(ScalarMappable(scale, colours), ax=axes[0].tolist(), label=label(driver(unit), unit),
                             fraction=0.04, pad=0.02, ticks=levels)
     return drawn(axes)
 

@@ -7,8 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.plot import Comparison
-from lpvid.plot.colours import BLUE, MEASURED, MODEL, MUTED, SCALE, VERMILION
-from lpvid.plot.style import Ax, Drawn, drawn, label, legend_above, legend_outside, limits_of, look, panels, zero_lines
+from lpvid.plot.colours import BLUE, MEASURED, MODEL, MUTED, VERMILION
+from lpvid.plot.style import (
+    Ax,
+    Drawn,
+    drawn,
+    label,
+    legend_above,
+    legend_outside,
+    limits_of,
+    look,
+    panels,
+    visible_scale,
+    zero_lines,
+)
 
 PANELS = 4
 """Currents shown side by side."""
@@ -131,9 +143,8 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
         legend_above(left, 2)
         levels = [float(np.mean(c.record[current])) for c in constant]
         scale = Normalize(min(levels, default=0.0), max(levels, default=1.0))
-        import matplotlib as mpl
-
-        colours = mpl.colormaps[SCALE]
+        colours = visible_scale()
+        unit = constant[0].record.unit(current) if constant else "A"
         for level, c in zip(levels, constant, strict=True):
             keep = slice(c.start, None, max(1, c.record.n_samples // 1500))
             v = c.record["velocity"][keep]
@@ -142,5 +153,5 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
                        zorder=2)
         right.set_xlabel(label("velocity", "m/s"))
         right.set_title(f"Constant currents (grey: {driven.origin})")
-        figure.colorbar(ScalarMappable(scale, SCALE), ax=right, label=label(current, "A"))
+        figure.colorbar(ScalarMappable(scale, colours), ax=right, label=label(current, unit))
     return drawn(axes)

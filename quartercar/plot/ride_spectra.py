@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.plot.colours import BLUE, CYCLE, INK
-from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels
+from lpvid.plot.style import Ax, Drawn, drawn, label, legend_outside, look, panels, plain_decades
+from lpvid.units import quotient
 from quartercar.criteria import comfort_weighting
 
 if TYPE_CHECKING:
@@ -75,9 +76,9 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0, ax: Ax = No
         low, high = sensitive_band()
         for j, (stated, unit) in enumerate(SIGNALS.values()):
             densities_of[j].set_title(stated)
-            densities_of[j].set_ylabel(f"PSD [({unit})²/Hz]")
+            densities_of[j].set_ylabel(label("PSD", f"({unit})²/Hz" if "/" in unit else f"{unit}²/Hz"))
             gains_of[j].set_title(f"road to {stated}")
-            gains_of[j].set_ylabel(label("gain", f"({unit})/m"))
+            gains_of[j].set_ylabel(label("gain", quotient(unit, "m")))
             for panel in (densities_of[j], gains_of[j]):
                 panel.set_xlabel(label("frequency", "Hz"))
         for panel in (densities_of[0], gains_of[0], by_band, weighting):
@@ -90,6 +91,8 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0, ax: Ax = No
         weighting.set_title("W_k of ISO 2631-1")
         weighting.set_ylabel(label("weight", "1"))
         weighting.set_xlabel(label("frequency", "Hz"))
+        for panel in (by_band, weighting):
+            plain_decades(panel.yaxis)
         for spare in cells.ravel()[PANELS:]:
             spare.set_visible(False)
         legend_outside(figure, densities_of[0], foreign, 6, "upper")

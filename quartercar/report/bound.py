@@ -70,7 +70,8 @@ def bound_row(bound: Bound) -> tuple[str, ...]:
     def mean(name: str, scale: float, digits: int) -> str:
         return number(scale * float(np.mean([getattr(f, name) for f in bound.at()])), digits)
 
-    return (f"clairvoyant bound, {bound.car} car ({len(bound.seeds)} of the seeds)", mean("comfort", 1, 4),
+    count = "1 seed" if len(bound.seeds) == 1 else f"{len(bound.seeds)} seeds"
+    return (f"clairvoyant bound, {bound.car} car ({count})", mean("comfort", 1, 4),
             mean("tyre_load", 1, 4), mean("stroke", 1e3, 3), mean("largest_stroke", 1e3, 3), mean("transient", 1, 4),
             percent(float(np.mean([f.off_road for f in bound.at()]))), "–", "–",
             ", ".join(comfort_classes(float(np.mean([f.comfort for f in bound.at()])))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from lpvid.report.figures import grade
 from lpvid.report.formatting import number, percent
 from lpvid.report.page import OUT, Item, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section
 from lpvid.report.traces import Curve, Panel, Traces
+from lpvid.units import driver
 from quartercar import plot
 from quartercar.dampers.evaluation.compared import FLAGS, Compared, Comparison, energy_lines
 from quartercar.dampers.evaluation.sampled_passivity import margin_of
@@ -120,7 +122,7 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
     if found.not_fitted:
         rows = tuple((name, why) for name, why in found.not_fitted)
         sections.append(
-            Section("Not fitted", (PageTable(("model", "why"), rows, "Models that these data do not allow."),))
+            Section("Not fitted", (PageTable(("model", "why"), rows, "Models without a fit to these data, and why."),))
         )
     sections.append(Section("Data and remarks", tuple(_remarks(found))))
     return Page("Damper models compared", found.verdict, grade(found.best.held_out.total.esr), _facts(found),
@@ -224,12 +226,16 @@ def _quadrants(found: Comparison) -> PageTable:
 
 
 def _parameters(found: Comparison) -> list[Item]:
-    return [_parameter_table(row, f"{row.name}: {row.damper.source}", "" if i == 0 else row.title)
+    record = found.data.training[0]
+    unit = record.unit("current") if record.has("current") else ""
+    return [_parameter_table(row, f"{row.name}: {row.damper.source}", "" if i == 0 else row.title, unit)
             for i, row in enumerate(found.rows)]
 
 
-def _parameter_table(row: Compared, caption: str, folded: str) -> PageTable:
-    description = {p.name: p.description for p in row.damper.parameters}
+def _parameter_table(row: Compared, caption: str, folded: str, driven: str) -> PageTable:
+    """`driven` is the unit of the current or the voltage, at whose ends some parameters hold."""
+    description = {p.name: re.sub(r"\bcurrent, (\S+)$", rf"{driver(driven)}, \1 {driven}".rstrip(), p.description)
+                   for p in row.damper.parameters}
     held = () if row.fit is None else row.fit.at_bounds
     rows = tuple((description[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
                   _with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))

@@ -40,6 +40,7 @@ from lpvid.fleet.state import StepOutcome, keep, outcome
 from lpvid.fleet.steps import _here, audit
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import merged_factor, stream_factor
+from lpvid.plot.fleet import departures
 from lpvid.report import render
 from lpvid.report.fleet import fleet_page
 
@@ -294,6 +295,7 @@ def test_few_files_leave_it_open_who_differs_and_what_audits_warn_of_is_stated(t
     page = fleet_page(found)
     assert page.mark == "warn"
     assert "reversed-polarity" in render(page)
+    assert [s.command for s in page.steps] == ["lpvid validate OUT/model/model.json NEW.csv --out checked"]
     many = differing({f"a{k}": 0.1 for k in range(9)})
     assert "none differs" in FleetResult(plan, {}, None, errors, many, {}, {}).verdict
 
@@ -503,3 +505,16 @@ def test_a_run_of_the_common_model_that_diverges_is_stated_and_a_shortfall(monke
     monkeypatch.setattr("lpvid.cli.fleet.identify_fleet", lambda *_: found)
     ended = CliRunner().invoke(app, ["identify", "x.csv", "--fleet"])
     assert ended.exit_code == 3 and "it diverges in 1" in ended.output
+
+
+def test_the_axes_of_a_fleet_have_more_than_one_number():
+    """Values within a decade on linear axes, with no entry in the legend for files that do not exist."""
+    errors = {f"a{k}": {"esr": 0.08 + 0.01 * k} for k in range(9)}
+    alike = differing({name: 0.1 + 0.01 * k for k, name in enumerate(errors)})
+    ax = departures(errors, alike)
+    ax.figure.canvas.draw()
+    low, high = ax.get_xlim()
+    assert sum(low <= v <= high for v in ax.get_xticks()) >= 3 and ax.get_xscale() == "linear"
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["like the fleet"]
+    wide = departures({name: {"esr": 10.0**-k} for k, name in enumerate(errors)}, alike)
+    assert wide.get_xscale() == "log"

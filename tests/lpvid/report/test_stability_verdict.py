@@ -56,6 +56,16 @@ def test_a_stable_estimate_whose_draws_are_mostly_unstable_is_called_uncertain()
     assert "uncertain" not in str(study_stability(carrying(PLAIN, np.diag([1e-4, 1e-4]))))
 
 
+def test_the_verdict_of_a_stable_estimate_is_followed_by_the_share_of_draws_against_it():
+    near = PLAIN.replace(a=np.full_like(PLAIN.a, -0.95))
+    sure, unsure = (study_stability(carrying(near, np.diag([width, 1e-4]))) for width in (1e-8, 0.01))
+    assert sure.frozen.stable and not any("drawn" in line for line in stability_page(sure, "m").caveats)
+    share = 1 - unsure.probability.probability  # |a_1| > 1 for 31 % of N(−0.95, 0.1²)
+    assert share == pytest.approx(0.31, abs=0.1)
+    assert any("beyond the limit" in line and f"{100 * share:.3g} %" in line
+               for line in stability_page(unsure, "m").caveats)
+
+
 def test_advice_follows_the_structure_that_was_used():
     unstable = PLAIN.replace(a=np.full_like(PLAIN.a, -1.1))
     for structure, advised in (({"kind": "oe"}, False), ({"kind": "arx"}, True),

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.browser import BROWSER, axe_source, grave_findings
+from matplotlib.text import Text
 
 import lpvid as lpv
 from lpvid.auditing import Audit, audit
+from lpvid.plot.style import panels
 from lpvid.record import Record
 from lpvid.report import render
 from quartercar.criteria import rms, weighted
@@ -18,6 +20,8 @@ from quartercar.dampers.laws.guo import Guo
 from quartercar.parameters import MEGANE
 from quartercar.plot.fan import force_velocity_fan
 from quartercar.plot.ride_spectra import SIGNALS, estimates, spectra, third_octaves
+from quartercar.plot.rides import _names
+from quartercar.report.fit import _parameter_table
 from quartercar.report.rig import rig_page
 from quartercar.rig import Rig
 from quartercar.rig.causes import effect
@@ -63,6 +67,32 @@ def test_the_density_holds_the_mean_square(ridden):
     assert np.sqrt(np.sum(bands**2)) == pytest.approx(whole, rel=0.05)
 
 
+def test_units_of_spectra_are_those_of_print(ridden):
+    labels = [ax.get_ylabel() for ax in spectra([("a", ridden)])]
+    assert labels[:3] == ["PSD [(m/s²)²/Hz]", "PSD [N²/Hz]", "PSD [m²/Hz]"]
+    assert labels[3:6] == ["gain [(m/s²)/m]", "gain [N/m]", "gain [m/m]"]
+
+
+def test_names_of_laws_lie_on_neither_their_bars_nor_each_other():
+    """Twelve laws close together, some beyond the frame: each name clear of its own bar, and of every other name."""
+    figure, axes = panels(1, width=5.0, height=3.4)
+    ax = axes[0, 0]
+    rng = np.random.default_rng(5)
+    points = [(f"law {k}", x, y, "black") for k, (x, y) in enumerate(rng.uniform(-3, 17, (12, 2)))]
+    ax.set_xlim(-5, 15)
+    ax.set_ylim(-5, 15)
+    for _, x, y, _ in points:
+        ax.errorbar(x, y, 1.0, 4.0, elinewidth=0.8)
+    _names(ax, points)
+    figure.canvas.draw()
+    boxes = [Text.get_window_extent(text) for text in ax.texts]  # without the line to its point
+    for k, (box, (_, _, y, _)) in enumerate(zip(boxes, sorted(points, key=lambda p: p[2]), strict=True)):
+        own = ax.transData.transform((0.0, min(y, 15.0)))[1]
+        assert not box.y0 + 1 < own < box.y1 - 1
+        assert not any(box.overlaps(other) for other in boxes[:k])
+        assert ax.get_window_extent().y0 <= box.y0 and box.y1 <= ax.get_window_extent().y1
+
+
 def test_a_short_ride_has_no_spectra(ridden):
     short = SimpleNamespace(time=ridden.time[:3000], sample_time=STEP)
     assert estimates(short) is None and spectra([("a", short)]) is None
@@ -98,6 +128,25 @@ def test_a_fan_has_the_static_law_of_every_current(polarity):
         assert line.get_ydata() == pytest.approx(polarity * damper.static_force(v, level, 0.0), rel=1e-9, abs=1e-9)
     cloud = ax.collections[0].get_offsets()
     assert len(cloud) == sum(r.n_samples for r in records)
+
+
+@pytest.mark.parametrize(("unit", "stated"), [("A", "at the lowest current, 0 A"), ("V", "at the lowest voltage, 0 V")])
+def test_an_end_of_the_range_at_which_a_parameter_holds_has_its_unit(unit, stated):
+    damper = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))
+    row = SimpleNamespace(damper=damper, fit=None, parameters=[
+        {"name": p.name, "value": 1.0, "std": None, "unit": p.unit} for p in damper.parameters])
+    table = _parameter_table(row, "", "", unit)
+    assert any(cells[0].endswith(stated) for cells in table.rows)
+
+
+@pytest.mark.parametrize(("unit", "word"), [("A", "current"), ("V", "voltage")])
+def test_the_colour_bar_of_a_fan_names_what_drives_the_damper(unit, word):
+    damper = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))
+    records = [swept(damper, level) for level in (0.0, 2.0)]
+    records = [lpv.Record({n: r[n] for n in r.channels}, sample_time=1 / 500,
+                          units={n: r.unit(n) for n in r.channels} | {"current": unit}) for r in records]
+    ax = force_velocity_fan([SimpleNamespace(damper=damper, name="guo")], records, 1)
+    assert ax.figure.axes[-1].get_ylabel() == f"{word} [{unit}]"
 
 
 # -- the rig ----------------------------------------------------------------------------------------------------------
