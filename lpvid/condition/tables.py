@@ -55,11 +55,15 @@ class ColumnTable:
     sample_time : float or None
     notes : sequence of str
         What was left out on reading.
+    origins : mapping of str to (datetime64, bool)
+        By column of calendar stamps, the instant from which its seconds count, and whether that is one of a time of day
+        without a date.
     """
 
     columns: Sequence[Column]
     sample_time: float | None = None
     notes: Sequence[str] = field(default_factory=tuple)
+    origins: Mapping[str, tuple[np.datetime64, bool]] = field(default_factory=dict)
 
 
 def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float | None,
@@ -139,8 +143,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     return one_row_per_stamp(record)
 
 
-def stamps_of(table: ColumnTable, where: str, roles: Mapping[str, str],
-              readings: Sequence[Mapping[str, str]] = ()) -> np.ndarray | None:
+def clock_of(table: ColumnTable, where: str, roles: Mapping[str, str],
+             readings: Sequence[Mapping[str, str]] = ()) -> Column | None:
     """The time column of a file's columns as `to_record` finds it.
 
     Parameters
@@ -154,13 +158,12 @@ def stamps_of(table: ColumnTable, where: str, roles: Mapping[str, str],
 
     Returns
     -------
-    (n,) array or None
-        In the unit of the file; None where it has no clock.
+    Column or None
+        As the file has it; None where it has no clock.
     """
     names = [c.name for c in table.columns]
     asked = channel_of(roles[TIME_ROLE], names)[0] if TIME_ROLE in roles else None
-    clock = _time_column(table.columns, asked or recalled_clock(readings, names, where), where)
-    return None if clock is None else clock.values
+    return _time_column(table.columns, asked or recalled_clock(readings, names, where), where)
 
 
 def _lacking_clock(readings: Sequence[Mapping[str, str]]) -> str:

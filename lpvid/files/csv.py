@@ -17,7 +17,7 @@ import numpy as np
 from lpvid import units
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
-from lpvid.files._stamps import Midnight, Stamps, instant, stamps
+from lpvid.files._stamps import TIME_OF_DAY, Midnight, Stamps, instant, stamps
 from lpvid.files._table import (
     MISSING,
     fault_text,
@@ -94,7 +94,7 @@ class _Layout:
 
     def midnights(self) -> dict[int, Midnight]:
         """What carries the columns of times of day over midnight, by the place of the column."""
-        return {i: Midnight() for i, s in enumerate(self.stamps) if s is not None and s.kind == "time of day"}
+        return {i: Midnight() for i, s in enumerate(self.stamps) if s is not None and s.kind == TIME_OF_DAY}
 
 
 def read_table(path: Path) -> ColumnTable:
