@@ -15,6 +15,7 @@ import numpy as np
 from lpvid._forks import in_forks
 from lpvid._memory import give_back
 from lpvid.condition.preparing import with_current
+from lpvid.condition.segmentation import refuse_text
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import ComposedBaseline
@@ -162,7 +163,11 @@ def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: A
         found, note = automatic(prepared.training, progress or (lambda text: None))
         prepared = replace(prepared, notes=(note, *prepared.notes))
     else:
-        found = _baseline(given, prepared.training, parameters)
+        try:
+            found = _baseline(given, prepared.training, parameters)
+        except InputError:  # text may be why a channel is not there
+            refuse_text([*training, *kept], ROLES)
+            raise
     _check_moving(found, prepared.training)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
     causes = found.candidates(effects) if isinstance(found, ComposedBaseline) else tuple(effects)
