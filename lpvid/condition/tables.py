@@ -280,7 +280,7 @@ def _like_time(columns: Sequence[Column]) -> str:
     for column in columns:
         if column.unit and units.to_si([0.0], column.unit).unit == "s":
             return column.name
-    found = [(c, m) for c in columns if c.unit is None and (m := _TIME_NAME.fullmatch(c.name))]
+    found = [(c, m) for c in columns if c.unit is None and (m := _TIME_NAME.fullmatch(c.name.rpartition(".")[2]))]
     if not found:
         return "COLUMN"
     column, match = found[0]
