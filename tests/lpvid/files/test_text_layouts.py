@@ -406,8 +406,8 @@ def test_an_error_value_of_a_spreadsheet_is_no_comment(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("header", "mend"), [
-    ("time_ms,force", "--role 'time=time_ms [ms]'"), ("Zeit,force", "--role time=Zeit"), ("a.time,a.force", "--role time=a.time"),
-    ("CH1,force", "--role time=COLUMN")])
+    ("time_ms,force", "--role 'time=time_ms [ms]'"), ("Zeit,force", "--role time=Zeit"),
+    ("a.time,a.force", "--role time=a.time"), ("CH1,force", "--role time=COLUMN")])
 def test_the_column_that_may_be_the_clock_is_proposed(tmp_path, header, mend) -> None:
     path = tmp_path / "run.csv"
     path.write_text(header + "\n0,1\n2,2\n4,1\n")
