@@ -1,5 +1,6 @@
 """Public names and where they live; `lazy_loader` reads this file at import, type checkers as well."""
 
+from . import plot as plot
 from .analysis.bands import free_run_band as free_run_band
 from .analysis.bands import frequency_band as frequency_band
 from .analysis.certificates import certify_stability as certify_stability

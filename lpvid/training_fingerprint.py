@@ -1,4 +1,4 @@
-"""What a model keeps of its training data: first samples that recognise them, the range of every channel, its roles."""
+"""What a model keeps of its training data: the range of every channel, its roles, how the files were read."""
 
 from __future__ import annotations
 
@@ -14,63 +14,12 @@ from lpvid.condition.preparing import STAND_IN
 from lpvid.condition.recalling import READING, TIME_ROLE, channel_of
 from lpvid.record import Record
 
-SAMPLES = 32
-"""samples kept of every training record's output."""
-RECORDS = 64
-"""most records whose samples are kept."""
 USUAL = (0.01, 0.99)
 """quantiles between which a scheduling variable is usual, once it is smoothed by a running median."""
 RINGING = 9
 """samples of that median: an anti-alias filter rings at a step for about two samples each way."""
 CHUNK = 100_000
 """samples smoothed at once."""
-
-
-def heads(records: Sequence[Record], output: str) -> list[list[float]]:
-    """First samples of each record's output, for ``metadata["training"]["heads"]``; still ones give no information.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The first `RECORDS` count.
-    output : str
-        Channel or role.
-
-    Returns
-    -------
-    list of list of float
-        `SAMPLES` values each, to nine digits; records that are shorter, or constant there, are left out.
-    """
-    cuts = (r[output][:SAMPLES] for r in records[:RECORDS])
-    return [[float(f"{x:.9g}") for x in cut] for cut in cuts if len(cut) == SAMPLES and np.ptp(cut) > 0]
-
-
-def seen_records(metadata: Mapping, records: Sequence[Record], output: str) -> list[str]:
-    """Names of the records that begin with the samples of a training record, turned round or not.
-
-    Parameters
-    ----------
-    metadata : mapping
-        A model's metadata.
-    records : sequence of Record
-        Uniform records at the model's rate.
-    output : str
-        The model's first output.
-
-    Returns
-    -------
-    list of str
-        Names, in the order of `records`.
-    """
-    training = metadata.get("training", {})
-    known = [np.asarray(h, dtype=float) for h in training.get("heads", [])] if isinstance(training, Mapping) else []
-
-    def seen(record: Record) -> bool:
-        head = record[output][:SAMPLES]
-        return any(len(h) == len(head) and min(np.abs(h - head).max(), np.abs(h + head).max()) <= 1e-6 * np.ptp(h)
-                   for h in known)
-
-    return [r.name for r in records if seen(r)]
 
 
 # -- ranges ----------------------------------------------------------------------------------------------------------
@@ -412,25 +361,3 @@ def recalled(records: Sequence[Record], metadata: Mapping) -> list[Record]:
         lacking = {str(r): str(c) for r, c in known.items() if not record.has(str(r)) and record.has(str(c))}
         found.append(record.with_roles({r: record.resolve(c) for r, c in lacking.items()}) if lacking else record)
     return found
-
-
-def seen_remark(names: Sequence[str]) -> str:
-    """What a validation states of records that the model was fitted to.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the records, at least one; beyond four their number.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> seen_remark(["a"]), seen_remark(["a", "b", "c", "d", "e"])[:41]
-    ('not held-out: a begins with samples that the model was fitted to', 'not held-out: a, b, c, d and 1 more begin')
-    """
-    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    verb = "begin" if len(names) > 1 else "begins"
-    return f"not held-out: {', '.join(names[:4])}{more} {verb} with samples that the model was fitted to"

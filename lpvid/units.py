@@ -161,6 +161,10 @@ _READABLE = ("N", "N/m", "N*s/m", "N*m", "N/s", "W", "Pa", "Pa*s", "Pa/s", "V", 
 _ORDER = ("kg", "m", "s", "A", "K", "rad")
 _HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$", re.DOTALL)
 _ROUND_HEADER = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$", re.DOTALL)
+_SLASH_HEADER = re.compile(r"^(?P<name>.*?\S)\s+/\s+(?P<unit>\S.*)$", re.DOTALL)
+"""``Force / N``, as ISO 80000-1 writes a quantity over its unit; without the spaces ``F/N`` may be a name."""
+_CAPITALISED = re.compile(r"[A-Z](?:[a-z]{3,}|mp|ec)")
+"""A unit written out with a capital, Newton or Millimeter, Amp, Sec; shorter ones are symbols, in which it counts."""
 _QUANTITY = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>(?:\D.*)?)$", re.DOTALL)
 _TOWER = re.compile(r"\)\s*(\*\*|\^)|(\*\*|\^)\s*\(|(\*\*|\^)[^*/^]*(\*\*|\^)|\d{3}")
 
@@ -168,7 +172,7 @@ _TOWER = re.compile(r"\)\s*(\*\*|\^)|(\*\*|\^)\s*\(|(\*\*|\^)[^*/^]*(\*\*|\^)|\d
 def parse_header(text: str) -> tuple[str, str | None]:
     """Split a column header ``name [unit]`` into its name and the unit's text.
 
-    ``name (unit)`` is read alike where the parentheses hold a unit that is known: "force (filtered)" is a name.
+    ``name (unit)`` and ``name / unit`` are read alike where the unit is known: "force (filtered)" is a name.
 
     Parameters
     ----------
@@ -185,13 +189,13 @@ def parse_header(text: str) -> tuple[str, str | None]:
     --------
     >>> parse_header('"motor current [mA]"'), parse_header("p1")
     (('motor current', 'mA'), ('p1', None))
-    >>> parse_header("Time (s)"), parse_header("force (filtered)")
-    (('Time', 's'), ('force (filtered)', None))
+    >>> parse_header("Time (s)"), parse_header("force (filtered)"), parse_header("Force / kN")
+    (('Time', 's'), ('force (filtered)', None), ('Force', 'kN'))
     """
     text = text.strip().strip("\"'").strip()
     match = _HEADER.match(text)
     if match is None:
-        match = _ROUND_HEADER.match(text)
+        match = _ROUND_HEADER.match(text) or _SLASH_HEADER.match(text)
         unit = "" if match is None else match["unit"]
         match = match if any(map(str.isalpha, unit)) and is_known(unit) else None
     return (match["name"].strip(), match["unit"].strip()) if match else (text, None)
@@ -466,7 +470,8 @@ def _scale(unit: str) -> _UnitScale | None:
         return _SCALES[text]
     if text in _NOT_UNITS or len(text) > 60 or _TOWER.search(text):
         return None
-    return _pint_scale(text)
+    found = _pint_scale(text)
+    return _scale(text.lower()) if found is None and _CAPITALISED.fullmatch(text) else found
 
 
 @functools.lru_cache(maxsize=1)

@@ -6,6 +6,7 @@ from . import dampers as dampers
 from . import effects as effects
 from . import lpv_models as lpv_models
 from . import parameters as parameters
+from . import plot as plot
 from . import rig as rig
 from . import roads as roads
 from .characterisation import characterise as characterise

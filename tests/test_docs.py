@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -145,7 +146,7 @@ def test_the_api_reference_has_every_public_name() -> None:
     import quartercar
 
     listed = [n.removeprefix("lpvid.") for names in lpvid_lists().values() for n in names]
-    assert sorted(listed) == sorted(lpvid.__all__)
+    assert sorted(listed) == sorted(n for n in lpvid.__all__ if not inspect.ismodule(getattr(lpvid, n)))
     found = module_lists()
     assert {f"quartercar.{n}" for n in quartercar.__all__} == {*found["quartercar"], *found} & {
         f"quartercar.{n}" for n in quartercar.__all__}

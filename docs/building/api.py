@@ -66,7 +66,7 @@ def exports() -> dict[str, list[str]]:
     stub = ast.parse(Path(lpvid.__file__).with_suffix(".pyi").read_text())
     home: dict[str, list[str]] = {}
     for node in stub.body:
-        if isinstance(node, ast.ImportFrom):
+        if isinstance(node, ast.ImportFrom) and node.module:  # not `from . import plot`, a module with its own page
             home.setdefault(f"lpvid.{node.module}", []).extend(alias.name for alias in node.names)
     return home
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -56,10 +55,13 @@ class View:
         return base.period if base.n_samples > 1 and not base.invalid and base.steady else None
 
     @cached_property
-    def _unbroken(self) -> list[tuple[int, int]]:
+    def _broken(self) -> np.ndarray:
+        """(n,) True for rows in front of which the clock stands still, jumps or runs backward."""
         base = self.record.time_base
-        edges = [0, *sorted({*base.gaps, *base.duplicates, *base.backward}), base.n_samples]
-        return [(a, b) for a, b in pairwise(edges) if b > a]
+        broken = np.zeros(base.n_samples, dtype=bool)
+        for rows in (base.gaps, base.duplicates, base.backward):
+            broken[list(rows)] = True
+        return broken
 
     def run(self, *names: str, longest: int = LONGEST) -> tuple[np.ndarray, ...] | None:
         """The named channels over the longest unbroken run in which all are finite, or None below 64 samples.
@@ -80,12 +82,10 @@ class View:
             return None
         signals = [self.record.channels[n].values for n in names]
         good = np.all([np.isfinite(s) for s in signals], axis=0)
-        best = (0, 0)
-        for a, b in self._unbroken:
-            for first, last in true_runs(good[a:b]):
-                if last - first > best[1] - best[0]:
-                    best = (a + first, a + last)
-        first, last = best[0], min(best[1], best[0] + longest)
+        joined = good[1:] & good[:-1] & ~self._broken[1:]  # a run of m joints is one of m + 1 samples
+        runs = true_runs(joined) or [(0, 0)]
+        best, end = max(runs, key=lambda ends: ends[1] - ends[0])
+        first, last = best, min(end + 1, best + longest)
         return tuple(s[first:last] for s in signals) if last - first >= 64 else None
 
     def finite(self, name: str) -> np.ndarray:

@@ -73,8 +73,9 @@ def with_roles_of(named: Mapping[str, Sequence[str]]) -> Callable[[Model, list[R
     return lambda model, records: [r.with_roles(parts(model, given)) for r in records]
 
 
-def compared(own: tuple[str, Model], others: Mapping[str, Model | Adaptable], records: Sequence[Record], label: str,
-             sample_rate: float | None, named: Mapping[str, Sequence[str]]) -> ModelComparison | None:
+def compared(own: tuple[str, Model], others: Mapping[str, Model | Adaptable], records: Sequence[Record],
+             label: str | None, sample_rate: float | None, named: Mapping[str, Sequence[str]],
+             ) -> ModelComparison | None:
     """The model of a report with others on the same records; None without others.
 
     Parameters
@@ -84,8 +85,8 @@ def compared(own: tuple[str, Model], others: Mapping[str, Model | Adaptable], re
     others : mapping of str to model
     records : sequence of Record
         As measured.
-    label : str
-        "training" or "held-out".
+    label : str or None
+        "training" or "held-out"; None where the rows decide.
     sample_rate : float or None
         For models without a rate of their own [Hz].
     named : mapping of str to sequence of str

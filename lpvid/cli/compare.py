@@ -52,7 +52,7 @@ def compare(
                                           like=list(loaded.values()))
         report_progress("simulating")
         found = compare_models(loaded, records, sample_rate=models_rate(records, given, raw, clockless),
-                               label="training" if training else "held-out", fitted=with_roles)
+                               label="training" if training else None, fitted=with_roles)
         found = replace(found, models=tuple(_with_units(m, with_roles(m.model, records)) for m in found.models))
         refuse_still(found.models[0].model, found.models[0].found)
         if results.kept:

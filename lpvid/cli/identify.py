@@ -150,11 +150,13 @@ def _fit_records(request: Request, data: Sequence[str], held_out: Sequence[str] 
     from lpvid.cli.data import read_parts, with_cause, working_rate
     from lpvid.cli.modelling import fit
     from lpvid.cli.parts import refuse_still_output
+    from lpvid.condition.segmentation import refuse_text
     from lpvid.training_fingerprint import unstated_units
 
     rate = request.sample_rate
     records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
     working_at, notes = working_rate([*records, *kept], rate, raw)
+    refuse_text([*records, *kept], request.channels)
     training, tail = part(records, hold_out)
     apart = [*tail, *kept]
     refuse_still_output(apart, request.output)

@@ -144,7 +144,8 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     if held_out is not None:
         shown = (beginning(held_out),)
         kept = validate_stream(
-            found.model, held_out.only(used), report_progress=lambda t: report_progress(f"held-out data: {t}")
+            found.model, held_out.only(used), label="held-out",
+            report_progress=lambda t: report_progress(f"held-out data: {t}")
         )
         found = found.replace(held_out=kept)
     audited = audit_stream(chunks, scheduling=request.schedule or None, inputs=request.input,

@@ -45,7 +45,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
             if others:
                 raise InputError("--beside needs whole records", got="--chunk", mend="lpvid compare on a part of them")
             _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": given}, chunk,
-                      "training" if training else "held-out", json, report_progress)
+                      "training" if training else None, json, report_progress)
             return
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=given,
                                           like=[loaded, *others.values()])
@@ -55,7 +55,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         from lpvid import validation
 
         report_progress("simulating")
-        label = "training" if training else "held-out"
+        label = "training" if training else None
         rate = models_rate(records, given, raw, clockless)
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
         refuse_still(loaded, found)
@@ -75,7 +75,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     conclude(results, stated, repr(found) if beside_it is None else f"{found!r}\n{beside_it!r}", json)
 
 
-def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, Any], rows: int, label: str,
+def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, Any], rows: int, label: str | None,
               json: bool, report_progress: Callable[[str], None]) -> None:
     """The same for data that are read in parts."""
     from lpvid.cli.streamed import beginning, first_samples, parts

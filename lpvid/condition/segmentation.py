@@ -76,12 +76,33 @@ def segments(records: Record | Sequence[Record], channels: str | Sequence[str], 
     return _keep(listed, cut, minimum, remedy)
 
 
+def refuse_text(records: Sequence[Record], channels: Sequence[str]) -> None:
+    """Refuse text among the numbers of a channel in use, before anything is said of its length.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As read.
+    channels : sequence of str
+        Names or roles; those that a record lacks are passed over.
+
+    Raises
+    ------
+    InputError
+        Names record, channel, text and row.
+    """
+    for record in records:
+        for name in dict.fromkeys(record.resolve(c) for c in channels if record.has(c)):
+            fault = record.channels[name].fault
+            if fault:
+                raise InputError(f"record '{record.name}', channel '{name}' is not all numbers", got=fault,
+                                 mend="leave the field empty or write nan where a sample is missing")
+
+
 def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
     for name in dict.fromkeys(record.resolve(w) for w in wanted):
         channel = record.channels[name]
-        if channel.fault:
-            raise InputError(f"record '{record.name}', channel '{name}' is not all numbers", got=channel.fault,
-                             mend="leave the field empty or write nan where a sample is missing")
+        refuse_text([record], [name])
         if not channel.unit_known:
             raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
                              mend="correct the unit in the header, or leave it out if the values are SI")
@@ -134,10 +155,11 @@ def _refuse_time(record: Record, wanted: Sequence[str]) -> None:
 def _pieces(record: Record, wanted: Sequence[str], sample_rate: float | None) -> list[Record]:
     """Runs without a missing sample or a gap, each on a uniform clock."""
     good = np.asarray(np.isfinite(record.matrix(wanted)).all(axis=1))
-    starts = set(record.time_base.gaps)
+    starts = np.array(record.time_base.gaps, dtype=int)
     pieces = []
     for first, last in true_runs(good):
-        edges = [first, *sorted(g for g in starts if first < g < last), last]
+        inside = starts[np.searchsorted(starts, first, "right"):np.searchsorted(starts, last)]
+        edges = [first, *inside.tolist(), last]
         pieces += [record.slice(a, b) for a, b in pairwise(edges)]
     if record.is_uniform:
         return [_clocked(piece, record.sample_time, record, piece.start) for piece in pieces]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from lpvid.record import Channel, Record
 from lpvid.remark import ReadAs
 from lpvid.timebase import calendar_seconds
 
-_MEND_TIME = ("add a column 'time [s]', name the time column: --role time={0}, or state the rate: --sample-rate HZ, in "
+_MEND_TIME = ("add a column 'time [s]', name the time column: --role {1}, or state the rate: --sample-rate HZ, in "
               "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
 NO_TIME_UNIT = "gives no unit: taken as s"
 """How the note of a record ends whose clock has no stated unit."""
@@ -55,11 +57,15 @@ class ColumnTable:
     sample_time : float or None
     notes : sequence of str
         What was left out on reading.
+    origins : mapping of str to (datetime64, bool)
+        By column of calendar stamps, the instant from which its seconds count, and whether that is one of a time of day
+        without a date.
     """
 
     columns: Sequence[Column]
     sample_time: float | None = None
     notes: Sequence[str] = field(default_factory=tuple)
+    origins: Mapping[str, tuple[np.datetime64, bool]] = field(default_factory=dict)
 
 
 def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float | None,
@@ -119,10 +125,10 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:
         if sample_rate is None:
-            lacking = _lacking_clock(readings)
+            lacking, like = _lacking_clock(readings), _like_time(signals)
             raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals),
                              why=f"the clock of the model's training data, {lacking}, is not there" if lacking else "",
-                             mend=_MEND_TIME.format(_like_time(signals)))
+                             mend=_MEND_TIME.format(like, quote(f"time={like}")))
         period = 1.0 / sample_rate
     own = None if named is None or asked else _time_column(columns, None, where)
     if own is not None and own is not clock:
@@ -139,8 +145,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     return one_row_per_stamp(record)
 
 
-def stamps_of(table: ColumnTable, where: str, roles: Mapping[str, str],
-              readings: Sequence[Mapping[str, str]] = ()) -> np.ndarray | None:
+def clock_of(table: ColumnTable, where: str, roles: Mapping[str, str],
+             readings: Sequence[Mapping[str, str]] = ()) -> Column | None:
     """The time column of a file's columns as `to_record` finds it.
 
     Parameters
@@ -154,13 +160,12 @@ def stamps_of(table: ColumnTable, where: str, roles: Mapping[str, str],
 
     Returns
     -------
-    (n,) array or None
-        In the unit of the file; None where it has no clock.
+    Column or None
+        As the file has it; None where it has no clock.
     """
     names = [c.name for c in table.columns]
     asked = channel_of(roles[TIME_ROLE], names)[0] if TIME_ROLE in roles else None
-    clock = _time_column(table.columns, asked or recalled_clock(readings, names, where), where)
-    return None if clock is None else clock.values
+    return _time_column(table.columns, asked or recalled_clock(readings, names, where), where)
 
 
 def _lacking_clock(readings: Sequence[Mapping[str, str]]) -> str:
@@ -267,9 +272,19 @@ def _usable(column: Column, role: str) -> bool:
     return known and not units.contradicts(column.name, unit, column.unit) and not units.contradicts(role, unit)
 
 
+_TIME_NAME = re.compile(r"(?:time|zeit|t)(?:[_ -](?P<unit>[mun]?s|sec|min|h))?(?:[_ ].*)?", re.IGNORECASE)
+
+
 def _like_time(columns: Sequence[Column]) -> str:
-    """Name of a column in a unit of time, else a placeholder."""
-    return next((c.name for c in columns if c.unit and units.to_si([0.0], c.unit).unit == "s"), "COLUMN")
+    """A column in a unit of time, else one whose name states time, with the unit of the name; else a placeholder."""
+    for column in columns:
+        if column.unit and units.to_si([0.0], column.unit).unit == "s":
+            return column.name
+    found = [(c, m) for c in columns if c.unit is None and (m := _TIME_NAME.fullmatch(c.name.rpartition(".")[2]))]
+    if not found:
+        return "COLUMN"
+    column, match = found[0]
+    return f"{column.name} [{match['unit']}]" if match["unit"] else column.name
 
 
 def _time_column(columns: Sequence[Column], named: str | None, where: str) -> Column | None:

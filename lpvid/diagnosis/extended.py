@@ -22,7 +22,7 @@ from lpvid.model.signals import Signal
 from lpvid.record import Channel, Record
 from lpvid.rounding import EXPLODED
 from lpvid.scheduling import Scheduling
-from lpvid.training_fingerprint import heads
+from lpvid.training_rows import TrainingRows
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.refitting import Refit
@@ -87,8 +87,8 @@ class ExtendedModel(Adaptable):
         """
         return cls(Composition(baseline, fit.composition.effects), fit.vector, covariance)
 
-    def remembering(self, records: Sequence[Record]) -> ExtendedModel:
-        """The same model with channels, units, ranges and first samples of its training records.
+    def remembering(self, records: Sequence[Record], raw: Sequence[Record] = ()) -> ExtendedModel:
+        """The same model with channels, units, ranges and prints of rows of its training records.
 
         A channel beyond those of baseline and effects counts as read where the simulation changes without it.
 
@@ -96,6 +96,8 @@ class ExtendedModel(Adaptable):
         ----------
         records : sequence of Record
             Prepared training records.
+        raw : sequence of Record
+            The same as read, by whose rows it recognises them; the prepared ones without any.
 
         Returns
         -------
@@ -117,7 +119,8 @@ class ExtendedModel(Adaptable):
         ranges = {n: (float(min(r[n].min() for r in records)), float(max(r[n].max() for r in records)))
                   for n in base.schedule if n in reads}
         training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
-                    "sample_time": records[0].sample_time, "heads": heads(records, base.output)}
+                    "sample_time": records[0].sample_time,
+                    "rows": TrainingRows.of(raw or records, base.output).to_dict()}
         return replace(self, reads=reads, units={n: records[0].unit(n) for n in reads}, ranges=ranges,
                        metadata={**self.metadata, "training": training})
 

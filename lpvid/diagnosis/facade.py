@@ -15,6 +15,7 @@ import numpy as np
 from lpvid._forks import in_forks
 from lpvid._memory import give_back
 from lpvid.condition.preparing import with_current
+from lpvid.condition.segmentation import refuse_text
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.budgets import LONG
@@ -53,6 +54,8 @@ class DiagnosisTask:
         As read, for the audit.
     baseline_fitted : bool
         Whether the baseline has been fitted to these records already.
+    n_training : int or None
+        How many of `raw` are training records, which come first; None for all.
     """
 
     prepared: PreparedRecords
@@ -61,6 +64,7 @@ class DiagnosisTask:
     catalogue: tuple[Effect, ...]
     raw: tuple[Record, ...]
     baseline_fitted: bool = False
+    n_training: int | None = None
 
 
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -157,11 +161,15 @@ def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: A
         found, note = automatic(prepared.training, progress or (lambda text: None))
         prepared = replace(prepared, notes=(note, *prepared.notes))
     else:
-        found = _baseline(given, prepared.training, parameters)
+        try:
+            found = _baseline(given, prepared.training, parameters)
+        except InputError:  # text may be why a channel is not there
+            refuse_text([*training, *kept], ROLES)
+            raise
     _check_moving(found, prepared.training)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
     causes = found.candidates(effects) if isinstance(found, ComposedBaseline) else tuple(effects)
-    return DiagnosisTask(prepared, found, fitted, causes, (*training, *kept), given == AUTO)
+    return DiagnosisTask(prepared, found, fitted, causes, (*training, *kept), given == AUTO, len(training))
 
 
 def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
@@ -234,7 +242,8 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     if sum(r.n_samples for r in prepared.training) > LONG:  # signals and what is cached along them refer to each other
         collect()
         give_back()
-    extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), task)
+    extended = None if found.extended is None else _with_roles(
+        found.extended.remembering(prepared.training, _training_rows(task)), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
     return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),
                    extended=extended, baseline=baseline_text)
@@ -301,6 +310,12 @@ def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     raw = with_current(task.raw)[0]
     names = [n for n in (*extended.reads, task.baseline.output) if raw[0].has(n)]
     return replace(extended, metadata={**extended.metadata, **of_files(raw, names)})
+
+
+def _training_rows(task: DiagnosisTask) -> Sequence[Record]:
+    """The training records as read, where they have the baseline's output: resampled ones have other rows."""
+    raw = task.raw[:task.n_training]
+    return raw if all(r.has(task.baseline.output) for r in raw) else ()
 
 
 def _by_roles(model: Any) -> Any:

@@ -9,8 +9,9 @@ from lpvid import _checks
 from lpvid.condition import segments
 from lpvid.condition.band_limited import quiet_pieces
 from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
+from lpvid.condition.segmentation import refuse_text
 from lpvid.diagnosis.effect import Effect
-from lpvid.errors import InputError
+from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
 
 ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "force", "road", "unsprung", "sprung",
@@ -72,8 +73,12 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
     records, stand_in = with_current(records)
     roles, left = _roles(records, catalogue, needed)
     rate, why = (sample_rate, ()) if sample_rate is not None else decimation(records)
-    parts = [segments(part, roles, sample_rate=rate, minimum=SHORTEST) if part else []
-             for part in (records[: len(training)], records[len(training):])]
+    try:
+        parts = [segments(part, roles, sample_rate=rate, minimum=SHORTEST) if part else []
+                 for part in (records[: len(training)], records[len(training):])]
+    except TooFewSamples:
+        refuse_text(records, ROLES)
+        raise
     parts = one_clock(parts, roles)
     parts, motion = quiet_pieces(parts, motion)
     notes = (*motion, *stand_in, *why, *left, *losses([*parts[0], *parts[1]]))

@@ -14,6 +14,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
+from lpvid.files._stamps import TIME_OF_DAY
 from lpvid.files._table import fault_text, headed, stated_period, the_thousands, thousands_in
 
 Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
@@ -35,6 +36,8 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
         raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
     layout = csv.with_thousands(path, csv._layout(path, where), where)
     line, row, midnights = layout.data_line, 0, layout.midnights()
+    origins = {headed(n)[0]: (s.origin, s.kind == TIME_OF_DAY)
+               for n, s in zip(layout.names, layout.stamps, strict=False) if s is not None}
     with path.open(encoding=layout.encoding, newline=None) as stream:
         lines = islice(stream, layout.data_line - 1, None)
         while row < first:
@@ -48,7 +51,7 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
             line += len(block)
             if columns[0].values.size:
                 row += columns[0].values.size
-                yield ColumnTable(csv._without_trailing(columns))
+                yield ColumnTable(csv._without_trailing(columns), origins=origins)
 
 
 def _passed(block: list[str], layout: Any, where: str, midnights: Mapping[int, Any]) -> int:
@@ -97,7 +100,7 @@ def _numbers(block: list[str], layout: Any) -> np.ndarray | None:
 
 # -- Parquet ---------------------------------------------------------------------------------------------------------
 def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[ColumnTable]:
-    where, origin = str(path), dict[str, float]()
+    where, origin = str(path), dict[str, int]()
     with parquet.opened(path) as file:
         import pyarrow as pa
 
@@ -112,7 +115,10 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
         groups, behind = _groups_from(file.metadata, first)
         batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
         for content in _batches(batches, rows, behind):
-            yield ColumnTable(*_batch_columns(content, period, origin, thousands))
+            units = {f.name: f.type.unit for f in file.schema_arrow if pa.types.is_timestamp(f.type)}
+            found = _batch_columns(content, period, origin, thousands)
+            yield ColumnTable(*found, {headed(n)[0]: (np.datetime64(ticks, units[n]), False)
+                                       for n, ticks in origin.items()})
 
 
 def _text_thousands(file: Any, columns: Sequence[str] | None) -> dict[str, str]:
@@ -168,7 +174,7 @@ def _batches(batches: Iterator[Any], rows: int, drop: int) -> Iterator[Any]:
         yield pa.Table.from_batches(held)
 
 
-def _batch_columns(content: Any, period: float | None, origin: dict[str, float], thousands: Mapping[str, str],
+def _batch_columns(content: Any, period: float | None, origin: dict[str, int], thousands: Mapping[str, str],
                    ) -> tuple[list[Column], float | None, list[str]]:
     """Columns of one batch; calendar stamps count from the first one of the whole file, kept in `origin`."""
     import pyarrow as pa
@@ -183,7 +189,7 @@ def _batch_columns(content: Any, period: float | None, origin: dict[str, float],
             ticks = data.drop_null().cast(pa.int64()).to_numpy()
             if ticks.size:
                 scale = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[entry.type.unit]
-                first = origin.setdefault(entry.name, ticks[0])
+                first = origin.setdefault(entry.name, int(ticks[0]))
                 column = replace(column, values=column.values + float(ticks[0] - first) / scale)
         columns.append(column)
     return columns, period, notes

@@ -17,7 +17,7 @@ import numpy as np
 from lpvid import units
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
-from lpvid.files._stamps import Midnight, Stamps, instant, stamps
+from lpvid.files._stamps import TIME_OF_DAY, Midnight, Stamps, instant, stamps
 from lpvid.files._table import (
     MISSING,
     fault_text,
@@ -41,6 +41,7 @@ _TWO_SEPARATORS = tuple(re.compile(p) for p in (r"\.\d{3}[.,]\d", r",\d{3}[.,]\d
 that begins with a character and not a class is searched three times as fast."""
 _TWO_POINTS = (re.compile(r"\.\d{3}\.\d"),)
 """The same where a comma separates cells and none is quoted."""
+_ERROR_VALUE = re.compile(r"#(?:DIV/0!|N/A|VALUE!|REF!|NAME\?|NUM!|NULL!)")
 _LONGEST_NUMBER = 200
 """Characters of a chunk that are looked at again with the next: a number may stand on the border."""
 _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
@@ -94,14 +95,15 @@ class _Layout:
 
     def midnights(self) -> dict[int, Midnight]:
         """What carries the columns of times of day over midnight, by the place of the column."""
-        return {i: Midnight() for i, s in enumerate(self.stamps) if s is not None and s.kind == "time of day"}
+        return {i: Midnight() for i, s in enumerate(self.stamps) if s is not None and s.kind == TIME_OF_DAY}
 
 
 def read_table(path: Path) -> ColumnTable:
     """Read delimited text.
 
     The delimiter is the one of tab, semicolon, comma and white space on which the header and the first data line
-    agree. Behind a semicolon or a tab a comma is a decimal comma. Lines that start with ``#`` are comments. Lines above
+    agree. Behind a semicolon or a tab a comma is a decimal comma. Lines that start with ``#`` are comments, but for one
+    above numbers that holds their header. Lines above
     the header are left out where the header is the line, with as many cells, above the first row that holds numbers
     or stamps alone; a row of units may stand between. Dates (``2026-11-26T10:12:13.5``, with an offset from UTC or
     without, ``26.11.2026 10:12:13,5``) and times of day (``10:12:13.5``, over midnight too) are seconds since the
@@ -148,7 +150,8 @@ def _without_trailing(columns: list[Column]) -> list[Column]:
 def _layout(path: Path, where: str) -> _Layout:
     encoding = _encoding(path, where)
     with path.open(encoding=encoding, newline=None) as stream:
-        lines = list(islice(_content(stream), _PREAMBLE))
+        numbered, last = _above_content(stream)
+        lines = [*numbered, *islice(_content(stream, last + 1), _PREAMBLE - len(numbered))]
     if not lines:
         raise InputError(f"{where}: the file is empty", mend=_MEND_HEADER)
     candidates = [_Layout(encoding, d, (), 0, 0) for d in ("\t", ";", ",", None)]
@@ -164,6 +167,32 @@ def _layout(path: Path, where: str) -> _Layout:
         return found  # the line is named where the file is read
     whole = [row for row in rows if len(row) == len(found.names)]
     return replace(found, stamps=tuple(map(stamps, zip(*whole, strict=True))) or (None,) * len(found.names))
+
+
+def _above_content(stream: Iterator[str]) -> tuple[list[tuple[int, str]], int]:
+    """The first line that is no comment, with the comment above it where that is its header; and how many were read.
+
+    ``# time [s],force [N]`` is what `numpy.savetxt` writes above numbers, ``% time`` what MATLAB users do.
+    """
+    comment, number = (0, ""), 0
+    for number, line in enumerate(stream, 1):
+        text = line.strip()
+        if _is_comment(text):
+            comment = number, text.lstrip("# \t")
+        elif text.startswith("%"):
+            return [(number, text.lstrip("% \t"))], number
+        elif text:
+            first = number, line.rstrip("\n")
+            numbers = all(map(is_number, re.split(r"[\s,;]+", text.strip(",;"))))
+            return [comment, first] if numbers and _as_many_cells(comment[1], text) else [first], number
+    return [], number
+
+
+def _as_many_cells(header: str, row: str) -> bool:
+    """Whether a comment has a name for every number below it, one that states a unit or the time among them."""
+    splits = [(header.split(d), row.split(d)) for d in ("\t", ";", ",")] + [(_WORDS.findall(header), row.split())]
+    names = next((names for names, cells in splits if len(names) == len(cells) > 1), [])
+    return any(is_time_name(name) or unit is not None for name, unit in map(headed, names))
 
 
 def _heads(layout: _Layout, lines: Sequence[tuple[int, str]]) -> bool:
@@ -324,11 +353,16 @@ def _no_text(where: str, got: str) -> InputError:
                       mend="export comma-separated text, or use the extension of the file's real format")
 
 
+def _is_comment(text: str) -> bool:
+    """Whether a line is a comment: not one that begins with an error value of a spreadsheet, as ``#DIV/0!``."""
+    return text.startswith("#") and _ERROR_VALUE.match(text) is None
+
+
 def _content(stream: Iterable[str], first_line: int = 1) -> Iterator[tuple[int, str]]:
     """Lines that are neither blank nor comments, with their numbers."""
     for number, line in enumerate(stream, first_line):
         text = line.strip()
-        if text and not text.startswith("#"):
+        if text and not _is_comment(text):
             yield number, line.rstrip("\n")
 
 

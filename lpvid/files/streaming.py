@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,10 +14,11 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition.recalling import TIME_ROLE, channel_of, readings_of
 from lpvid.condition.repeated_stamps import refuse_contradictions
-from lpvid.condition.tables import Column, ColumnTable, stamps_of, to_record
+from lpvid.condition.tables import Column, ColumnTable, clock_of, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
+from lpvid.files._stamps import DAY
 from lpvid.record import Record
 from lpvid.units import convert
 
@@ -98,10 +100,14 @@ class Chunks:
         last: Record | None = None
         rows_before = row + sum(_length(p) for p in parts[:first])
 
-        def clock(table: ColumnTable, k: int) -> np.ndarray | None:
-            return stamps_of(table, str(parts[k]), self.roles, self.readings)
+        def clock(table: ColumnTable, k: int) -> Column | None:
+            return clock_of(table, str(parts[k]), self.roles, self.readings)
 
-        for k, after, table in _no_lone_row(_whole_stamps(self._tables(parts, first, row), clock, parts), parts):
+        one_clock = _SetClock(clock, parts)
+        for k, table in self._beginnings(parts[: first + (row > 0)] if len(parts) > 1 else ()):
+            one_clock.on(k, table)
+        placed = ((k, after, one_clock.on(k, table)) for k, after, table in self._tables(parts, first, row))
+        for k, after, table in _no_lone_row(_whole_stamps(placed, clock, parts), parts):
             path, size = parts[k], table.columns[0].values.size
             record = self._record(table, str(path), name)
             if record.time is None:
@@ -124,6 +130,13 @@ class Chunks:
             for table in read(path, self.rows, at, self._columns()):
                 at += table.columns[0].values.size
                 yield k, at, table
+
+    def _beginnings(self, parts: Sequence[Path]) -> Iterator[tuple[int, ColumnTable]]:
+        """The first rows of files before a restart, from which the clock of the set counts."""
+        for k, path in enumerate(parts):
+            read = reader(path)
+            assert read is not None
+            yield from ((k, table) for table in islice(read(path, 2, 0, self._columns()), 1))
 
     def _columns(self) -> list[str] | None:
         """Names in the file of what is read."""
@@ -252,10 +265,56 @@ def _length(path: Path) -> int:
 
 
 _Placed = tuple[int, int, ColumnTable]
+_ClockOf = Callable[[ColumnTable, int], Column | None]
+
+
+class _SetClock:
+    """One clock for the files of a set: the unit of the first, and calendar stamps from its first instant on.
+
+    Each file states its own unit, and its calendar stamps count from its own first one.
+    """
+
+    def __init__(self, clock: _ClockOf, parts: Sequence[Path]) -> None:
+        self._clock, self._parts = clock, parts
+        self._first: Column | None = None
+        self._origin: tuple[np.datetime64, bool] | None = None
+        self._last = np.nan
+
+    def on(self, k: int, table: ColumnTable) -> ColumnTable:
+        """The next table, of file `k`, on that clock."""
+        own = self._clock(table, k)
+        if own is None or own.fault is not None or not own.values.size:
+            return table
+        origin = table.origins.get(own.name)
+        if self._first is None:
+            self._first, self._origin = own, origin
+        moved = own
+        if k and own.unit != self._first.unit and own.unit is not None and self._first.unit is not None:
+            moved = _in_unit_of(self._first, own, str(self._parts[k]))
+            near = np.abs(moved.values - self._last) <= 2 * np.spacing(abs(self._last))
+            moved = replace(moved, values=np.where(near, self._last, moved.values))  # 2.005 s and 2005 ms
+        if origin is not None and self._origin is not None:
+            moved = replace(moved, values=moved.values + self._since(k, origin, moved.values))
+        known = moved.values[np.isfinite(moved.values)]
+        self._last = float(known[-1]) if known.size else self._last
+        return replace(table, columns=[moved if c is own else c for c in table.columns])
+
+    def _since(self, k: int, origin: tuple[np.datetime64, bool], values: np.ndarray) -> float:
+        """Seconds from the set's first instant to that of a file, over midnight where stamps have no date."""
+        assert self._origin is not None
+        if origin[1] != self._origin[1]:
+            kinds = ["times of day" if daily else "dates" for _, daily in (self._origin, origin)]
+            raise InputError(f"{self._parts[k]}: the clock has another kind of stamps than in the files before",
+                             got=f"{kinds[1]} behind {kinds[0]}", mend="export the files of a data set alike")
+        offset = float((origin[0] - self._origin[0]) / np.timedelta64(1, "s"))
+        known = values[np.isfinite(values)]
+        if k and origin[1] and known.size and np.isfinite(self._last):
+            offset += DAY * max(np.ceil((self._last - known[0] - offset) / DAY - 0.5), 0.0)
+        return offset
 
 
 def _whole_stamps(tables: Iterable[_Placed],
-                  clock: Callable[[ColumnTable, int], np.ndarray | None],
+                  clock: _ClockOf,
                   parts: Sequence[Path]) -> Iterator[_Placed]:
     """The same tables, rows that repeat the last time stamp of the table before moved to its end.
 
@@ -266,8 +325,8 @@ def _whole_stamps(tables: Iterable[_Placed],
     for k, after, table in tables:
         stamps, size, same = clock(table, k), table.columns[0].values.size, 0
         before = None if held is None else clock(held[2], held[0])
-        if held is not None and stamps is not None and before is not None and before.size:
-            other = np.flatnonzero(stamps != before[-1])
+        if held is not None and stamps is not None and before is not None and before.values.size:
+            other = np.flatnonzero(stamps.values != before.values[-1])
             same = int(other[0]) if other.size else size
         if held is not None and same:
             held = k, after - size + same, _joined(held[2], _rows(table, 0, same), str(parts[k]))

@@ -19,7 +19,8 @@ from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
 from lpvid.record import Record
 from lpvid.simulation import predict
-from lpvid.training_fingerprint import heads, of_files, ranges, usual_range
+from lpvid.training_fingerprint import of_files, ranges, usual_range
+from lpvid.training_rows import TrainingRows
 from lpvid.validation import figures, validate
 
 COLOURED_LIMIT = 400_000
@@ -129,11 +130,11 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
 
 
 def _remember(found: Identification, pieces: Sequence[Record], listed: Sequence[Record]) -> Identification:
-    """Restore what the model states of its training data: first samples, ranges, roles, region of scheduling space."""
+    """Restore what the model states of its training data: prints of rows, ranges, roles, region of scheduling space."""
     model = found.model
     names = list(model.box.names)
     read = list(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *names)))
-    training = {**model.metadata.get("training", {}), "heads": heads(pieces, model.outputs[0].name),
+    training = {**model.metadata.get("training", {}), "rows": TrainingRows.of(listed, model.outputs[0].name).to_dict(),
                 "ranges": ranges(pieces, read), "usual": {n: usual_range([r[n] for r in pieces]) for n in names}}
     metadata = {**model.metadata, "training": training, **of_files(listed, read)}
     if len(names) > 1:

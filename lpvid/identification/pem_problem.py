@@ -107,6 +107,15 @@ class PredictionErrorProblem:
                 lag.scales() if self.free_stages[1] and lag is not None else np.zeros(0)]
 
     @property
+    def stage_names(self) -> tuple[str, ...]:
+        """Of the free stage parameters, in the order of the search."""
+        found = []
+        for stage, scales in zip((self.model.input_stage, self.model.scheduling_stage), self._scales, strict=True):
+            known = () if stage is None else [k for k, v in stage.to_dict().items() if isinstance(v, float)]
+            found += [name for name, scale in zip(known, scales, strict=False) if scale > 0]
+        return tuple(found)
+
+    @property
     def sizes(self) -> tuple[int, int, int]:
         """Number of linear, noise and free stage parameters."""
         return self.layout.size, self.noise.vector.size, sum(int(np.sum(s > 0)) for s in self._scales)

@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._threads import single_thread
+from lpvid.caveat import Caveat
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, ThroughARX
 from lpvid.identification.layout import ParameterLayout
@@ -304,6 +305,10 @@ class PredictionError(ThroughARX):
         jacobian = shared[:, :-1]
         scale = np.linalg.norm(jacobian, axis=0)
         alive = scale > 0
+        dead = [name for name, moves in zip((*self._names(problem), *problem.stage_names), alive, strict=True)
+                if not moves]
+        notes = [*([Caveat(f"not identifiable: {', '.join(dead)}, on which the error does not depend on these data; "
+                           "the condition number is that of the others")] if dead else ()), *notes]
         whole, kind = covariance(problem, search, coloured=self.coloured)
         k, q, _ = problem.sizes
         rows = np.vstack([e[problem.head:] for e in search.trial.residuals.errors])
@@ -318,7 +323,7 @@ class PredictionError(ThroughARX):
             metadata["noise_parameters"] = {"names": list(self._names(problem)[k:]),
                                             "covariance": whole[k: k + q, k: k + q].tolist()}
         model = model.replace(noise_covariance=rows.T @ rows / degrees, metadata=metadata)
-        return Identification(model, structure, first.layout, whole[:k, :k], float(np.linalg.cond(jacobian)),
+        return Identification(model, structure, first.layout, whole[:k, :k], float(np.linalg.cond(jacobian[:, alive])),
                               float(np.linalg.cond(jacobian[:, alive] / scale[alive])), len(rows),
                               notes=tuple(notes), covariance_kind=kind)
 

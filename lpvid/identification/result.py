@@ -228,11 +228,18 @@ class Identification(Shown):
             "notes": list(self.notes),
         }
 
+    @property
+    def _conditioning(self) -> str:
+        """Condition numbers in words."""
+        if not np.isfinite(self.condition):
+            return "of which these data do not determine every combination (condition number infinite)"
+        scaled = f"{self.scaled_condition:.1e}" if np.isfinite(self.scaled_condition) else "infinite"
+        return f"condition number {self.condition:.1e} ({scaled} with unit columns)"
+
     def __repr__(self) -> str:
         doubt = "" if self.doubt is None else f" ({self.doubt})"
         lines = [f"Identification{doubt}: {self.model!r}",
-                 f"  {self.n_parameters} parameters from {self.n_samples} equations, condition number "
-                 f"{self.condition:.1e} ({self.scaled_condition:.1e} with unit columns)"]
+                 f"  {self.n_parameters} parameters from {self.n_samples} equations, {self._conditioning}"]
         lines += [f"  {v.label}: {v.summary()}" for v in (self.training, self.held_out) if v is not None]
         lines += [f"  note: {n}" for n in self.notes[:5]]
         lines += [f"  note: held-out: {n}" for n in self.held_out_notes]

@@ -14,7 +14,8 @@ from lpvid.files.streaming import Chunks
 from lpvid.identification.arx import ARX, is_constant
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
-from lpvid.training_fingerprint import RECORDS, SAMPLES, heads, usual_range
+from lpvid.training_fingerprint import usual_range
+from lpvid.training_rows import TrainingRows
 
 BLOCK = 512
 """Samples of a stretch of scheduling that is kept for its usual range."""
@@ -59,8 +60,8 @@ class Facts:
         [s].
     firsts : dict of str to Record
         First sample of every record name.
-    heads : list of list of float
-        Beginnings of the first records, for a model's fingerprint.
+    rows : TrainingRows
+        Prints of stretches of the output, by which the model recognises these data.
     ranges : dict of str to [float, float]
         Lowest and highest value by channel.
     power, mean : (n_outputs,) arrays
@@ -80,7 +81,7 @@ class Facts:
     records: int = 0
     duration: float = 0.0
     firsts: dict[str, Record] = field(default_factory=dict)
-    heads: list[list[float]] = field(default_factory=list)
+    rows: TrainingRows = field(default_factory=TrainingRows)
     ranges: dict[str, list[float]] = field(default_factory=dict)
     power: np.ndarray = field(default_factory=lambda: np.zeros(0))
     mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -106,8 +107,8 @@ class Facts:
             low, high = float(piece[name].min()), float(piece[name].max())
             before = self.ranges.get(name, [low, high])
             self.ranges[name] = [min(before[0], low), max(before[1], high)]
-        if not continues and len(self.heads) < RECORDS:
-            self.heads += heads([piece.slice(0, SAMPLES)], arx.output[0])
+        self.rows.sample_time = piece.sample_time if self.rows.sample_time is None else self.rows.sample_time
+        self.rows.add(piece[arx.output[0]], continues)
         self.samples += piece.n_samples
         self.records += not continues
         self.duration += piece.n_samples * piece.sample_time
@@ -178,7 +179,7 @@ class Facts:
                          {k: [float(c.values[0]), c.unit] for k, c in r.channels.items()}}
                   for name, r in self.firsts.items()}
         return ({"samples": self.samples, "records": self.records, "duration": self.duration, "firsts": firsts,
-                 "heads": self.heads, "ranges": self.ranges, "count": self.count, "every": self.every,
+                 "rows": self.rows.state(), "ranges": self.ranges, "count": self.count, "every": self.every,
                  "passed": self.passed, "blocks": len(self.blocks)},
                 {"power": self.power, "mean": self.mean, **{f"block{k}": b for k, b in enumerate(self.blocks)}})
 
@@ -191,8 +192,9 @@ class Facts:
             Plain data.
         arrays : dict of arrays
         """
-        for name in ("samples", "records", "duration", "heads", "ranges", "count", "every", "passed"):
+        for name in ("samples", "records", "duration", "ranges", "count", "every", "passed"):
             setattr(self, name, meta[name])
+        self.rows = TrainingRows.restored(meta["rows"])
         self.power, self.mean = arrays["power"], arrays["mean"]
         self.blocks = [arrays[f"block{k}"] for k in range(meta["blocks"])]
         self.firsts = {name: Record({k: Channel(np.array([v]), unit) for k, (v, unit) in one["channels"].items()},

@@ -143,9 +143,9 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
 
 
 def _remembered(found: Identification, facts: Facts) -> Identification:
-    """Restore what the model states of its training data: first samples, ranges, roles."""
+    """Restore what the model states of its training data: prints of rows, ranges, roles."""
     model = found.model
-    training = {**model.metadata.get("training", {}), "heads": facts.heads, "ranges": facts.ranges,
+    training = {**model.metadata.get("training", {}), "rows": facts.rows.to_dict(), "ranges": facts.ranges,
                 "usual": facts.usual}
     metadata = {**model.metadata, "training": training, **of_files(facts.named_heads(), list(facts.ranges))}
     return found.replace(model=model.replace(metadata=metadata))

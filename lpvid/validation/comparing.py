@@ -98,7 +98,7 @@ class ModelComparison(Shown):
 
 
 def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Sequence[Record], *,
-                   sample_rate: float | None = None, label: str = "held-out",
+                   sample_rate: float | None = None, label: str | None = None,
                    fitted: Callable[[Model, list[Record]], list[Record]] | None = None) -> ModelComparison:
     """Validate several models on the same records and rank them by their pooled free run.
 
@@ -110,8 +110,8 @@ def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Se
         Resampled to each model's own rate.
     sample_rate : float, optional
         For models without a rate of their own [Hz].
-    label : str
-        "held-out" or "training"; records that a model was fitted to are labelled as what they are.
+    label : str, optional
+        "held-out" or "training"; records that a model was fitted to are labelled as what they are. As for `validate`.
     fitted : callable, optional
         Records with the roles that one model reads.
 

@@ -15,7 +15,8 @@ from lpvid.model.adaptable import Adaptable
 from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model, Simulation, simulate
-from lpvid.training_fingerprint import recalled, seen_records
+from lpvid.training_fingerprint import recalled
+from lpvid.training_rows import compared_rows
 from lpvid.validation.figures import Figures, Pool
 from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.report import acting_model, along
@@ -56,7 +57,7 @@ class FreeRuns:
     model : LPVTransferFunction, LPVStateSpace or SelfScheduled
     runs : tuple of FreeRun
     label : str
-        "held-out", "training", "partly training", or "not measured".
+        "held-out", "training", "partly training", "held-out or training" where that is not known, or "not measured".
     overall : Figures or None
         Pooled over the records; None where the output was not measured.
     notes : tuple of str
@@ -165,8 +166,9 @@ def free_runs(model: Model | Adaptable, records: Record | Sequence[Record],
         runs.append(FreeRun(piece, run, figures, share, _columns(acting, piece, run, measured)))
     label = "not measured"
     if measured:
-        seen = seen_records(acting.metadata, pieces, acting.outputs[0].name)
-        label = "held-out" if not seen else "training" if len(seen) == len(pieces) else "partly training"
+        label, stated = compared_rows(acting.metadata, recalled(listed, acting.metadata), pieces,
+                                      acting.outputs[0].name).labelled()
+        notes += stated
     overall = pool.total("free-run") if measured else None
     turned = None if overall is None else opposite_remark(acting, pieces, overall)
     return FreeRuns(acting, tuple(runs), label, overall, notes if turned is None else (*notes, turned))

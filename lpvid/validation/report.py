@@ -22,7 +22,8 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.remark import Cut, Derivation, ReadAs, of_records
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import beyond_training, recalled, seen_records, seen_remark, unit_doubt, with_sources
+from lpvid.training_fingerprint import beyond_training, recalled, unit_doubt, with_sources
+from lpvid.training_rows import compared_rows
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
@@ -121,7 +122,7 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
 
 
 def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chunks, *, sample_rate: float | None = None,
-             label: str = "held-out", horizons: Sequence[int] = ()) -> Validation:
+             label: str | None = None, horizons: Sequence[int] = ()) -> Validation:
     """Figures of a model on measured records, free-run, one-step and at any further prediction horizons.
 
     Raw data of another rate are resampled (anti-aliased) to the model's rate, and a note states so.
@@ -136,9 +137,10 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
         read part by part (`lpvid.validation.streamed.validate_stream`).
     sample_rate : float, optional
         Only the model's own rate [Hz] is accepted; it is used in any case.
-    label : str
-        "held-out" or "training": what these data are to the model. Data that begin like a training record are
-        labelled as what they are, whatever is given here.
+    label : str, optional
+        "held-out" or "training": what these data are to the model. By default that is found by comparison with the
+        rows that the model keeps of its training data, and "held-out or training" where a record is too short for
+        that. Data that hold training rows are labelled as what they are, where "held-out" is given too.
     horizons : sequence of int
         Further prediction horizons [samples].
 
@@ -161,10 +163,9 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
         used = with_sources([*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names], acts.metadata)
         return validate_stream(acts, records.only(used), label=label)
     model, pieces, notes = along(model, records, sample_rate)
-    seen = seen_records(model.metadata, pieces, model.outputs[0].name)
-    if seen and label == "held-out":
-        label = "training" if len(seen) == len(pieces) else "partly training"
-        notes += (seen_remark(seen),)
+    label, stated = compared_rows(model.metadata, recalled(as_records(records), model.metadata), pieces,
+                                  model.outputs[0].name).labelled(label)
+    notes += stated
     stated = independence_remark(model, pieces, label) if label != "training" else None
     found = figures(model, pieces, label, notes if stated is None else (*notes, stated), horizons)
     run = found.overall.free_run
@@ -184,7 +185,7 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
         In discrete time.
     pieces : sequence of Record
         From `segments`.
-    label : {"training", "held-out", "partly training"}
+    label : {"training", "held-out", "partly training", "held-out or training"}
         What these data are to the model.
     notes : tuple of str
         Remarks for the result.

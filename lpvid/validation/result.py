@@ -20,7 +20,7 @@ class Validation(Shown):
     Attributes
     ----------
     label : str
-        "training", "held-out" or "partly training".
+        "training", "held-out", "partly training" or "held-out or training" (not known).
     overall : FigurePair
         Pooled free-run and one-step figures.
     records : tuple of RecordFigures

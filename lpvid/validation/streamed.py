@@ -17,7 +17,8 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Channel, Record
 from lpvid.remark import ReadAs, of_records
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import SAMPLES, RangeComparison, recalled, seen_records, seen_remark
+from lpvid.training_fingerprint import RangeComparison, recalled
+from lpvid.training_rows import RowComparison
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
 from lpvid.validation.residuals import LAGS, OTHER_LAGS, ResidualTest, independence, whiteness
 from lpvid.validation.result import Validation
@@ -272,7 +273,7 @@ class _Residuals:
         return tuple(found)
 
 
-def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "held-out",
+def validate_stream(model: Model, chunks: Iterable[Record], *, label: str | None = None,
                     report_progress: Callable[[str], None] = lambda text: None) -> Validation:
     """Figures of a model on records that arrive one after the other; memory does not grow with their number.
 
@@ -317,9 +318,9 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     runs, tests = StreamedRuns(model), _Residuals()
     names = [s.name for s in model.outputs]
     assert model.sample_time is not None
-    cutter, seen, outside, familiar_to = Cutter(model.sample_time), 0, 0.0, []
+    cutter, seen, outside = Cutter(model.sample_time), 0, 0.0
     found: list[tuple[str, int, _Sums, _Sums, float]] = []
-    compared = RangeComparison(model.metadata)
+    compared, rows_of = RangeComparison(model.metadata), RowComparison(model.metadata)
     read_as: dict[tuple[str, tuple[str, ...]], None] = {}
 
     for raw in chunks:
@@ -330,12 +331,12 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
                 runs.cut()
                 tests.close()
                 found.append((piece.name, 0, _Sums(), _Sums(), 0.0))
-                familiar_to += seen_records(model.metadata, [piece.slice(0, SAMPLES)], names[0])
             name, length, free, one, share = found[-1]
             beyond = outside_share(model, piece.matrix(list(model.box.names))) * piece.n_samples
             found[-1] = (name, length + piece.n_samples, free, one, share + beyond)
             seen, outside = seen + piece.n_samples, outside + beyond
             compared.add(piece)
+            rows_of.add(piece[names[0]], piece.name, continues)
             ran = runs.run(piece)
             if ran is None:
                 continue
@@ -350,10 +351,8 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
     if not kept:
         raise InputError("no stretch of the stream is long enough", got=f"{seen} samples", mend="give longer records")
     notes = (f"figures of a stream of {seen} samples; regimes are not looked for",)
-    if familiar_to and label == "held-out":
-        known = list(dict.fromkeys(familiar_to))
-        notes += (seen_remark(known),)
-        label = "training" if len(familiar_to) == len(kept) else "partly training"
+    label, stated = rows_of.labelled(label)
+    notes += stated
     notes += of_records(read_as, ReadAs)
     notes += compared.beyond([s.name for s in model.inputs]) + compared.doubts(runs.channels)
     unit, start, several = model.outputs[0].unit, model.start, Counter(row[0] for row in kept)

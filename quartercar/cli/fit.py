@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from quartercar.dampers.evaluation.compared import Comparison
 
 HOLD_OUT = "last-third"
+READ = ("force", "velocity", "displacement", "current")
+"""roles that every model reads where the records have them."""
 
 
 @command
@@ -65,6 +67,7 @@ def fit(
     from lpvid.cli.data import hold_out as part_of
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
+    from lpvid.condition.segmentation import refuse_text
     from lpvid.training_fingerprint import recalled
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
@@ -75,11 +78,12 @@ def fit(
         alone = [d for d in map(_alone, parameters or ()) if d is not None]
         whole, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=asked,
                                                     like=alone)
+        named = (split_names(input), split_names(output), split_names(schedule))
+        refuse_text([*whole, *kept], [*READ, *(n for names in named for n in names)])
         share = hold_out or (None if kept else HOLD_OUT)
         training, tail = part_of(whole, share)
         kept = [*tail, *kept]
         rate = common_rate(training) if raw else None if clockless else asked
-        named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         for damper in alone:
             training, kept = (recalled(part, damper.metadata) for part in (training, kept))

@@ -46,7 +46,7 @@ def identify_damper(seed: int = 0) -> Damper:
     Returns
     -------
     Damper
-        Without the first samples of its training records in its metadata.
+        Without prints of the rows of its training records in its metadata.
     """
     from quartercar.dampers.blackbox.lpv import LpvArx
     from quartercar.dampers.facts import Facts
@@ -58,5 +58,5 @@ def identify_damper(seed: int = 0) -> Damper:
     prepared = prepare(records, [], None)
     facts = Facts.of(prepared.training, prepared.polarity)
     found = fit(LpvArx.suited(facts).replace(order=ORDER), records).damper
-    training = {k: v for k, v in found.metadata["training"].items() if k != "heads"}
+    training = {k: v for k, v in found.metadata["training"].items() if k != "rows"}
     return found.replace(metadata={"training": training})

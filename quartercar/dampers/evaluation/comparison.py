@@ -19,6 +19,7 @@ from quartercar.dampers.evaluation.scoring import score, stretches, time_per_sim
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper, LawDamper
 from quartercar.dampers.fitting import DamperFit, FitSettings, fit
+from quartercar.dampers.fitting.front import recognising
 from quartercar.dampers.preparing import Prepared, prepare
 
 SMALL = 3
@@ -137,6 +138,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
         notes = (*notes, *_constrained(suited))
     fits, failed, complete = _fit_all(suited, data, settings, progress)
     refused += failed
+    fits = [recognising(f, training) for f in fits]
     dampers = [*(f.damper for f in fits), *given]
     if not dampers:
         raise InputError("no damper model could be fitted to these data",

@@ -15,7 +15,8 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
-from lpvid.training_fingerprint import heads, of_files, ranges, usual_range
+from lpvid.training_fingerprint import of_files, ranges, usual_range
+from lpvid.training_rows import TrainingRows
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import check_passivity
 from quartercar.dampers.evaluation.scoring import Score, score
@@ -74,14 +75,15 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
         raise InputError("fit takes a damper", got=repr(damper), mend="quartercar.dampers.Guo(), or any other")
     settings = settings or FitSettings()
     channels = tuple(dict.fromkeys(("velocity", *damper.reads, "force")))  # velocity for the energy in the figures
-    training = prepared(as_records(records, units=units), channels, damper.start, settings.sample_rate)
+    raw = as_records(records, units=units)
+    training = prepared(raw, channels, damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")
     kept = prepared(as_records(held_out, "held-out", units), channels, damper.start, settings.sample_rate)
     _one_rate(training, kept)
     damper, stated, polarity_note = _placed(damper, training, kept, settings.polarity)
     found = damper.estimate(training, settings)
-    found = replace(found, damper=remembering(found.damper, training))
+    found = replace(found, damper=remembering(found.damper, training, raw))
     inside = score(found.damper, training)
     outside = score(found.damper, kept) if kept else None
     passivity = check_passivity(found.damper)
@@ -175,14 +177,37 @@ def _placed(damper: Damper, training: Sequence[Record], kept: Sequence[Record],
 D = TypeVar("D", bound=Damper)
 
 
-def remembering(damper: D, records: Sequence[Record]) -> D:
-    """The damper with names, size, rate, ranges, roles and first forces of its training records in its metadata.
+def recognising(found: DamperFit, raw: Sequence[Record]) -> DamperFit:
+    """The fit with prints of the rows of its training records as read: it was given resampled ones, or stretches.
+
+    Parameters
+    ----------
+    found : DamperFit
+    raw : sequence of Record
+
+    Returns
+    -------
+    DamperFit
+        A copy; `found` where a record has no force.
+    """
+    if not all(r.has("force") for r in raw):
+        return found
+    known = found.damper.metadata
+    training = {**known["training"], "rows": TrainingRows.of(raw, "force").to_dict()}
+    damper = found.damper.replace(metadata={**known, "training": training})
+    return replace(found, estimate=replace(found.estimate, damper=damper))
+
+
+def remembering(damper: D, records: Sequence[Record], raw: Sequence[Record]) -> D:
+    """The damper with names, size, rate, ranges, roles and prints of rows of its training records in its metadata.
 
     Parameters
     ----------
     damper : Damper
     records : sequence of Record
         Uniform, as fitted: cut and resampled, forces as measured.
+    raw : sequence of Record
+        The same as they were given.
 
     Returns
     -------
@@ -190,7 +215,7 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
         A copy.
     """
     training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
-                "sample_time": records[0].sample_time, "heads": heads(records, "force")}
+                "sample_time": records[0].sample_time, "rows": TrainingRows.of(raw, "force").to_dict()}
     seen = [n for n in (*dict.fromkeys(("velocity", *damper.reads)), "force") if all(r.has(n) for r in records)]
     training["ranges"] = ranges(records, seen)
     if "current" in damper.reads:

@@ -363,3 +363,13 @@ def test_unknown_unit_on_an_unused_channel(tmp_path):
 def test_jitter_with_a_sample_rate(tmp_path):
     described = identified(tmp_path, table(t=JITTER), "--sample-rate", 100)
     assert described["training"]["records"][0]["n_samples"] == pytest.approx(N / 2, abs=2)
+
+
+@pytest.mark.parametrize("options", [("--hold-out", "last-third"), (), ("--chunk", "100")])
+@pytest.mark.parametrize("rows", [1, 3])
+def test_text_is_named_before_the_record_is_called_too_short(tmp_path, rows, options) -> None:
+    """Also where a held-out part is cut off first: of one row, or without the row of the text."""
+    path = tmp_path / "run.csv"
+    path.write_text(table(n=rows, v=with_cell(V, 0, "abc")))
+    found = CliRunner().invoke(app, ["identify", str(path), "--input", "velocity", "--output", "force", *options])
+    assert found.exit_code == 2 and "got text 'abc' in row 1 (line 2 of the file)" in found.stderr

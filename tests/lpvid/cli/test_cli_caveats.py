@@ -125,7 +125,7 @@ def test_units_of_later_files_count_in_parts_too(folder):
     shown = run("identify", folder / "run.csv", folder / "bare.csv", *IO, "--chunk", 500).output
     assert "no unit is stated for 'force': taken as SI" in shown
     again = run("validate", folder / "plain/model.json", folder / "run.csv", "--chunk", 500).output
-    assert "not held-out: run begins with samples that the model was fitted to" in again
+    assert "not held-out: run holds samples that the model was fitted to" in again
 
 
 def test_data_in_parts_get_the_remarks_of_whole_ones(folder, tmp_path):

@@ -436,3 +436,14 @@ def test_a_parameter_at_the_end_of_its_range_states_which_end():
     assert str(fade) == "fade 5e-05 ± 2e-06 1/J" and "bound" not in fade.to_dict()
     absent, inside = estimates(effect, np.array([0.0, 60.0]), None)
     assert absent.bound is None and inside.bound is None
+
+
+def test_the_extended_model_keeps_the_rows_of_the_training_files() -> None:
+    """Of the records as read, not of the resampled ones; held-out records are none of them."""
+    training, kept = measured(0), measured(1)
+    found = run_task(prepare_task([training], Viscous(), CATALOGUE, [kept], sample_rate=0.4 / training.sample_time))
+    assert found.extended is not None
+    rows = found.extended.metadata["training"]["rows"]
+    assert rows["sample_time"] == training.sample_time
+    assert lpv.validate(found.extended, training.slice(501, 1500)).label == "training"
+    assert lpv.validate(found.extended, kept).label == "held-out"

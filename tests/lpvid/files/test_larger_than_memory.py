@@ -89,7 +89,7 @@ def test_the_estimate_of_the_parts_is_that_of_the_whole(stored: tuple[Chunks, Re
     others = {t.name: t for t in one.training.residual_tests}
     for test in parts.training.residual_tests:
         assert test.statistic == pytest.approx(others[test.name].statistic, rel=1e-7), test.name
-    assert parts.model.metadata["training"]["heads"] == one.model.metadata["training"]["heads"]
+    assert parts.model.metadata["training"]["rows"] == one.model.metadata["training"]["rows"]
     for name, pair in one.model.metadata["training"]["ranges"].items():
         assert parts.model.metadata["training"]["ranges"][name] == pytest.approx(pair)
 
@@ -108,7 +108,7 @@ def test_gaps_and_missing_samples_are_cut_as_in_memory() -> None:
     for mine, other in zip(found.records, one.records, strict=True):
         assert mine.free_run.esr == pytest.approx(other.free_run.esr, rel=1e-9)
     assert found.overall.free_run.esr == pytest.approx(one.overall.free_run.esr, rel=1e-9)
-    assert found.label == "partly training"
+    assert found.label == one.label == "training"
 
 
 def test_a_run_that_diverges_says_where() -> None:

@@ -1,5 +1,7 @@
 """What test benches write around and into their tables: preambles, rows of units, dates, other names of time."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -369,3 +371,45 @@ def test_what_thousands_separators_leave_open_stays_as_it_was(tmp_path):
     record, = lpv.read(path)
     assert record["force"].tolist()[:2] == [1.024, 2.048]
     assert "'1.02.4' in row 3" in str(record.channel("force").fault)
+
+
+@pytest.mark.parametrize("header", [
+    "Time / s,Displacement / mm,Force / kN",  # ISO 80000-1
+    "Time [Sec],Displacement [Millimeter],Force [Kilonewton]",
+    "# time [s],displacement [mm],force [kN]",  # numpy.savetxt
+    "# rig 3\n# time [s],displacement [mm],force [kN]",
+    "% time [s],displacement [mm],force [kN]",  # MATLAB
+])
+def test_headers_of_other_programs(tmp_path, header) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(header + "\n" + "\n".join(f"{0.01 * k:g},{k % 7},{k % 5}" for k in range(50)) + "\n")
+    for record in (lpv.read(path)[0], *read_chunks(path)):
+        names = list(record.channels)
+        assert [n.casefold() for n in names] == ["displacement", "force"]
+        assert [record.unit(n) for n in names] == ["m", "N"]
+        assert record[names[0]][3] == pytest.approx(0.003) and record[names[1]][3] == pytest.approx(3000)
+
+
+def test_a_comment_that_is_no_header_stays_one(tmp_path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("# made today, by me\n0,1\n1,2\n")
+    with pytest.raises(InputError, match="line 2 holds numbers only"):
+        lpv.read(path)
+
+
+def test_an_error_value_of_a_spreadsheet_is_no_comment(tmp_path) -> None:
+    """Its row was lost in silence."""
+    path = tmp_path / "run.csv"
+    path.write_text("force [N],time [s]\n1,0\n#DIV/0!,1\n3,2\n")
+    record, = lpv.read(path)
+    assert record.n_samples == 3 and "#DIV/0!" in str(record.channels["force"].fault)
+
+
+@pytest.mark.parametrize(("header", "mend"), [
+    ("time_ms,force", "--role 'time=time_ms [ms]'"), ("Zeit,force", "--role time=Zeit"),
+    ("a.time,a.force", "--role time=a.time"), ("CH1,force", "--role time=COLUMN")])
+def test_the_column_that_may_be_the_clock_is_proposed(tmp_path, header, mend) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(header + "\n0,1\n2,2\n4,1\n")
+    with pytest.raises(InputError, match=re.escape(mend)):
+        lpv.read(path)

@@ -286,3 +286,18 @@ def test_auto_offers_no_filter_where_the_scheduling_rests():
     for records, offered in (([moving], True), ([resting], False)):
         found = _automatic_candidates(records, "velocity", "force", "current")
         assert any(c.schedule_filter is not None for c in found) is offered
+
+
+def test_a_collapsed_knee_is_named_beside_a_finite_condition_number() -> None:
+    """Dry friction: the free run does not depend on a knee within which no sample lies; J has columns of zero."""
+    rng = np.random.default_rng(0)
+    t = np.arange(1500) / 500
+    v, current = 0.1 * np.sin(9 * t) + 0.05 * np.sin(31 * t + 1), 0.6 + 0.5 * np.sign(np.sin(2.1 * t))
+    force = 300 * (1 + current) * np.sign(v) + 800 * v + rng.normal(0, 5, t.size)
+    record = Record({"velocity": v, "current": current, "force": force}, sample_time=1 / 500,
+                        units={"velocity": "m/s", "current": "A", "force": "N"})
+    found = identify(record, OutputError(na=1, nb=1, nk=0, input="velocity", output="force", stage="tanh",
+                                                 basis=Polynomial("current", degree=1)))
+    assert np.isfinite(found.condition) and " inf" not in repr(found)
+    assert any(n.startswith("not identifiable: v0, slope") for n in found.notes)
+    assert any("acts as sign(velocity)" in n for n in found.notes)

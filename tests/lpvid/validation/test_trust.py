@@ -72,7 +72,7 @@ def test_identification_states_it_in_its_first_line():
 
 def test_validation_of_a_handful_of_samples_states_it():
     model = lpv.identify(linear(400), lpv.ARX(na=1, nb=1, nk=1, input="u", output="y")).model
-    few = lpv.validate(model, linear(400, 5).slice(40, 45))
+    few = lpv.validate(model, linear(400, 5).slice(40, 45), label="held-out")
     assert few.doubt is not None
     assert repr(few).startswith("Validation (held-out; fit cannot be trusted: 4 samples are worth")
     assert few.to_dict()["independent_samples"] == few.independent_samples

@@ -308,7 +308,8 @@ def test_data_that_the_model_has_seen_are_never_called_held_out() -> None:
     whole = lpv.Record({"u": u, "y": y}, sample_time=0.01, name="whole")
     found = lpv.identify(whole.slice(0, 600), lpv.ARX(na=1, nb=1, input="u", output="y"))
     assert lpv.validate(found.model, whole.slice(600, 900)).label == "held-out"
-    assert lpv.validate(found.model, whole).label == "training"
+    assert lpv.validate(found.model, whole.slice(0, 600)).label == "training"
+    assert lpv.validate(found.model, whole).label == "partly training"
     both = lpv.validate(found.model, [whole, whole.slice(600, 900)])
     assert both.label == "partly training"
     assert any("not held-out" in note for note in both.notes)
@@ -442,5 +443,6 @@ def test_a_record_of_unsteady_stamps_is_recognised_by_a_model_of_its_first_part(
     u = np.sin(5 * t) + 0.4 * np.sin(17 * t + 1)
     whole = lpv.Record({"u": u, "y": 3 * u + 0.2 * u * np.abs(u) + 0.01 * rng.standard_normal(3000)}, time=t, name="w")
     found = lpv.identify(whole.slice(0, 2000), lpv.ARX(na=1, nb=2, input="u", output="y"), sample_rate=rate)
-    assert lpv.validate(found.model, whole).label == "training"
+    assert lpv.validate(found.model, whole).label == "partly training"
+    assert lpv.validate(found.model, whole.slice(700, 1500)).label == "training"
     assert lpv.validate(found.model, whole.slice(2000, 3000)).label == "held-out"

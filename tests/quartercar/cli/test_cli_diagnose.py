@@ -17,6 +17,7 @@ import quartercar as qc
 from lpvid.cli.app import app
 from lpvid.diagnosis.effect import by_name
 from lpvid.diagnosis.lpv_extension import measured_extension
+from lpvid.errors import InputError
 from quartercar.experiments import PLANS, plan_for
 from quartercar.rig import (
     EXPERIMENTS,
@@ -291,3 +292,15 @@ def test_every_plan_can_be_run_and_is_for_a_cause_of_the_catalogue():
     short = replace(plan, experiments=tuple(replace(e, duration=1.0) for e in plan.experiments))
     assert all(np.isfinite(r["force"]).all() for r in run_plan(short))
     assert set(PLANS) - known <= {"input-nonlinearity"}
+
+
+@pytest.mark.parametrize("rows", [3, 300])
+def test_text_in_the_velocity_is_named(tmp_path, rows) -> None:
+    """It was a missing velocity, or a record too short: the text was nowhere."""
+    t = np.arange(rows) / 200
+    lines = [f"{x:.4f},{0.01 * np.sin(9 * x):.6f},{0.09 * np.cos(9 * x) if k != 1 else 'abc'},{90 * np.cos(9 * x):.4f}"
+             for k, x in enumerate(t)]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(["time [s],displacement [m],velocity [m/s],force [N]", *lines]) + "\n")
+    with pytest.raises(InputError, match="'velocity' is not all numbers: got text 'abc' in row 2"):
+        lpv.diagnose(lpv.read(path), "linear")

@@ -288,3 +288,10 @@ def test_a_record_that_the_held_out_share_makes_too_short_names_that_share(tmp_p
     line = run(measured(tmp_path / "short.csv", n=60), "--models", "linear", code=2).stderr
     assert "got 40 samples in the longest; 50 are needed; --hold-out last-third leaves 40 of 60 samples" in line
     assert "Mend: hold out a smaller share, or a longer record" in line
+
+
+def test_text_is_named_where_the_record_is_too_short_to_be_cut(tmp_path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("time [s],velocity [m/s],force [N]\n0,0.1,abc\n")
+    found = CliRunner().invoke(app, ["fit", str(path)])
+    assert found.exit_code == 2 and "'force' is not all numbers: got text 'abc' in row 1" in found.stderr

@@ -15,6 +15,7 @@ from lpvid.caveat import Caveat
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import in_processes
+from lpvid.validation import validate
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
 from quartercar.dampers.evaluation import comparison as module
 from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
@@ -520,3 +521,17 @@ def test_columns_of_the_ranking_stand_apart():
                             units={"velocity": "m/s", "force": "N"})], ["linear"])
     row = next(line for line in str(found).splitlines() if line.startswith(" 1 linear"))
     assert re.search(r"\s[\d.e-]+\s+[\d.]+\s+[\d.]+\s+[\d.]+\s+[\d.e-]+ %\s", row), row
+
+
+def test_a_part_of_a_decimated_file_is_known_as_training_data() -> None:
+    """The fit sees 500 Hz, and stretches of it: the rows of the file at 2 kHz are what a part of it has in common."""
+    rng = np.random.default_rng(5)
+    t = np.arange(12_000) / 2000
+    x = 0.01 * np.sin(12 * t) + 0.004 * np.sin(31 * t)
+    v = np.gradient(x, 1 / 2000)
+    run = Record({"displacement": x, "velocity": v, "force": 1500 * v + 900 * x + rng.normal(0, 5, t.size)},
+                     sample_time=1 / 2000, name="run", units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    damper = compare([run], ["linear"]).rows[0].damper
+    assert validate(damper, run.slice(1001, 3000)).label == "training"
+    assert validate(damper, run.slice(8000, 12_000)).label == "held-out"
+    assert validate(damper, run.slice(6000, 10_000)).label == "partly training"
