@@ -125,12 +125,13 @@ def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None) -> Rech
 def recheck_polytope(problem: LyapunovInequality, vertices: np.ndarray, *, budget: int | None = None) -> Recheck:
     """Check P ≻ 0 and F ≻ 0 on a polytope, for every corner of the rates of the storage function's box.
 
-    In discrete time a step of at most the rate bounds, from anywhere in the polytope, to outside of it too.
+    In discrete time for a step of at most the rate bounds, from anywhere in the polytope, to outside of it too; where
+    one of these is missing, for every step within the polytope.
 
     Parameters
     ----------
     problem : LyapunovInequality
-        A storage function with rate bounds wherever it moves, its box around the polytope.
+        A storage function whose box is around the polytope; in continuous time with rate bounds wherever it moves.
     vertices : (V, readings) array
         Over the variables of that box.
     budget : int, optional
@@ -145,9 +146,10 @@ def recheck_polytope(problem: LyapunovInequality, vertices: np.ndarray, *, budge
     why = decidable(system, storage.basis)
     if why:
         return Recheck(False, False, math.nan, why)
-    if any(storage.box.rate[i] is None for i in storage.moving):
+    if storage.unbounded:
         return Recheck(False, False, -math.inf, "P depends on a variable whose rate has no bound")
-    if system.sample_time is not None:
+    jumps = any(storage.box.rate[i] is None for i in storage.moving)
+    if system.sample_time is not None and not jumps:
         storage = replace(storage, box=stepped_box(storage))
         problem = replace(problem, storage=storage)  # type: ignore[type-var]
     root = root_of(storage)
@@ -168,9 +170,14 @@ def recheck_polytope(problem: LyapunovInequality, vertices: np.ndarray, *, budge
         if not found.holds:
             return Recheck(False, False, found.bound, "P(p) is not shown to be positive definite on the polytope")
         margin = math.inf if not storage.readings else found.bound
-    corners = itertools.product(*([0.0, 1.0] if i in storage.moving else [0.5] for i in range(vertices.shape[1])))
-    for move in corners:
-        found = _on_simplices(lambda p, move=move: problem.evaluate(p, np.array([move]), scale), parts,
+    still = np.full((1, vertices.shape[1]), 0.5)
+    if jumps:
+        ahead = [(still, v[None]) for v in vertices]
+    else:
+        sides = [[0.0, 1.0] if i in storage.moving else [0.5] for i in range(vertices.shape[1])]
+        ahead = [(np.array([move]), None) for move in itertools.product(*sides)]
+    for move, landing in ahead:
+        found = _on_simplices(lambda p, m=move, v=landing: problem.evaluate(p, m, scale, v), parts,
                               own + problem.power * degree, share)
         if not found.holds:
             what = "fails somewhere in" if found.holds is False else "is not decided on"

@@ -15,7 +15,7 @@ from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes
 from lpvid.synthesis.controller_formula import ControllerFormula, FeedbackLaw, Variations
-from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
+from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, polynomial, smooth, table
 from lpvid.synthesis.design_grid import distinct, tensor
 from lpvid.synthesis.fast_states import FAST, fastest_pole, without_fast_states
 from lpvid.synthesis.generalized_plant import PlantMatrices
@@ -55,6 +55,9 @@ HALVED = 12
 LOST = 1e-2
 """share above the bound of the two blocks up to which another storage function may stand in for them: `hull_gain`
 raises a solver's level by so much at most"""
+MOST_DEGREE = {1: 8, 2: 5}
+"""Highest degree of a controller on a polytope, by the number of variables; 3 for more. A loop of degree 6 in two takes
+64 Bernstein coefficients for each simplex and corner of the rates."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
 """Of the splines in each variable with which a controller is written down, by the number of variables."""
 
@@ -95,7 +98,11 @@ class FeedbackProblem:
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) design points."""
-        return np.vstack([tensor(self.axes) if self.polytope is None else self.polytope.vertices, self.extra])
+        if self.polytope is None:
+            return np.vstack([tensor(self.axes), self.extra])
+        if self.corners:
+            return np.vstack([self.polytope.vertices, self.extra])
+        return np.vstack([self.polytope.within(tensor(self.axes)), self.extra])
 
     @property
     def looked(self) -> np.ndarray:
@@ -127,6 +134,9 @@ class FeedbackProblem:
         -------
         (N, n_scheduling) array
         """
+        if self.polytope is not None:
+            around = self.polytope.hull.enclosing(self.plant.plant.box)
+            return self.polytope.within(dense(around, cells, self.linear))
         return dense(self.plant.plant.box, cells, self.linear)
 
     @property
@@ -144,7 +154,8 @@ class FeedbackProblem:
         if not self.plant.plant.box.half_width.any():
             return ""
         if self.polytope is not None:
-            return ", or design for a smaller hull"
+            rates = ", or give rate bounds and a Lyapunov basis (lyapunov=)" if self.variations.basis is None else ""
+            return f"{rates}, or design for a smaller hull"
         if self.variations.basis is None:
             return ", or give rate bounds and a Lyapunov basis (lyapunov=)"
         return ", or a richer Lyapunov basis (a higher degree, more of the variables), or lower rate bounds"
@@ -472,6 +483,11 @@ def _certificate(problem: FeedbackProblem, formula: FeedbackLaw, loop: LPVStateS
     """Of the scheduling set: the formula's own storage function, or for a polytope another that keeps as much."""
     if problem.polytope is None:
         return certificate_of(formula, loop, bound)
+    if not problem.corners:
+        basis = formula.variations.basis
+        assert basis is not None
+        return problem.polytope.moving_proof(loop, lambda p: formula.storage(p).blocks(), basis, bound,
+                                             states=formula.storage(problem.points[:1]).mix)
     own = problem.polytope.proof(loop, formula.storage(problem.points[:1]).matrices()[0], bound)
     if own is not None:
         return own
@@ -503,6 +519,8 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
           ) -> tuple[LPVStateSpace, float] | None:
     """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
     target = target or formula.gamma * (1 + SLACK)
+    if problem.polytope is not None and not problem.corners:
+        return _polynomial(problem, problem.polytope, formula, target)
     if problem.corners:
         controller = (table(formula, problem.axes, True) if problem.polytope is None
                       else affine_controller(formula, problem.polytope))
@@ -519,6 +537,20 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
         if bound <= target:
             return controller, bound
     return _adapted(problem, formula, target) if len(problem.free) == 1 else None
+
+
+def _polynomial(problem: FeedbackProblem, polytope: Polytope, formula: FeedbackLaw, target: float
+                ) -> tuple[LPVStateSpace, float] | None:
+    """The polynomial controller of least degree whose loop keeps the bound at points of a polytope."""
+    points = np.vstack([problem.points, problem.dense(4 * problem.segments[0])])
+    if not bounds_at(formula, points).max() <= target:
+        return None
+    for degree in range(1, MOST_DEGREE.get(len(polytope.box.names), 3) + 1):
+        controller = polynomial(formula, degree, points)
+        bound = float(bounds_at(formula, points, controller).max())
+        if bound <= target:
+            return controller, bound
+    return None
 
 
 def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> tuple[LPVStateSpace, float] | None:

@@ -142,7 +142,7 @@ class _StateFeedbackProblem(GainProblem):
 
     @property
     def storage(self) -> Basis | None:
-        return storage_for(self.lyapunov)
+        return storage_for(self.lyapunov) if self.polytope is None else self.lyapunov
 
     def storage_of(self, shaped: Shaped) -> Values | None:
         if not self.plant.box.names:  # the analysis of a time-invariant loop needs no search
@@ -183,7 +183,8 @@ class _StateFeedbackProblem(GainProblem):
                 force = np.tensordot(columns(box, self.gain, points), gain, axes=1)
                 return c.controls[:, None] * (force @ np.linalg.inv(here) @ back)
 
-            basis, k = fitted(law, box, self.axes, self.lyapunov)
+            basis, k = (fitted(law, box, self.axes, self.lyapunov) if self.polytope is None
+                        else self.polytope.fitted(law))
         else:
             basis, k = self.gain, c.controls[:, None] * (gain @ np.linalg.inv(inner[0]) @ back)
         return written(plant, k, 0, basis)
