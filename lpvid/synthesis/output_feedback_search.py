@@ -55,9 +55,9 @@ HALVED = 12
 LOST = 1e-2
 """share above the bound of the two blocks up to which another storage function may stand in for them: `hull_gain`
 raises a solver's level by so much at most"""
-MOST_DEGREE = {1: 8, 2: 5}
-"""Highest degree of a controller on a polytope, by the number of variables; 3 for more. A loop of degree 6 in two takes
-64 Bernstein coefficients for each simplex and corner of the rates."""
+MOST_DEGREE = {1: 10, 2: 8}
+"""Highest degree of a controller on a polytope, by the number of variables; 3 for more. A loop of degree 9 in two takes
+100 Bernstein coefficients for each simplex and corner of the rates."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
 """Of the splines in each variable with which a controller is written down, by the number of variables."""
 
@@ -256,7 +256,8 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
     moderated = Moderated(projected, best, problem.solvers[:1])
     rapid: Synthesis | None = None  # verified, with states that no sampled target can run
     shares = [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]
-    for share in dict.fromkeys(max(s, 0.0) for s in shares):
+    shares = list(dict.fromkeys(max(s, 0.0) for s in shares))
+    for share, later in itertools.zip_longest(shares, shares[1:]):
         if rapid is not None and (share > SOLVED or stopped()):
             break
         gamma = target * (1 + share)
@@ -264,11 +265,13 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             missed = _missed(problem, formula) if rapid is None else problem.extra[:0]
             if len(missed):
                 return missed, best
+            # a polynomial that misses this bound may keep that of the next step, by a formula with less room
+            most = None if problem.corners or problem.polytope is None or later is None else target * (1 + later)
             try:
-                found = _written(problem, formula)
+                found = _written(problem, formula, most)
             except KeyboardInterrupt as error:  # what there is must be verified before it is returned
                 stop_at(error)
-                found = _written(problem, formula)
+                found = _written(problem, formula, most)
             if found is None:
                 continue
             found = _slower(problem, formula, found, wanted, 1 + (back_off if rapid is None else share))
@@ -539,18 +542,22 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
     return _adapted(problem, formula, target) if len(problem.free) == 1 else None
 
 
-def _polynomial(problem: FeedbackProblem, polytope: Polytope, formula: FeedbackLaw, target: float
+def _polynomial(problem: FeedbackProblem, polytope: Polytope, formula: FeedbackLaw, most: float
                 ) -> tuple[LPVStateSpace, float] | None:
-    """The polynomial controller of least degree whose loop keeps the bound at points of a polytope."""
+    """The polynomial controller of least degree whose loop keeps the formula's bound at points of a polytope; else the
+    one of the lowest bound, up to a given one."""
     points = np.vstack([problem.points, problem.dense(4 * problem.segments[0])])
-    if not bounds_at(formula, points).max() <= target:
+    if not bounds_at(formula, points).max() <= formula.gamma * (1 + SLACK):
         return None
+    best: tuple[LPVStateSpace, float] | None = None
     for degree in range(1, MOST_DEGREE.get(len(polytope.box.names), 3) + 1):
         controller = polynomial(formula, degree, points)
         bound = float(bounds_at(formula, points, controller).max())
-        if bound <= target:
-            return controller, bound
-    return None
+        if bound <= min(most, np.inf if best is None else best[1]):
+            best = controller, bound
+        if bound <= formula.gamma * (1 + SLACK):
+            break
+    return best
 
 
 def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> tuple[LPVStateSpace, float] | None:
