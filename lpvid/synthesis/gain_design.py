@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.polytope_positivity import lattice
 from lpvid.model.hull import Hull
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
@@ -26,15 +25,13 @@ from lpvid.synthesis.design_grid import (
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_check import LoopStorage
-from lpvid.synthesis.polytope import Polytope, affine_in, check_hull
+from lpvid.synthesis.polytope import MOVING, Polytope, affine_in, check_hull
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed
+from lpvid.synthesis.shaped_design import KEPT, ShapedProblem, check_criteria, listed
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import Shaped, SignalCoordinates
 
 P = TypeVar("P", bound="GainProblem")
-PARTS = {1: 6, 2: 3}
-"""of every edge of a polytope's simplices by the points of a design whose matrix moves; 2 for more variables"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,8 @@ class GainProblem(ShapedProblem):
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) where the inequalities stand."""
-        return tensor(self.axes) if self.polytope is None else _points(self.polytope, self.lyapunov, self.plant)
+        return tensor(self.axes) if self.polytope is None else _points(
+            self.polytope, self.lyapunov, self.plant, max(map(len, self.axes)))
 
     @property
     def slack(self) -> Basis:
@@ -183,6 +181,11 @@ class GainDesign(ABC):
             With its verdict.
         """
 
+    @property
+    def kept(self) -> float:
+        """Factor up to which a verified figure may be above the promise: more where the gain is fitted on a hull."""
+        return KEPT if self.hull is None or self.lyapunov is None else 1 + MOVING[-1]
+
     def problem(self, kind: type[P], plant: GeneralizedPlant, beside: Sequence[str], polytope: Polytope | None = None,
                 **more: Any) -> P:
         """The inequalities of this design for a plant.
@@ -226,7 +229,7 @@ class GainDesign(ABC):
         if gain is None:
             free = polytope is None or plant.sample_time is None
             gain = richer(plant, lyapunov, axes) if lyapunov.names and free else plant.system.basis
-        points = tensor(axes) if polytope is None else _points(polytope, lyapunov, plant)
+        points = tensor(axes) if polytope is None else _points(polytope, lyapunov, plant, self.points)
         check_criteria(plant, criteria, regions, points)
         raw = plant.at(points)
         coordinates = SignalCoordinates.of(raw, plant.sample_time is not None)
@@ -234,7 +237,7 @@ class GainDesign(ABC):
                     polytope=polytope, **more)
 
 
-def _points(polytope: Polytope, lyapunov: Basis, plant: GeneralizedPlant) -> np.ndarray:
+def _points(polytope: Polytope, lyapunov: Basis, plant: GeneralizedPlant, count: int) -> np.ndarray:
     """Where the inequalities of a gain stand: the vertices where these decide; else points between them too."""
     still = not lyapunov.names or plant.sample_time is not None
-    return polytope.vertices if still else lattice(polytope.vertices, PARTS.get(len(plant.box.names), 2))
+    return polytope.vertices if still else polytope.spread(count)

@@ -81,7 +81,7 @@ class Observer(GainDesign):
         points = problem.points
         at = plant.at(points)
         reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
-        return settle(problem, fault_of(plant, reached, points))
+        return settle(problem, fault_of(plant, reached, points), kept=self.kept)
 
     def _polytope(self, plant: GeneralizedPlant) -> Polytope | None:
         """The hull for a plant in which the error of the observer is affine."""

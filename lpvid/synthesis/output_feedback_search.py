@@ -24,7 +24,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
-from lpvid.synthesis.polytope import Polytope, affine_controller
+from lpvid.synthesis.polytope import MOST_DEGREE, Polytope, affine_controller
 from lpvid.synthesis.progress import remember, stage, stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, conditioned, least_bound, roomy
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
@@ -55,9 +55,6 @@ HALVED = 12
 LOST = 1e-2
 """share above the bound of the two blocks up to which another storage function may stand in for them: `hull_gain`
 raises a solver's level by so much at most"""
-MOST_DEGREE = {1: 10, 2: 8}
-"""Highest degree of a controller on a polytope, by the number of variables; 3 for more. A loop of degree 9 in two takes
-100 Bernstein coefficients for each simplex and corner of the rates."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
 """Of the splines in each variable with which a controller is written down, by the number of variables."""
 
@@ -102,7 +99,7 @@ class FeedbackProblem:
             return np.vstack([tensor(self.axes), self.extra])
         if self.corners:
             return np.vstack([self.polytope.vertices, self.extra])
-        return np.vstack([self.polytope.within(tensor(self.axes)), self.extra])
+        return np.vstack([self.polytope.spread(max(map(len, self.axes))), self.extra])
 
     @property
     def looked(self) -> np.ndarray:
@@ -135,8 +132,7 @@ class FeedbackProblem:
         (N, n_scheduling) array
         """
         if self.polytope is not None:
-            around = self.polytope.hull.enclosing(self.plant.plant.box)
-            return self.polytope.within(dense(around, cells, self.linear))
+            return self.polytope.spread(cells)
         return dense(self.plant.plant.box, cells, self.linear)
 
     @property

@@ -18,11 +18,11 @@ from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.hull_certificate import hull_gain
 from lpvid.analysis.hull_stability import region_on
 from lpvid.errors import InputError
-from lpvid.lmi.certificate import diagonal
+from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at
-from lpvid.lmi.polytope_positivity import lattice
+from lpvid.lmi.polytope_positivity import lattice, simplices
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.hull import GRID, KEY, Hull
@@ -30,7 +30,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.controller_formula import FeedbackLaw
 from lpvid.synthesis.criteria import Region
-from lpvid.synthesis.design_grid import HIGHEST, MISFIT, columns, is_affine, varies
+from lpvid.synthesis.design_grid import MISFIT, columns, is_affine, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.plant_functions import named
@@ -42,8 +42,11 @@ ROUNDING = 1e-12
 SHARES = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3)
 """by which the certified bound may lie above the one that the storage function keeps in two blocks: rounding of one
 matrix of both"""
-MOVING = (1e-6, 1e-4, 5e-4, 2e-3, 5e-3)
-"""the same for one that moves, whose controller is fitted between the points of the design"""
+MOVING = (1e-6, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 3.5e-2, 5e-2)
+"""the same for one that moves, whose controller is fitted between the points of the design (`moving_feedback.ABOVE`)"""
+MOST_DEGREE = {1: 10, 2: 8}
+"""Highest degree of a controller on a polytope, by the number of variables; 3 for more. A loop of degree 9 in two takes
+100 Bernstein coefficients for each simplex and corner of the rates."""
 EXACT = 1e-8
 """share of the largest entry by which a storage function may miss a sum over its functions: the rounding of inverses of
 a condition up to 1e7"""
@@ -215,6 +218,21 @@ class Polytope:
         inside = self.hull.contains(points[:, [self.box.names.index(n) for n in self.hull.names]])
         return np.unique(np.vstack([self.vertices, points[inside]]), axis=0)
 
+    def spread(self, count: int) -> np.ndarray:
+        """About as many points as a grid of so many along each variable has: a lattice on the simplices, its edges too.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        (N, n_scheduling) array
+            With the vertices among them.
+        """
+        parts = len(simplices(self.vertices)) ** (1 / len(self.box.names))
+        return lattice(self.vertices, max(1, round(count / parts)))
+
     @property
     def looked(self) -> np.ndarray:
         """(N, n_scheduling) points at which frozen loops are looked at."""
@@ -370,12 +388,23 @@ class Polytope:
             if np.abs(np.tensordot(phi, matrices, axes=1) - wanted).max() > EXACT * np.abs(wanted).max():
                 continue
             storage = Storage(matrices, lyapunov, box, loop.sample_time)
-            for share in shares:
-                found = recheck_gain(system, storage, bound * (1 + share), states=states, inverse=inverse,
-                                     vertices=corners)
+
+            def checked(gamma: float, storage: Storage = storage, inverse: bool = inverse) -> Recheck:
+                return recheck_gain(system, storage, gamma, states=states, inverse=inverse, vertices=corners)
+
+            proven, low = None, 0
+            high = len(shares)
+            while low < high:  # what holds for a gain holds for any larger one
+                middle = high - 1 if proven is None else (low + high) // 2
+                found = checked(bound * (1 + shares[middle]))
                 if found.holds:
-                    return GainCertificate.of(system, storage, bound * (1 + share), found, states=states,
-                                              inverse=inverse, vertices=corners)
+                    proven, high = (bound * (1 + shares[middle]), found), middle
+                elif proven is None:
+                    break
+                else:
+                    low = middle + 1
+            if proven is not None:
+                return GainCertificate.of(system, storage, *proven, states=states, inverse=inverse, vertices=corners)
         return None
 
     def fitted(self, values: Callable[[np.ndarray], np.ndarray]) -> tuple[Basis, np.ndarray]:
@@ -393,8 +422,8 @@ class Polytope:
         (M, …) array
             Coefficients over it.
         """
-        highest = HIGHEST.get(len(self.box.names), 2)
-        points = lattice(self.vertices, highest + 1)
+        highest = MOST_DEGREE.get(len(self.box.names), 3)
+        points = self.spread(2 * highest)
         table = values(points)
         flat = table.reshape(len(points), -1)
         sizes = np.abs(flat).max(axis=0, initial=0.0)

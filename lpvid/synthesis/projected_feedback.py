@@ -136,7 +136,7 @@ class FeedbackGrid:
         """(N, n_scheduling) all combinations, or the vertices, with combinations inside where they do not suffice."""
         if self.polytope is None:
             return tensor(self.axes)
-        return self.polytope.vertices if self.corners else self.polytope.within(tensor(self.axes))
+        return self.polytope.vertices if self.corners else self.polytope.spread(max(map(len, self.axes)))
 
 
 def remarked(found: Synthesis, grid: FeedbackGrid, notes: tuple[str, ...], started: float) -> Synthesis:

@@ -90,7 +90,7 @@ class StateFeedback(GainDesign):
         reading = state_reading(plant)
         polytope = None if self.hull is None else Polytope.full_order(self.hull, plant)
         problem = self.problem(_StateFeedbackProblem, plant, ("B2", "D12"), polytope, reading=reading)
-        return settle(problem, fault_of(plant, plant.at(problem.points), problem.points))
+        return settle(problem, fault_of(plant, plant.at(problem.points), problem.points), kept=self.kept)
 
 
 def state_reading(plant: GeneralizedPlant) -> np.ndarray:
