@@ -154,15 +154,17 @@ def _on_hull(system: LPVStateSpace, plant: Driven, hull: Hull, rate: Rate, basis
     affine = basis is None and plant.affine
     found = [hull_gain(system, hull)] if affine else []
     readings = box_of(plant.readings, box)
-    if readings.names and (not affine or any(r is not None for r in readings.rate)):
+    corners = hull.over(readings.names).vertices() if readings.names else np.zeros((0, 0))
+    size = plant.order + len(plant.inputs) + len(plant.outputs)
+    if (readings.names and (not affine or any(r is not None for r in readings.rate))
+            and len(corners) * 2 ** len(readings.names) * size**2 <= MOST_ENTRIES):
         own = None if basis is None else usable(basis, readings, system.is_discrete)
-        moving = GainBounds(plant, readings, own, norms[most][0], hull.over(readings.names).vertices())
+        moving = GainBounds(plant, readings, own, norms[most][0], corners)
         found += [_judged(plant, frozen, moving.certify(readings.rate), 0.0)]
     # the box around it, for what polytopes do not decide: P of a higher degree in discrete time, and no polynomials
     if not any(g.certificate is not None for g in found) or (system.is_discrete and basis is None):
         found.append(l2_gain(system, rate, basis, range=box.limits, trajectories=False))
-    entries = len(hull.vertices()) ** 2 * (plant.order + len(plant.inputs) + len(plant.outputs)) ** 2
-    if system.is_discrete and affine and entries <= MOST_ENTRIES:
+    if system.is_discrete and affine and len(hull.vertices()) ** 2 * size**2 <= MOST_ENTRIES:
         found.append(hull_gain(system, hull, moving=True))
     best = min(found, key=lambda gain: (not gain.between_grid, gain.upper))
     if best.certificate is None:
