@@ -61,8 +61,9 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     A model with a scheduling filter is tried on any motion of the filter's output first, then on what the filter
     lets through, for its lag bounds the rate whatever the command does; the filter's own state decays and never leaves
     the range. A controller or closed loop that was designed for a hull is examined on that polytope: one P at its
-    vertices, then P(p) at the rates, else P(p) on the box around it. Without a certificate, an admissible trajectory along which the model
-    grows is searched for; that is sufficient for instability, and the lack of both leaves the question open.
+    vertices, then P(p) at the rates, else P(p) on the box around it. Without a certificate, an admissible trajectory
+    along which the model grows is searched for; that is sufficient for instability, and the lack of both leaves the
+    question open.
 
     Parameters
     ----------

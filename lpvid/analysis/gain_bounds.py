@@ -15,7 +15,7 @@ from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
-from lpvid.lmi.polytope_positivity import decidable
+from lpvid.lmi.polytope_positivity import CUBES, decidable
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import ROUGHLY, StorageProposal, StorageSearch
 from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
@@ -123,10 +123,12 @@ class GainBounds:
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
         """The best over several samplings: a bound far above the solver's own is one that failed between its points."""
         best: GainCertificate | None = None
-        for density in DENSITIES if self.vertices is None else DENSITIES[:1]:
+        tried = 0
+        for density in DENSITIES:
             search = self._search(basis, box, density)
-            if not search.affordable:
+            if not search.affordable or search.effort == tried:  # a lattice as fine as is affordable is no finer
                 return best
+            tried = search.effort if self.vertices is not None else 0
             seen = False
             for storage, gamma, outcome, solver, level in self._attempts(search, box):
                 seen = True
@@ -169,7 +171,8 @@ class GainBounds:
         storage = Storage(proposal.matrices, search.basis, box, self.system.sample_time)
         for share in shares:
             gamma = max(proposal.level * (1 + share), 1e-12) * self.frame.gain
-            outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT, vertices=self.vertices)
+            outcome = recheck_gain(self.system, storage, gamma, vertices=self.vertices,
+                                   budget=ATTEMPT if self.vertices is None else CUBES * ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
 

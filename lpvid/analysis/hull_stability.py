@@ -1,8 +1,8 @@
-"""Stability and pole regions on a polytope of scheduling values: one Lyapunov matrix that serves at the vertices, or one
-that moves with the scheduling, no faster than its rates.
+"""Stability and pole regions on a polytope of scheduling values: one Lyapunov matrix that serves at the vertices.
 
 For A(p) affine in p and one P the decrease He(PA) + 2αP ≺ 0 is affine in p, and AᵀPA ≺ exp(−2αT) P, convex in A, too
 holds on a polytope where it holds at the vertices (Boyd, El Ghaoui, Feron & Balakrishnan 1994, section 5.1).
+A P(p) that moves no faster than rate bounds is decided between the vertices (`lpvid.lmi.polytope_positivity`).
 """
 
 from __future__ import annotations
@@ -185,7 +185,8 @@ def moving_certificate_on(model: Model, hull: Hull, scheduling: Scheduling) -> S
 
     system = autonomous(model)
     names, degree = tuple(r.label for r in system.readings), total_degree(system)
-    bounded = tuple(n for n in names if n in scheduling.names and scheduling.rate[scheduling.names.index(n)] is not None)
+    limits = dict(zip(scheduling.names, scheduling.rate, strict=True))
+    bounded = tuple(n for n in names if limits.get(n) is not None)
     if not bounded or degree is None or not system.order:
         return None
     vertices, box = hull.over(names).vertices(), box_of(system.readings, hull.enclosing(scheduling))

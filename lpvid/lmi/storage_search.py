@@ -23,7 +23,7 @@ from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
-from lpvid.lmi.polytope_positivity import lattice, stepped_box
+from lpvid.lmi.polytope_positivity import lattice, simplices, stepped_box
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage, symmetric_units
 from lpvid.scheduling import Basis, Scheduling
@@ -240,10 +240,12 @@ class StorageSearch:
             return sample(self.system, storage, self.density, power)
         moves = tensor([np.array([0.0, 1.0]) if i in storage.moving else np.array([0.5])
                         for i in range(self.vertices.shape[1])])
-        orders = range(round(2 * self.density), 0, -1)
-        most = max(MOST_INEQUALITIES // len(moves), len(self.vertices))
-        points = next((p for k in orders if len(p := lattice(self.vertices, k)) <= most), lattice(self.vertices, 1))
-        return points, moves
+        most, n = max(MOST_INEQUALITIES // len(moves), len(self.vertices)), self.vertices.shape[1]
+        degree = (self.basis.degree or 0) + (power or 1) * max((r.degree for r in self.system.readings), default=0)
+        wanted = round(self.density * (3 * degree + 2))  # as many along an edge as along a side of a box
+        order = max(1, min(wanted, int((most * math.factorial(n) / len(simplices(self.vertices))) ** (1 / n))))
+        points = next((p for k in range(order, 1, -1) if len(p := lattice(self.vertices, k)) <= most), None)
+        return lattice(self.vertices, 1) if points is None else points, moves
 
     def _rates(self, box: Scheduling) -> dict[str, float]:
         """Rates of the scheduling in the frame's unit of time."""
