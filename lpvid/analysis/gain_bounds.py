@@ -123,12 +123,12 @@ class GainBounds:
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
         """The best over several samplings: a bound far above the solver's own is one that failed between its points."""
         best: GainCertificate | None = None
-        tried = 0
+        tried: int | None = None
         for density in DENSITIES:
             search = self._search(basis, box, density)
             if not search.affordable or search.effort == tried:  # a lattice as fine as is affordable is no finer
                 return best
-            tried = search.effort if self.vertices is not None else 0
+            tried = search.effort if self.vertices is not None else None
             seen = False
             for storage, gamma, outcome, solver, level in self._attempts(search, box):
                 seen = True
