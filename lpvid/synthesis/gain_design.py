@@ -22,6 +22,7 @@ from lpvid.synthesis.design_grid import (
     richer,
     tensor,
     varies,
+    with_breaks,
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_check import LoopStorage
@@ -225,7 +226,7 @@ class GainDesign(ABC):
         corners = plant.at(box.grid(2))
         steady = not any(varies(getattr(corners, name)) for name in beside)
         plain = steady and not lyapunov.names and gain is None and is_affine(plant.system.basis)
-        axes = design_axes(box, self.points, plain)
+        axes = with_breaks(design_axes(box, self.points, plain), box, lyapunov, *(() if gain is None else (gain,)))
         if gain is None:
             free = polytope is None or plant.sample_time is None
             gain = richer(plant, lyapunov, axes) if lyapunov.names and free else plant.system.basis

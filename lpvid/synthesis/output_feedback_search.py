@@ -195,11 +195,12 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
 
 def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
     known: MatrixPair | None = None
+    refused: dict[int, float] = {}
     while True:
-        found = _search(problem, wanted, back_off, known)
+        found = _search(problem, wanted, back_off, known, refused)
         if isinstance(found, Synthesis):
             return remember(found)
-        points, known = found
+        points, known, refused = found
         problem = replace(problem, extra=np.vstack([problem.extra, points]))
 
 
@@ -229,9 +230,10 @@ def kept_near(verified: float, least: float) -> str:
             "bound of any route")
 
 
-def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: MatrixPair | None
-            ) -> Synthesis | tuple[np.ndarray, MatrixPair]:
-    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these."""
+def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: MatrixPair | None,
+            refused: Mapping[int, float]) -> Synthesis | tuple[np.ndarray, MatrixPair, dict[int, float]]:
+    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these and the
+    bounds that noise was found to cost (`Moderated.fewer`)."""
     verdict, why, mend = "", "", ""
     projected = problem.projected
     best = _least(projected, problem.solvers, known)
@@ -249,7 +251,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                          "least that the inequalities admit", infimum=best.gamma, method=problem.method,
                          mend=f"ask for more than {best.gamma:.6g}, or {weights}{problem.richer}")
     target, note = _target(problem, projected, best)
-    moderated = Moderated(projected, best, problem.solvers[:1])
+    moderated = Moderated(projected, best, problem.solvers[:1], refused)
     rapid: Synthesis | None = None  # verified, with states that no sampled target can run
     shares = [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]
     shares = list(dict.fromkeys(max(s, 0.0) for s in shares))
@@ -260,7 +262,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
         for formula in _formulas(problem, projected, best, gamma, moderated):
             missed = _missed(problem, formula) if rapid is None else problem.extra[:0]
             if len(missed):
-                return missed, best
+                return missed, best, moderated.bounds
             # a polynomial that misses this bound may keep that of the next step, by a formula with less room
             most = None if problem.corners or problem.polytope is None or later is None else target * (1 + later)
             try:
