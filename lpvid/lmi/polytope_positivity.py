@@ -52,7 +52,7 @@ def simplices(vertices: np.ndarray) -> np.ndarray:
     >>> len(simplices(square)), len(simplices(square[:3])), simplices(np.array([[1.0], [3.0]])).tolist()
     (4, 1, [[[1.0], [3.0]]])
     """
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull  # here, so that a certificate on a box needs numpy alone
 
     n = vertices.shape[1]
     if n == 1:
@@ -156,7 +156,10 @@ def recheck_polytope(problem: LyapunovInequality, vertices: np.ndarray, *, budge
     if root is None:
         return Recheck(False, False, -math.inf, "P is not positive definite at the centre of the box")
     own, degree = storage.basis.degree or 0, total_degree(system) or 0
-    parts, scale = simplices(vertices), problem.congruence(root)
+    try:
+        parts, scale = simplices(vertices), problem.congruence(root)
+    except (RuntimeError, ValueError):  # the convex hull's QhullError is of the first kind
+        return Recheck(False, False, math.nan, "the polytope has no inside, or is not finite")
     share = (budget or CUBES * budget_for(len(scale))) // len(parts)
 
     def definite(p: np.ndarray) -> tuple[np.ndarray, float]:

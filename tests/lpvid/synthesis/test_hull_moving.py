@@ -9,6 +9,9 @@ from helpers.synthesis_plants import column, plant
 from scipy.linalg import expm
 
 import lpvid as lpv
+from lpvid.analysis.frozen_norms import h_infinity_norm
+from lpvid.model.designed import designed
+from lpvid.model.hull import KEY
 
 NAMES = ("c", "s")
 TRIANGLE = np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]])
@@ -168,6 +171,56 @@ def test_steps_from_vertex_to_vertex_without_rate_bounds(rng):
     assert lpv.verify(found.certificate, found.closed_loop).holds
     if found.certificate.kind == "poly-quadratic":
         assert worst_of_mixtures(found, rng) < 0
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.05])
+def test_an_interval_is_the_box(sample_time):
+    """One variable: the hull of its ends has the least bound of the box, by other programs and another proof."""
+    a = np.array([[[0, 1.0], [-1, -0.4]], [[0, 0], [0.8, 0.3]]])
+    b, c, d = np.zeros((2, 2, 3)), np.zeros((2, 3, 2)), np.zeros((2, 3, 3))
+    b[0], c[0] = [[0, 0, 0], [1, 0, 1]], [[1, 0], [0, 0], [1, 0]]
+    d[0, 1, 2], d[0, 2, 1] = 0.3, 0.1
+    if sample_time is not None:
+        a, b = a * sample_time, b * sample_time
+        a[0] += np.eye(2)
+    box = lpv.Scheduling(("c",), (-1.0,), (1.0,), (0.2,))
+    system = lpv.LPVStateSpace(a, b, c, d, lpv.Polynomial("c", 1), sample_time, box)
+    given = lpv.GeneralizedPlant(system, ["u3"], ["y3"])
+    ends = lpv.Hull.of(("c",), np.array([[-1.0], [1.0]]))
+    on_hull, on_box = (lpv.synthesize(given, lpv.OutputFeedback(hull=hull, lyapunov=lpv.Polynomial("c", 1),
+                                                               varying="controls")) for hull in (ends, None))
+    assert on_hull.infimum == pytest.approx(on_box.infimum, rel=0.02)
+    assert on_hull.gamma_verified <= 1.05 * on_box.gamma_verified
+    assert lpv.verify(on_hull.certificate, on_hull.closed_loop).holds
+
+
+@pytest.mark.seconds
+def test_three_variables(rng):
+    """A tetrahedron: gains of the analysis at rates against dense mixtures, and against one P for jumps."""
+    names, corners = ("p", "q", "r"), np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    a = np.array([[[0, 1.0], [-1, -1.2]], [[0, 0], [0, 0.8]], [[0, 0], [-0.3, 0.35]], [[0, 0], [0.5, 0.1]]])
+    b, c = np.zeros((4, 2, 1)), np.zeros((4, 1, 2))
+    b[0], c[0] = [[0.0], [1.0]], [[1.0, 0.0]]
+    box = lpv.Scheduling(names, (0,) * 3, (1,) * 3, (0.05,) * 3)
+    system = lpv.LPVStateSpace(a, b, c, np.zeros((4, 1, 1)), lpv.Polynomial(names, 1), None, box)
+    hull = lpv.Hull.of(names, corners)
+    loop = designed(system.replace(metadata={KEY: hull.to_dict()}), "closed loop")
+    slow, jumps = lpv.l2_gain(loop), lpv.hull_gain(system, hull)
+    frozen = max(h_infinity_norm(system.frozen(p))[0] for p in rng.dirichlet(np.ones(4), 300) @ corners)
+    assert frozen <= slow.upper < jumps.upper and len(slow.certificate.vertices) == 4
+    assert lpv.verify(slow.certificate, loop).holds
+
+
+def test_a_certificate_without_a_polytope_does_not_hold():
+    found = lpv.synthesize(turning(0.5, 0.05), lpv.OutputFeedback(hull=HULL, lyapunov=MOVING, varying="controls"))
+    held = found.certificate
+    for vertices, why in ((np.zeros((0, 2)), "no vertices"), (TRIANGLE[:2], "no inside"),
+                          (TRIANGLE[:, :1], "variables"), (np.full((3, 2), np.nan), "not finite"),
+                          (2 * TRIANGLE, "leaves its box")):
+        outcome = lpv.verify(dataclasses.replace(held, vertices=vertices), found.closed_loop)
+        assert not outcome.holds and why in outcome.why
+    faster = dataclasses.replace(held.box, rate=(20.0, 20.0))
+    assert not lpv.verify(dataclasses.replace(held, box=faster), found.closed_loop).holds
 
 
 def test_control_gain_that_moves():
