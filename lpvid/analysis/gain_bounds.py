@@ -31,7 +31,10 @@ ATTEMPT = 15_000
 """Matrices that the re-check of a proposal may look at; `lpvid.verify` allows more."""
 DENSITIES = (2.0, 5.0)
 ENOUGH = 0.005
-"""A richer storage function must improve the bound by this share, or the search ends."""
+"""A richer storage function must improve the bound by this share, or one of the next degree."""
+STALLS = 2
+"""degrees in a row that improve nothing, after which the search ends: by a symmetry of the system in the scheduling only
+odd powers, or only even ones, may be of use"""
 
 
 @dataclass(eq=False)
@@ -91,15 +94,16 @@ class GainBounds:
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         best: GainCertificate | None = None
-        bases = list(self._bases(box))
+        bases, stalls = list(self._bases(box)), 0
         for basis in bases if self.basis is None else reversed(bases):  # a given one first: it may be all that it takes
             found = self._with(basis, box)
             if found is None:
                 continue
             stalled = best is not None and basis.degree != 1 and found.gamma > (1 - ENOUGH) * best.gamma
+            stalls = stalls + 1 if stalled else 0
             best = stronger(best, found)
             reached = best.gamma <= (1 + ENOUGH) * self.floor
-            if best.between_grid and (reached or (stalled and self.basis is None)):
+            if best.between_grid and (reached or (stalls >= STALLS and self.basis is None)):
                 break
         return best
 
