@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.analysis.bound import Bound, BoundSearch, first_proven, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated, requested
-from lpvid.analysis.gain_bounds import blended, storage_bases, worst_pole
+from lpvid.analysis.gain_bounds import STALLS, blended, storage_bases, worst_pole
 from lpvid.analysis.hull_variance import variance_on
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
