@@ -33,8 +33,8 @@ DENSITIES = (2.0, 5.0)
 ENOUGH = 0.005
 """A richer storage function must improve the bound by this share, or one of the next degree."""
 STALLS = 2
-"""degrees in a row that improve nothing, after which the search ends: by a symmetry of the system in the scheduling only
-odd powers, or only even ones, may be of use"""
+"""degrees in a row that improve nothing, after which the search ends: by a symmetry of the system in the scheduling
+only odd powers, or only even ones, may be of use"""
 
 
 @dataclass(eq=False)
