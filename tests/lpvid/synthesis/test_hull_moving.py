@@ -156,6 +156,7 @@ def test_a_gain_whose_matrix_moves(design, sample_time, rng):
     kept(found, rate, rng)
 
 
+@pytest.mark.seconds
 def test_faster_motion_costs_more_and_jumps_cost_what_constants_do():
     gains = [lpv.synthesize(measured(rate), lpv.StateFeedback(hull=HULL, lyapunov=MOVING)).gamma_verified
              for rate in (0.05, 1.0, 30.0)]
@@ -163,6 +164,7 @@ def test_faster_motion_costs_more_and_jumps_cost_what_constants_do():
     assert gains[0] < gains[1] < gains[2] * (1 + 1e-3) and gains[2] <= 1.02 * still
 
 
+@pytest.mark.seconds
 def test_steps_from_vertex_to_vertex_without_rate_bounds(rng):
     """Discrete time: P(p) affine for jumps, no worse than one P."""
     still, found = (lpv.synthesize(turning(None, 0.05), lpv.OutputFeedback(hull=HULL, lyapunov=p)) for p in
@@ -173,7 +175,7 @@ def test_steps_from_vertex_to_vertex_without_rate_bounds(rng):
         assert worst_of_mixtures(found, rng) < 0
 
 
-@pytest.mark.parametrize("sample_time", [None, 0.05])
+@pytest.mark.parametrize("sample_time", [None, pytest.param(0.05, marks=pytest.mark.seconds)])
 def test_an_interval_is_the_box(sample_time):
     """One variable: the hull of its ends has the least bound of the box, by other programs and another proof."""
     a = np.array([[[0, 1.0], [-1, -0.4]], [[0, 0], [0.8, 0.3]]])
