@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.divergence import diverging_trajectory
-from lpvid.analysis.hull_stability import certificate_on
+from lpvid.analysis.hull_stability import certificate_on, moving_certificate_on
 from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
 from lpvid.errors import InputError
 from lpvid.lmi.bounds import recheck_decrease
@@ -22,7 +22,7 @@ from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, dependent, frozen_rates
 from lpvid.lmi.storage import Storage
 from lpvid.model.adaptable import checked_matrices
-from lpvid.model.hull import design_hull
+from lpvid.model.hull import Hull, design_hull
 from lpvid.scheduling import Polynomial, Scheduling
 
 _range = range  # `range` is an argument of the public function
@@ -61,8 +61,9 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     A model with a scheduling filter is tried on any motion of the filter's output first, then on what the filter
     lets through, for its lag bounds the rate whatever the command does; the filter's own state decays and never leaves
     the range. A controller or closed loop that was designed for a hull is examined on that polytope: one P at its
-    vertices, else P(p) on the box around it. Without a certificate, an admissible trajectory along which the model
-    grows is searched for; that is sufficient for instability, and the lack of both leaves the question open.
+    vertices, then P(p) at the rates, else P(p) on the box around it. Without a certificate, an admissible trajectory
+    along which the model grows is searched for; that is sufficient for instability, and the lack of both leaves the
+    question open.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     """
     checked_matrices(model, "a stability certificate is for a model")
     scheduling, hull = requested_box(model.box, rate, range), design_hull(model) if range is None else None
-    found = None if hull is None else certificate_on(model, hull, scheduling)
+    found = None if hull is None else certificate_within(model, hull, scheduling)
     scheduling = scheduling if hull is None else hull.enclosing(scheduling)
     found = certificate_for(model, scheduling) if found is None else found
     if found is not None:
@@ -106,6 +107,25 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
                                 system.digest, False, math.nan, False, 0.0,
                                 diverging_trajectory(system, scheduling, hull))
+
+
+def certificate_within(model: Model, hull: Hull, scheduling: Scheduling) -> StabilityCertificate | None:
+    """The certificate of `certify_stability` for a polytope: by one P, or by one that moves no faster than the rates.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    hull : Hull
+        Over the model's variables.
+    scheduling : Scheduling
+        The model's variables, with the rates to cover.
+
+    Returns
+    -------
+    StabilityCertificate or None
+    """
+    found = certificate_on(model, hull, scheduling)
+    return moving_certificate_on(model, hull, scheduling) if found is None else found
 
 
 def certificate_for(model: Model, scheduling: Scheduling) -> StabilityCertificate | None:

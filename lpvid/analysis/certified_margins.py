@@ -9,19 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
-from lpvid.analysis.certificates import Range, Rate, certificate_for, requested_box
+from lpvid.analysis.certificates import Range, Rate, certificate_for, certificate_within, requested_box
 from lpvid.analysis.frozen import Model
-from lpvid.analysis.hull_stability import certificate_on
+from lpvid.analysis.hull_stability import DENSE, certificate_on, moving_certificate_on
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability, share_of
 from lpvid.errors import InputError
 from lpvid.lmi.bounds import recheck_decrease
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import autonomous
+from lpvid.lmi.polytope_positivity import lattice
 from lpvid.lmi.search import frozen_rates
 from lpvid.lmi.storage import Storage
 from lpvid.model.adaptable import checked_matrices
-from lpvid.model.hull import design_hull
+from lpvid.model.hull import Hull, design_hull
 from lpvid.scheduling import Scheduling
 
 WIDEST = 16.0
@@ -35,13 +36,14 @@ PATIENCE = 4_000
 
 @dataclass(frozen=True, eq=False)
 class LargestRange:
-    """The widest box, scaled from the one requested, on which stability was certified.
+    """The widest box, scaled from the one requested, on which stability was certified; or the widest hull of a design.
 
     Parameters
     ----------
     factor : float
         On the widths of the box; 0 where even a fraction of it fails.
     box : Scheduling or None
+        Of a hull the box around it.
     towards : str
         "centre": both ends move; "upper" or "lower": that end moves and the other one stays.
     limit : str
@@ -49,6 +51,8 @@ class LargestRange:
         certificate was found; "none": certified up to `WIDEST` times the box.
     certificate : StabilityCertificate or None
         For that box.
+    hull : Hull or None
+        Scaled about its middle, in place of the box; with factor 0 that of the design.
     """
 
     factor: float
@@ -56,6 +60,7 @@ class LargestRange:
     towards: str
     limit: str
     certificate: StabilityCertificate | None
+    hull: Hull | None = None
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -67,19 +72,21 @@ class LargestRange:
         """
         box = self.box
         ends = {} if box is None else {n: [a, b] for n, a, b in zip(box.names, box.lower, box.upper, strict=True)}
-        return {"factor": self.factor, "range": ends, "towards": self.towards, "limit": self.limit,
+        vertices = {} if self.hull is None else {"vertices": self.hull.vertices().tolist()}
+        return {"factor": self.factor, "range": ends, **vertices, "towards": self.towards, "limit": self.limit,
                 "between_grid": bool(self.certificate and self.certificate.between_grid),
                 "certificate": None if self.certificate is None else self.certificate.to_dict()}
 
     def __repr__(self) -> str:
         if self.box is None:
-            return "largest certified range: none about this one"
+            return f"largest certified range: none about this {'one' if self.hull is None else 'hull'}"
         ends = ", ".join(f"{n} in [{a:.6g}, {b:.6g}] {u}".rstrip() for n, a, b, u in
                          zip(self.box.names, self.box.lower, self.box.upper, self.box.units, strict=True))
         why = {"frozen": "frozen poles leave the stable region just beyond",
                "certificate": "beyond it no certificate was found, though held values stay stable",
                "none": f"nothing beyond {WIDEST:g} times the range was tried"}[self.limit]
-        return f"largest certified range: {ends} ({self.factor:.3g} times as wide); {why}"
+        within = "" if self.hull is None else f"{self.hull.text} within "
+        return f"largest certified range: {within}{ends} ({self.factor:.3g} times as wide); {why}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +140,15 @@ class LargestRate:
 def largest_range(model: Model, rate: Rate = None, range: Range = None, *, towards: str = "centre") -> LargestRange:
     """Scale the box until stability can no longer be certified, by bisection to 2 %; each end is re-checked.
 
+    The hull for which a controller or closed loop was designed is scaled about its middle.
+
     Parameters
     ----------
     model : LPVTransferFunction or LPVStateSpace
     rate, range
-        As for `certify_stability`; the rates stay while the box is scaled.
+        As for `certify_stability`; the rates stay while the box, or the hull, is scaled.
     towards : str
-        "centre", "upper" or "lower": which ends move.
+        "centre", "upper" or "lower": which ends move; a hull has no ends, and is scaled about its middle.
 
     Returns
     -------
@@ -148,7 +157,7 @@ def largest_range(model: Model, rate: Rate = None, range: Range = None, *, towar
     Raises
     ------
     InputError
-        A model without scheduling variables that have a width.
+        A model without scheduling variables that have a width; an end of a hull.
 
     Examples
     --------
@@ -165,11 +174,34 @@ def largest_range(model: Model, rate: Rate = None, range: Range = None, *, towar
     start = requested_box(model.box, rate, range)
     if not np.any(start.half_width > 0):
         raise InputError("a largest range needs a scheduling variable that moves", got="none")
+    hull = design_hull(model) if range is None else None
+    if hull is not None:
+        return _largest_hull(model, hull, start, towards)
     factor, best = _edge(lambda share: certificate_for(model, scaled(start, share, towards)), 1.0, 1 / 64, WIDEST)
     if factor is None:
         return LargestRange(0.0, None, towards, _why(model, scaled(start, 1 / 64, towards)), None)
     limit = "none" if factor >= WIDEST else _why(model, scaled(start, factor * (1 + 2 * PRECISION), towards))
     return LargestRange(factor, scaled(start, factor, towards), towards, limit, best)
+
+
+def _largest_hull(model: Model, hull: Hull, box: Scheduling, towards: str) -> LargestRange:
+    """The widest hull about the middle of that of a design."""
+    if towards != "centre":
+        raise InputError("a hull is scaled about its middle", got=f"towards {towards}", why="it has no upper or lower "
+                         "end", mend='towards="centre", or a range in place of the hull')
+    system = autonomous(model)
+    columns = [box.names.index(r.name) for r in system.readings]
+
+    def why(factor: float) -> str:
+        points = lattice(hull.scaled(factor).over(box.names).vertices(), DENSE)[:, columns]
+        return "frozen" if frozen_rates(system, points).max() >= 0 else "certificate"
+
+    factor, best = _edge(lambda share: certificate_within(model, hull.scaled(share), box), 1.0, 1 / 64, WIDEST)
+    if factor is None:
+        return LargestRange(0.0, None, towards, why(1 / 64), None, hull)
+    limit = "none" if factor >= WIDEST else why(factor * (1 + 2 * PRECISION))
+    wide = hull.scaled(factor)
+    return LargestRange(factor, wide.enclosing(box), towards, limit, best, wide)
 
 
 def largest_rate(model: Model, range: Range = None) -> LargestRate:
@@ -194,16 +226,22 @@ def largest_rate(model: Model, range: Range = None) -> LargestRate:
         return LargestRate((math.inf,) * len(box.names), box.names, box.units, found)
     system = autonomous(model)
     columns = [box.names.index(r.name) for r in system.readings]
-    slow = frozen_rates(system, grid(box, 9 if len(box.names) < 3 else 3)[:, columns])
+    points = (grid(box, 9 if len(box.names) < 3 else 3) if hull is None
+              else lattice(hull.over(box.names).vertices(), DENSE))
+    slow = frozen_rates(system, points[:, columns])
     pace = 1 / model.sample_time if model.sample_time is not None else float(np.abs(slow).max())
     width = 2 * box.half_width
 
     def rates(speed: float) -> tuple[float, ...]:
         return tuple(float(w * speed * pace) for w in width)
 
-    speed, best = (None, None) if slow.max() >= 0 else _edge(
-        lambda speed: certificate_for(model, replace(box, rate=rates(speed))), 0.05, SLOWEST,
-        1.0 if model.sample_time else 1e3)
+    def certified(speed: float) -> StabilityCertificate | None:
+        fast = replace(box, rate=rates(speed))
+        within = None if hull is None else moving_certificate_on(model, hull, fast)
+        return certificate_for(model, fast) if within is None else within
+
+    speed, best = (None, None) if slow.max() >= 0 else _edge(certified, 0.05, SLOWEST,
+                                                             1.0 if model.sample_time else 1e3)
     return LargestRate(None if speed is None else rates(speed), box.names, box.units, best)
 
 

@@ -135,7 +135,7 @@ def l2_gains(system: LPVStateSpace, rates: Sequence[Rate], basis: Basis | None =
 
 
 def _on_hull(system: LPVStateSpace, plant: Driven, hull: Hull, rate: Rate, basis: Basis | None) -> Gain:
-    """The lower of the bounds by one P at the vertices and by P(p) on the box around the hull, which is no smaller."""
+    """The lowest of the bounds by one P at the vertices, by P(p) between them at the rates, and on the box around."""
     started = time.perf_counter()
     box = hull.enclosing(rated(system.box, rate, None))
     points = hull.points
@@ -151,12 +151,20 @@ def _on_hull(system: LPVStateSpace, plant: Driven, hull: Hull, rate: Rate, basis
     norms = [h_infinity_norm(m, system.is_discrete) for m in zip(a, b, c, d, strict=True)]
     most = int(np.argmax([norm for norm, _ in norms]))
     frozen = WorstCase.frozen(box, points[most], norms[most][1], norms[most][0])
-    found = [hull_gain(system, hull)] if basis is None and plant.affine else []
-    still = system.sample_time is None and all(r is None for r in box.rate)  # then P may not move, and one P on the box
-    if not found or found[0].certificate is None or not still:               # is one on the polytope
+    affine = basis is None and plant.affine
+    found = [hull_gain(system, hull)] if affine else []
+    readings = box_of(plant.readings, box)
+    corners = hull.over(readings.names).vertices() if readings.names else np.zeros((0, 0))
+    size = plant.order + len(plant.inputs) + len(plant.outputs)
+    if (readings.names and (not affine or any(r is not None for r in readings.rate))
+            and len(corners) * 2 ** len(readings.names) * size**2 <= MOST_ENTRIES):
+        own = None if basis is None else usable(basis, readings, system.is_discrete)
+        moving = GainBounds(plant, readings, own, norms[most][0], corners)
+        found += [_judged(plant, frozen, moving.certify(readings.rate), 0.0)]
+    # the box around it, for what polytopes do not decide: P of a higher degree in discrete time, and no polynomials
+    if not any(g.certificate is not None for g in found) or (system.is_discrete and basis is None):
         found.append(l2_gain(system, rate, basis, range=box.limits, trajectories=False))
-    entries = len(hull.vertices()) ** 2 * (plant.order + len(plant.inputs) + len(plant.outputs)) ** 2
-    if system.is_discrete and basis is None and plant.affine and entries <= MOST_ENTRIES:
+    if system.is_discrete and affine and len(hull.vertices()) ** 2 * size**2 <= MOST_ENTRIES:
         found.append(hull_gain(system, hull, moving=True))
     best = min(found, key=lambda gain: (not gain.between_grid, gain.upper))
     if best.certificate is None:

@@ -15,6 +15,7 @@ from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import BoundedReal, GainCertificate, recheck_gain
+from lpvid.lmi.polytope_positivity import CUBES, decidable
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import ROUGHLY, StorageProposal, StorageSearch
 from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
@@ -30,7 +31,10 @@ ATTEMPT = 15_000
 """Matrices that the re-check of a proposal may look at; `lpvid.verify` allows more."""
 DENSITIES = (2.0, 5.0)
 ENOUGH = 0.005
-"""A richer storage function must improve the bound by this share, or the search ends."""
+"""A richer storage function must improve the bound by this share, or one of the next degree."""
+STALLS = 2
+"""degrees in a row that improve nothing, after which the search ends: by a symmetry of the system in the scheduling
+only odd powers, or only even ones, may be of use"""
 
 
 @dataclass(eq=False)
@@ -49,12 +53,15 @@ class GainBounds:
         Of the storage function; None tries polynomials of rising degree.
     floor : float
         A gain that is known to be reached.
+    vertices : (V, readings) array, optional
+        Of a polytope in place of the box, which encloses it: P moves with variables of bounded rate.
     """
 
     system: Driven
     box: Scheduling
     basis: Basis | None = None
     floor: float = 0.0
+    vertices: np.ndarray | None = None
     _searches: dict[tuple, StorageSearch] = field(default_factory=dict)
     _frame: Frame | None = None
 
@@ -67,7 +74,7 @@ class GainBounds:
             [units per second] of each variable; in continuous time only which of them are None counts.
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
-        for basis in storage_bases(self.system, box, self.basis):
+        for basis in self._bases(box):
             search = self._search(basis, box, DENSITIES[0])
             if search.affordable:
                 search.prepare(box)
@@ -87,37 +94,50 @@ class GainBounds:
         """
         box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
         best: GainCertificate | None = None
-        bases = list(storage_bases(self.system, box, self.basis))
+        bases, stalls = list(self._bases(box)), 0
         for basis in bases if self.basis is None else reversed(bases):  # a given one first: it may be all that it takes
             found = self._with(basis, box)
             if found is None:
                 continue
             stalled = best is not None and basis.degree != 1 and found.gamma > (1 - ENOUGH) * best.gamma
+            stalls = stalls + 1 if stalled else 0
             best = stronger(best, found)
             reached = best.gamma <= (1 + ENOUGH) * self.floor
-            if best.between_grid and (reached or (stalled and self.basis is None)):
+            if best.between_grid and (reached or (stalls >= STALLS and self.basis is None)):
                 break
         return best
+
+    def _bases(self, box: Scheduling) -> Iterator[Basis]:
+        """As `storage_bases`; on a polytope those of which its simplices decide."""
+        for basis in storage_bases(self.system, box, self.basis):
+            moves = basis.names or not self.system.affine  # one P for an affine system is a matter of `hull_gain`
+            bounded = all(box.rate[box.names.index(n)] is not None for n in basis.names)
+            if self.vertices is None or (moves and bounded and not decidable(self.system, basis)):
+                yield basis
 
     @property
     def frame(self) -> Frame:
         """Coordinates in which programs are stated."""
         if self._frame is None:
-            points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
+            points = (grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2)) if self.vertices is None
+                      else self.vertices)
             self._frame = frame_of(self.system, points, self.floor)
         return self._frame
 
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
         """The best over several samplings: a bound far above the solver's own is one that failed between its points."""
         best: GainCertificate | None = None
+        tried: int | None = None
         for density in DENSITIES:
             search = self._search(basis, box, density)
-            if not search.affordable:
+            if not search.affordable or search.effort == tried:  # a lattice as fine as is affordable is no finer
                 return best
+            tried = search.effort if self.vertices is not None else None
             seen = False
             for storage, gamma, outcome, solver, level in self._attempts(search, box):
                 seen = True
-                best = stronger(best, GainCertificate.of(self.system, storage, gamma, outcome, solver))
+                best = stronger(best, GainCertificate.of(
+                    self.system, storage, gamma, outcome, solver, vertices=self.vertices))
                 if outcome.between_grid:
                     if gamma <= (1 + ENOUGH) * level:
                         return best
@@ -131,7 +151,8 @@ class GainBounds:
         key = (str(basis.to_dict()), pattern, density)
         if key not in self._searches:
             self._searches[key] = StorageSearch(
-                self.system, box, basis, self.frame, lambda gamma: partial(BoundedReal, gamma=gamma), density)
+                self.system, box, basis, self.frame, lambda gamma: partial(BoundedReal, gamma=gamma), density,
+                self.vertices)
         return self._searches[key]
 
     def _attempts(self, search: StorageSearch, box: Scheduling
@@ -154,7 +175,8 @@ class GainBounds:
         storage = Storage(proposal.matrices, search.basis, box, self.system.sample_time)
         for share in shares:
             gamma = max(proposal.level * (1 + share), 1e-12) * self.frame.gain
-            outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT)
+            outcome = recheck_gain(self.system, storage, gamma, vertices=self.vertices,
+                                   budget=ATTEMPT if self.vertices is None else CUBES * ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
 

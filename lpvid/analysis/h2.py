@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.analysis.bound import Bound, BoundSearch, first_proven, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated, requested
-from lpvid.analysis.gain_bounds import blended, storage_bases, worst_pole
+from lpvid.analysis.gain_bounds import STALLS, blended, storage_bases, worst_pole
 from lpvid.analysis.hull_variance import variance_on
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
@@ -68,6 +68,7 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
         return Bound("h2-norm", "unstable", math.inf, math.inf, None, "a frozen pole does not decay")
     lower = _largest_frozen_h2(plant, box)
     best: BoundCertificate | None = None
+    stalls = 0
     for own in storage_bases(plant, box, basis):
         if best is not None and _effort(plant, box, own) > MOST_EFFORT:
             break
@@ -76,9 +77,10 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
             continue
         stalled = (best is not None and own.degree != 1 and
                    (1 - ENOUGH) * best.level < found.level < best.level)
+        stalls = stalls + 1 if stalled else 0
         if best is None or (found.between_grid, -found.level) > (best.between_grid, -best.level):
             best = found
-        near = stalled or best.level <= (1 + ENOUGH) * lower
+        near = stalls >= STALLS or best.level <= (1 + ENOUGH) * lower
         if basis is None and near and best.between_grid:
             break
     return judged("h2-norm", best, lower, math.inf if best is None else best.level,

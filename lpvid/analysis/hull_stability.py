@@ -2,6 +2,7 @@
 
 For A(p) affine in p and one P the decrease He(PA) + 2αP ≺ 0 is affine in p, and AᵀPA ≺ exp(−2αT) P, convex in A, too
 holds on a polytope where it holds at the vertices (Boyd, El Ghaoui, Feron & Balakrishnan 1994, section 5.1).
+A P(p) that moves no faster than rate bounds is decided between the vertices (`lpvid.lmi.polytope_positivity`).
 """
 
 from __future__ import annotations
@@ -9,16 +10,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.lmi.bound_certificate import BoundCertificate
+from lpvid.lmi.bounds import DecayBound
+from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven, Model, autonomous, driven
 from lpvid.lmi.frame import Frame
+from lpvid.lmi.polytope_positivity import lattice, total_degree
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, frozen_rates
+from lpvid.lmi.storage import Storage
 from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
@@ -28,6 +34,10 @@ if TYPE_CHECKING:
 
 MARGIN = 1e-7
 """of P, in coordinates in which the frozen systems are nearly contractions"""
+HIGHEST = 3
+"""degree of a P that moves"""
+DENSE = 12
+"""parts of every edge of the simplices by the points at which frozen models are looked at"""
 STEPS = 5
 """halvings of the interval between the decay of the first P and that of the slowest frozen mode"""
 
@@ -150,6 +160,61 @@ def certificate_on(model: Model, hull: Hull, scheduling: Scheduling) -> Stabilit
         else:
             best, low = found, max(middle, found.decay_rate)
     return best
+
+
+def moving_certificate_on(model: Model, hull: Hull, scheduling: Scheduling) -> StabilityCertificate | None:
+    """The certificate of a P(p) that moves, for motion in a polytope no faster than the rates; None for none.
+
+    P is a polynomial of degree up to 3 in the variables of bounded rate, in discrete time of degree 1.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Polynomial in its scheduling, none of it delayed; None for another.
+    hull : Hull
+        Over the model's variables.
+    scheduling : Scheduling
+        The model's variables, with the rates to cover.
+
+    Returns
+    -------
+    StabilityCertificate or None
+        None also where a frozen model in the polytope is unstable, and without rate bounds.
+    """
+    from lpvid.lmi.storage_search import StorageSearch  # here, so that checking a certificate needs numpy alone
+
+    system = autonomous(model)
+    names, degree = tuple(r.label for r in system.readings), total_degree(system)
+    limits = dict(zip(scheduling.names, scheduling.rate, strict=True))
+    bounded = tuple(n for n in names if limits.get(n) is not None)
+    if not bounded or degree is None or not system.order:
+        return None
+    vertices, box = hull.over(names).vertices(), box_of(system.readings, hull.enclosing(scheduling))
+    slowest = float(frozen_rates(system, lattice(vertices, DENSE)).max())
+    if slowest >= 0:
+        return None
+    solutions = LyapunovSearch(system, box).frozen_solutions(vertices)
+    try:
+        states = np.linalg.inv(np.linalg.cholesky((solutions / np.trace(solutions, axis1=1, axis2=2)[:, None, None]
+                                                   ).mean(axis=0))).T
+    except np.linalg.LinAlgError:
+        return None
+    discrete = system.sample_time is not None
+    poles = np.abs(np.linalg.eigvals(system.state_matrices(vertices)))
+    frame = Frame(states, 1.0 if discrete else 1 / max(float(poles.max()), 1e-300), 1.0)
+    for of in range(1, 2 if discrete else HIGHEST + 1):
+        basis = Polynomial(bounded, of).bound(box)
+        search = StorageSearch(system, box, basis, frame, lambda _: partial(DecayBound, level=0.0), vertices=vertices)
+        for found in search.roomiest(capped=True) if search.affordable else ():
+            storage = Storage(found.matrices, basis, box, system.sample_time)
+            made = StabilityCertificate(certificate_kind(storage), found.matrices, basis, box, system.sample_time,
+                                        system.digest, True, math.nan, True, 0.0, None, found.solver, vertices)
+            shown = made.decrease(system)
+            if shown.holds:
+                return replace(made, margin=shown.margin, decay_rate=_decay(made, system, 0.0, slowest))
+            if found.margin < MARGIN:
+                break
+    return None
 
 
 def _holding(empty: StabilityCertificate, system: Driven, vertices: np.ndarray, exponent: float, slowest: float

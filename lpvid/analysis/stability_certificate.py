@@ -128,7 +128,7 @@ class StabilityCertificate(StorageCertificate):
         """
         if self.vertices is None:
             return recheck_decrease(subject, self.storage, exponent)
-        if not subject.affine:
+        if not self.basis.names and not subject.affine:
             return Recheck(False, False, math.nan, "the model is not affine in its scheduling: vertices do not decide")
         return recheck_decrease_at(subject, self.storage, self.vertices, exponent)
 

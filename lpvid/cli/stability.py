@@ -28,8 +28,9 @@ def stability(model: options.ModelFile,
               range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to examine instead "
                                "of the training range, or the hull of a design: A:B, or NAME=A:B for each "
                                "variable.")] = None,
-              largest_range: Annotated[bool, typer.Option("--largest-range", help="Also scale the range about its "
-                               "centre until stability can no longer be certified.")] = False,
+              largest_range: Annotated[bool, typer.Option("--largest-range", help="Also scale the range, or the "
+                               "hull of a design, about its centre until stability can no longer be "
+                               "certified.")] = False,
               largest_rate: Annotated[bool, typer.Option("--largest-rate", help="Also find the fastest motion within "
                               "the range that is certified.")] = False,
               draws: Annotated[int, typer.Option("--draws", min=0, metavar="N", help="Draw N models from the "

@@ -199,6 +199,8 @@ def positive(boxes: np.ndarray, axes: int, *, above: float = 0.0, budget: int = 
         level = max(above, above + sharpness * (smallest - above)) if affordable else above
         done = _exceed(matrices, level)
         proven = _smallest(matrices[done], proven)
+        if corner.size == 1:  # constants, whose eigenvalues decide: halves of a cell would be no different
+            return Positivity(True, smallest, work)
         left = 2 * int((~done).sum()) * corner.size
         if work + left > budget:
             return Positivity(None, smallest, work + left)

@@ -15,7 +15,8 @@ from lpvid.lmi.bounds import DecayBound, H2Bound, RegionBound
 from lpvid.lmi.certificate import Recheck
 from lpvid.lmi.certificate_common import StorageCertificate, describe_box, describe_set, polytope_fault
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.inequality import LyapunovInequality, recheck_inequality, recheck_vertices
+from lpvid.lmi.inequality import LyapunovInequality
+from lpvid.lmi.polytope_positivity import recheck_on
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
@@ -91,7 +92,7 @@ class BoundCertificate(StorageCertificate):
 
     def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
         problem = inequality_of(self.quantity, self.level, self.region)(subject, self.storage)
-        return recheck_inequality(problem) if self.vertices is None else recheck_vertices(problem, self.vertices)
+        return recheck_on(problem, self.vertices)
 
 
 def inequality_of(quantity: str, level: float, region: tuple[np.ndarray, np.ndarray] | None

@@ -10,7 +10,8 @@ import numpy as np
 from lpvid.lmi.certificate import Recheck, diagonal
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
-from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality, recheck_vertices
+from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
+from lpvid.lmi.polytope_positivity import recheck_on
 from lpvid.lmi.storage import Storage
 
 
@@ -204,13 +205,13 @@ def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *,
 
 
 def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, exponent: float = 0.0) -> Recheck:
-    """As `recheck_decrease` for one P on the polytope of some vertices, for a system affine in its readings.
+    """As `recheck_decrease` on the polytope of some vertices, for one P and a system affine in its readings, or for a P
+    that moves.
 
     Parameters
     ----------
     system : Driven
     storage : Storage
-        Of degree zero.
     vertices : (V, readings) array
     exponent : float
         α ≥ 0 [1/s].
@@ -222,4 +223,4 @@ def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, 
     """
     if system.order == 0:
         return Recheck(True, True, 1.0, "the model has no memory")
-    return recheck_vertices(DecayBound(system, storage, exponent, in_seconds=True), vertices)
+    return recheck_on(DecayBound(system, storage, exponent, in_seconds=True), vertices)

@@ -298,13 +298,30 @@ def polytope_fault(vertices: np.ndarray | None, storage: Storage, subject: Drive
     """
     if vertices is None:
         return ""
-    if not subject.affine:
+    if not storage.basis.names and not subject.affine:
         return "the certificate is on a polytope, and the model is not affine in its scheduling"
-    if vertices.ndim != 2 or vertices.shape[1] != len(storage.box.names):
+    return vertices_fault(vertices, storage.box)
+
+
+def vertices_fault(vertices: np.ndarray, box: Scheduling) -> str:
+    """Why vertices are none of a polytope within a certificate's box; empty if they are.
+
+    Parameters
+    ----------
+    vertices : (V, readings) array
+    box : Scheduling
+
+    Returns
+    -------
+    str
+    """
+    if vertices.ndim != 2 or vertices.shape[1] != len(box.names):
         return "the certificate's polytope is over other variables than the model reads"
     if not len(vertices) or not np.isfinite(vertices).all():
         return "the certificate's polytope has no vertices, or one that is not finite"
-    return "the certificate is on a polytope, and its function moves" if storage.basis.names else ""
+    width = np.array(box.upper) - np.array(box.lower)
+    off = np.maximum(np.array(box.lower) - vertices, vertices - np.array(box.upper)).max(axis=0, initial=0.0)
+    return "the certificate's polytope leaves its box" if (off > 1e-9 * width).any() else ""
 
 
 def describe_set(box: Scheduling, vertices: np.ndarray | None, kind: str) -> str:
@@ -324,8 +341,8 @@ def describe_set(box: Scheduling, vertices: np.ndarray | None, kind: str) -> str
     """
     if vertices is None:
         return describe_box(box, kind)
-    return (f" for every trajectory of {', '.join(box.names)} in a polytope of {len(vertices)} vertices, "
-            "however fast it moves")
+    motion = f" with {speeds(box)}" if kind == "parameter-dependent" else ", however fast it moves"
+    return f" for every trajectory of {', '.join(box.names)} in a polytope of {len(vertices)} vertices{motion}"
 
 
 def describe_box(box: Scheduling, kind: str) -> str:
@@ -347,9 +364,22 @@ def describe_box(box: Scheduling, kind: str) -> str:
                       zip(box.names, box.lower, box.upper, box.units, strict=True))
     if not where or kind != "parameter-dependent":
         return f" for every trajectory of {where}, however fast it moves" if where else ""
-    speeds = ", ".join(f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
-                       for n, r, u in zip(box.names, box.rate, box.units, strict=True))
-    return f" for every trajectory of {where} with {speeds}"
+    return f" for every trajectory of {where} with {speeds(box)}"
+
+
+def speeds(box: Scheduling) -> str:
+    """Rate bounds, in words.
+
+    Parameters
+    ----------
+    box : Scheduling
+
+    Returns
+    -------
+    str
+    """
+    return ", ".join(f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
+                     for n, r, u in zip(box.names, box.rate, box.units, strict=True))
 
 
 def certificate_kind(storage: Storage) -> str:

@@ -14,18 +14,20 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from lpvid.codec import ADDED
+from lpvid.codec import ADDED, UNWRITTEN
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import EPS, Recheck, diagonal
-from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_box
+from lpvid.lmi.certificate_common import StorageCertificate, certificate_kind, describe_set, vertices_fault
 from lpvid.lmi.coordinates import over_states
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
+from lpvid.lmi.polytope_positivity import recheck_polytope
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace, Matrices
 from lpvid.scheduling import Basis, Scheduling
@@ -43,11 +45,14 @@ class BoundedReal(LyapunovInequality):
         xᵀP(p)x.
     gamma : float
         γ, in the unit of the outputs over that of the inputs.
+    backward : bool
+        In discrete time P⁺ and P change places: what the dual system needs of a P that moves.
     """
 
     system: Driven
     storage: Storage
     gamma: float
+    backward: bool = False
 
     @property
     def power(self) -> int:  # type: ignore[override]
@@ -56,6 +61,9 @@ class BoundedReal(LyapunovInequality):
 
     def matrix(self, pieces: Pieces) -> np.ndarray:
         discrete = self.system.sample_time is not None
+        if self.backward and discrete:
+            now = np.broadcast_to(pieces.P, pieces.later.shape)
+            pieces = replace(pieces, P=pieces.later, later=now)
         return _bounded_real(pieces, self.gamma, discrete)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
@@ -119,7 +127,12 @@ class GainCertificate(StorageCertificate):
 
     With `inverse` the storage function is ξᵀQ(p)⁻¹ξ, and `matrices` are those of Q, where that has few terms and P has
     not: a design whose X moves has Q = diag(Y⁻¹, X(p) − Y⁻¹). The inequality, multiplied by Q from both sides, is that
-    of the dual system (Aᵀ, Cᵀ, Bᵀ, Dᵀ) with the storage function Q and the opposite rates, which are as fast.
+    of the dual system (Aᵀ, Cᵀ, Bᵀ, Dᵀ) with the storage function Q and the opposite rates, which are as fast; in
+    discrete time with Q(p⁺) and Q(p) exchanged.
+
+    With `vertices` the scheduling stays in their convex hull, which the box encloses. The inequality is of a higher
+    degree in p than one, so that vertices alone do not decide; Bernstein coefficients on simplices do
+    (`lpvid.lmi.polytope_positivity`), for polynomials of any degree.
 
     Parameters
     ----------
@@ -147,6 +160,8 @@ class GainCertificate(StorageCertificate):
         T; left out, the identity.
     inverse : bool
         The matrices are those of P⁻¹.
+    vertices : (V, len(box.names)) array, optional
+        Of a polytope in place of the box; it is proven between them, or not at all.
     """
 
     kind: str
@@ -163,13 +178,15 @@ class GainCertificate(StorageCertificate):
     solver: str = ""
     states: np.ndarray | None = field(default=None, metadata=ADDED)
     inverse: bool = field(default=False, metadata=ADDED)
+    vertices: np.ndarray | None = field(default=None, metadata=UNWRITTEN)
 
     SCHEMA = "lpvid/gain-certificate/1"
     NOUN = "a gain certificate"
 
     @classmethod
     def of(cls, system: Driven, storage: Storage, gamma: float, found: Recheck, solver: str = "",
-           states: np.ndarray | None = None, inverse: bool = False) -> GainCertificate:
+           states: np.ndarray | None = None, inverse: bool = False, vertices: np.ndarray | None = None
+           ) -> GainCertificate:
         """The certificate of a storage function that was re-checked.
 
         Parameters
@@ -185,6 +202,8 @@ class GainCertificate(StorageCertificate):
             T, where the storage function is over other states.
         inverse : bool
             The matrices are those of P⁻¹.
+        vertices : (V, readings) array, optional
+            Of a polytope in place of the box.
 
         Returns
         -------
@@ -192,7 +211,7 @@ class GainCertificate(StorageCertificate):
         """
         return cls(certificate_kind(storage), gamma, storage.matrices, storage.basis, storage.box, system.sample_time,
                    system.digest, system.inputs, system.outputs, found.margin, found.between_grid, solver, states,
-                   inverse)
+                   inverse, vertices)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON.
@@ -209,20 +228,29 @@ class GainCertificate(StorageCertificate):
     @property
     def claim(self) -> str:
         """What the certificate states, in words."""
-        return f"gain from {self.signals} at most {self.gamma:.6g}{describe_box(self.box, self.kind)}{self.where}"
+        covered = describe_set(self.box, self.vertices, self.kind)
+        return f"gain from {self.signals} at most {self.gamma:.6g}{covered}{self.where}"
 
     def fault(self, model: LPVStateSpace, subject: Driven) -> str:
         fault = super().fault(model, subject)
         if not fault and self.states is not None and self.states.shape != (subject.order, subject.order):
             fault = "the states of the certificate do not fit the model"
+        fault = fault or ("" if self.vertices is None else vertices_fault(self.vertices, self.box))
         return fault or ("" if 0 < self.gamma < math.inf else "the certificate holds a gain that is not positive")
 
     def recheck(self, model: LPVStateSpace, subject: Driven) -> Recheck:
-        return recheck_gain(subject, self.storage, self.gamma, states=self.states, inverse=self.inverse)
+        return recheck_gain(subject, self.storage, self.gamma, states=self.states, inverse=self.inverse,
+                            vertices=self.vertices)
+
+    @classmethod
+    def array_shapes(cls, values: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+        return super().array_shapes(values) | (
+            {} if values.get("vertices") is None else {"vertices": (-1, len(values["box"].names))})
 
 
 def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None,
-                 states: np.ndarray | None = None, inverse: bool = False) -> Recheck:
+                 states: np.ndarray | None = None, inverse: bool = False, vertices: np.ndarray | None = None
+                 ) -> Recheck:
     """Check that a storage function proves a gain, between grid points if the budget allows.
 
     Parameters
@@ -238,7 +266,9 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
     states : (n, n) array, optional
         T of x = Tξ; left out, the identity.
     inverse : bool
-        The storage function is ξᵀQ(p)⁻¹ξ, and `storage` is Q; in discrete time a constant one.
+        The storage function is ξᵀQ(p)⁻¹ξ, and `storage` is Q.
+    vertices : (V, readings) array, optional
+        Of a polytope in place of the box; then there is no proof on a grid.
 
     Returns
     -------
@@ -260,9 +290,10 @@ def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int 
     changed = over_states(system, states)
     if changed is None:
         return Recheck(False, False, math.nan, "the states of the certificate are singular, or nearly")
-    if inverse and storage.readings and system.sample_time is not None:
-        return Recheck(False, False, math.nan, "the inverse of a moving storage function needs continuous time")
-    return recheck_inequality(BoundedReal(changed.dual if inverse else changed, storage, gamma), budget=budget)
+    problem = BoundedReal(changed.dual if inverse else changed, storage, gamma, inverse)
+    if vertices is None:
+        return recheck_inequality(problem, budget=budget)
+    return recheck_polytope(problem, vertices, budget=budget)
 
 
 def certify_gain(system: Matrices, P: np.ndarray, gamma: float, *, slopes: np.ndarray | None = None,

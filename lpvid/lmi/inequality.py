@@ -126,7 +126,8 @@ class LyapunovInequality(ABC):
             The scaling.
         """
 
-    def evaluate(self, points: np.ndarray, moves: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, float]:
+    def evaluate(self, points: np.ndarray, moves: np.ndarray, scale: np.ndarray,
+                 landing: np.ndarray | None = None) -> tuple[np.ndarray, float]:
         """(N, T, m, m) scaled F at `points` (N, s) and moves τ ∈ [0, 1] (T, s), and a bound of its rounding.
 
         Parameters
@@ -137,6 +138,8 @@ class LyapunovInequality(ABC):
             Share of the rate range of each variable, τ ∈ [0, 1].
         scale : (m, m) array
             What `congruence` returned.
+        landing : (T, s) array, optional
+            In discrete time: scheduling one sample later, from every point, in place of the moves.
 
         Returns
         -------
@@ -144,7 +147,11 @@ class LyapunovInequality(ABC):
             Scaled F and a bound of the rounding of its eigenvalues.
         """
         system, storage = self.system, self.storage
-        later, later_size = (storage.later if system.sample_time is not None else storage.drift)(points, moves)
+        if landing is None:
+            later, later_size = (storage.later if system.sample_time is not None else storage.drift)(points, moves)
+        else:
+            later, later_size = (np.broadcast_to(x, (len(points), *x.shape)) for x in
+                                 (storage.values(landing), storage.magnitudes(landing)))
         value = self.matrix(Pieces.of(system.matrices(points), storage.values(points), later, -1.0))
         size = self.matrix(Pieces.of(system.magnitudes(points), storage.magnitudes(points), later_size, 1.0))
         value, size = scale @ value @ scale.T, np.abs(scale) @ size @ np.abs(scale.T)

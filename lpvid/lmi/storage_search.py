@@ -23,6 +23,7 @@ from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
+from lpvid.lmi.polytope_positivity import lattice, simplices, stepped_box
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage, symmetric_units
 from lpvid.scheduling import Basis, Scheduling
@@ -80,6 +81,8 @@ class StorageSearch:
         not change with it.
     density : float
         Points along each variable, over the usual number.
+    vertices : (V, readings) array, optional
+        Of a polytope in place of the box, which encloses it.
     """
 
     system: Driven
@@ -88,6 +91,7 @@ class StorageSearch:
     frame: Frame
     claims: Claims
     density: float = 2.0
+    vertices: np.ndarray | None = None
     _programs: dict[tuple, tuple[Program, list[Affine]]] = field(default_factory=dict, repr=False)
 
     @property
@@ -99,7 +103,7 @@ class StorageSearch:
     def effort(self) -> int:
         """Unknowns times inequalities times entries of P, which is what a solver's time goes with."""
         storage = self._empty(self.box)
-        points, moves = sample(self.system, storage, self.density, self._claim(0.0, storage).power)
+        points, moves = self._sample(storage, self._claim(0.0, storage).power)
         count = len(moves) if self.system.sample_time is not None else 2 ** len(storage.moving)
         return self._unknowns * len(points) * count * self.system.order**2
 
@@ -188,7 +192,7 @@ class StorageSearch:
     def _matrices(self, box: Scheduling) -> Iterator[Affine]:
         """P at the sampled points."""
         storage, units = self._empty(box), symmetric_units(self.system.order)
-        points, _ = sample(self.system, storage, self.density)
+        points, _ = self._sample(storage)
         for psi in np.unique(storage.psi(points), axis=0):
             yield _combined(psi, units)
 
@@ -196,7 +200,7 @@ class StorageSearch:
         """F at ℓ = 0 at the sampled points and moves, what ℓ adds, and what the rates of the scheduling multiply."""
         storage, units = self._empty(box), symmetric_units(self.system.order)
         zero, one = self._claim(0.0, storage), self._claim(1.0, storage)
-        points, moves = sample(self.system, storage, self.density, zero.power)
+        points, moves = self._sample(storage, zero.power)
         empty = np.zeros((1, *units.shape[1:]))
         for k in range(len(points)):
             point = points[k : k + 1]
@@ -226,7 +230,22 @@ class StorageSearch:
 
     def _empty(self, box: Scheduling) -> Storage:
         n = self.system.order
-        return Storage(np.zeros((self.basis.size, n, n)), self.basis, box, self.system.sample_time)
+        storage = Storage(np.zeros((self.basis.size, n, n)), self.basis, box, self.system.sample_time)
+        stepped = self.vertices is not None and self.system.sample_time is not None
+        return replace(storage, box=stepped_box(storage)) if stepped else storage
+
+    def _sample(self, storage: Storage, power: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """As `sample`; on a polytope a lattice on its simplices, as fine as is affordable."""
+        if self.vertices is None:
+            return sample(self.system, storage, self.density, power)
+        moves = tensor([np.array([0.0, 1.0]) if i in storage.moving else np.array([0.5])
+                        for i in range(self.vertices.shape[1])])
+        most, n = max(MOST_INEQUALITIES // len(moves), len(self.vertices)), self.vertices.shape[1]
+        degree = (self.basis.degree or 0) + (power or 1) * max((r.degree for r in self.system.readings), default=0)
+        wanted = round(self.density * (3 * degree + 2))  # as many along an edge as along a side of a box
+        order = max(1, min(wanted, int((most * math.factorial(n) / len(simplices(self.vertices))) ** (1 / n))))
+        points = next((p for k in range(order, 1, -1) if len(p := lattice(self.vertices, k)) <= most), None)
+        return lattice(self.vertices, 1) if points is None else points, moves
 
     def _rates(self, box: Scheduling) -> dict[str, float]:
         """Rates of the scheduling in the frame's unit of time."""

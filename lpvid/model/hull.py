@@ -234,6 +234,26 @@ class Hull(Coded):
         """The set in a few words."""
         return f"a polytope of {len(self.vertices())} vertices over {', '.join(self.names)}"
 
+    def scaled(self, factor: float) -> Hull:
+        """The set about its middle, all widths times a factor.
+
+        Parameters
+        ----------
+        factor : float
+            Above zero.
+
+        Returns
+        -------
+        Hull
+
+        Examples
+        --------
+        >>> Hull.disc(("c", "s"), sides=4).scaled(0.5).vertices().round(6).tolist()
+        [[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]]
+        """
+        middle = self.normals @ ((self.middle - self.centre) / self.half_width)
+        return replace(self, offsets=factor * self.offsets + (1 - factor) * middle)
+
     def over(self, names: Sequence[str]) -> Hull:
         """The same set over some of its variables, in another order.
 

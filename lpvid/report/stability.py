@@ -305,9 +305,10 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
         again = f"lpvid verify {OUT}/certificate.json {name}"
         steps = [NextStep("Let anyone check the certificate without a solver.", again)]
         if study.hull is not None:
-            if study.certificate.vertices is None:  # with them any motion is covered
-                steps.append(NextStep("See how far it reaches: the largest rate within the hull of the design.",
-                                      f"lpvid stability {name} --largest-rate --out reach"))
+            faster = "" if study.certificate.kind == "quadratic" else " --largest-rate"  # one P covers any motion
+            steps.append(NextStep("See how far it reaches: the hull of the design, scaled"
+                                  + (", and the largest rate within it." if faster else "."),
+                                  f"lpvid stability {name} --largest-range{faster} --out reach"))
         elif study.model.box.names:
             steps.append(NextStep("See how far it reaches: the largest range and the largest rate.",
                               f"lpvid stability {name} --largest-range --largest-rate --out reach"))
@@ -317,9 +318,7 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
     return (NextStep("State how fast the scheduling moves: a bounded rate is easier to certify.",
                  f"lpvid stability {name} --rate RATE --out bounded"),
             NextStep("Or ask for the largest range that is certified.",
-                     f"lpvid stability {name} --largest-range --out reach") if study.hull is None else
-            NextStep("Or give a range inside the hull of the design.",
-                     f"lpvid stability {name} --range NAME=LOW:HIGH --out narrower"))
+                     f"lpvid stability {name} --largest-range --out reach"))
 
 
 

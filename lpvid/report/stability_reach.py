@@ -14,7 +14,6 @@ from lpvid.analysis.gain import Gain, l2_gain
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability
 from lpvid.identification.layout import ParameterCloud
-from lpvid.model.hull import design_hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import realize
@@ -158,12 +157,8 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, questions
         notes.append("no scheduling variable moves: there is no largest range or rate")
     wide = speed = None
     if questions.range and moves:
-        if design_hull(model) is not None:
-            notes.append("a largest range is that of a box, and this loop or controller was designed for a hull: "
-                         "give a range in its place (--range)")
-        else:
-            report_progress("the largest certified range")
-            wide = largest_range(model, rate)
+        report_progress("the largest certified range")
+        wide = largest_range(model, rate)
     if questions.rate and moves:
         report_progress("the largest certified rate")
         speed = largest_rate(model)

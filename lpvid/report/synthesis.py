@@ -238,8 +238,9 @@ def _design(result: Synthesis, plant: GeneralizedPlant) -> list[Item]:
     for n, low, high, rate, unit in zip(box.names, box.lower, box.upper, box.rate, box.units, strict=True):
         speed = "arbitrarily fast" if rate is None else f"at most {number(rate, 4, quotient(unit, 's'))}"
         rows.append((f"scheduling: {n}", f"{number(low)} … {number(high, 4, unit)}, {speed}"))
-    if isinstance(result.certificate, HullCertificate):
-        named, at = result.certificate.names, result.certificate.vertices
+    if result.region == "polytope":
+        held = result.certificate
+        named, at = held.names if isinstance(held, HullCertificate) else held.box.names, held.vertices
         rows += [(f"polytope: {n}", f"{number(low)} … {number(high)}, {len(at)} vertices")
                  for n, low, high in zip(named, at.min(axis=0), at.max(axis=0), strict=True)]
     items: list[Item] = [PageTable((), tuple(rows), "")]

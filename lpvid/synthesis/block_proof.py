@@ -6,6 +6,8 @@ for a loop that is affine in each variable. For others the box is looked at on a
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
@@ -13,15 +15,17 @@ from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.lmi.certificate import diagonal
 from lpvid.lmi.driven import driven
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
+from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.criteria import CovarianceCriterion
 from lpvid.synthesis.design_grid import is_affine
 from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.loop_check import SAFETY, LoopStorage, frozen_gain, gain_bounds
-from lpvid.synthesis.polytope import Polytope
+from lpvid.synthesis.polytope import MOVING, Polytope
 from lpvid.synthesis.scaling import Matrices
 
+Values = Callable[[np.ndarray], np.ndarray]
+"""From points to matrices."""
 GRID = {0: 1, 1: 33, 2: 9}
 """Points per variable at which a loop that is not affine is looked at; 4 for more variables."""
 RAISED = (1e-4, 1e-3, 1e-2)
@@ -96,6 +100,38 @@ def searched_figure(channel: str, loop: LPVStateSpace, promised: float, polytope
     Figure or None
     """
     found = polytope.searched(loop, moving)
+    if found is None:
+        return None
+    held = frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete)
+    return Figure("H-infinity", channel, promised, found.gamma, held, True, found, "polytope")
+
+
+def moving_figure(channel: str, loop: LPVStateSpace, promised: float, polytope: Polytope, values: Values,
+                  lyapunov: Basis, most: float) -> Figure | None:
+    """The gain that a storage function which moves proves on a polytope, at the rates of its box; None for none.
+
+    Parameters
+    ----------
+    channel : str
+        From what to what, for the figure.
+    loop : LPVStateSpace
+        Closed loop w → z, polynomial in the scheduling.
+    promised : float
+        Bound that the design gave.
+    polytope : Polytope
+    values : callable
+        (N, n, n) P at (N, n_scheduling) points.
+    lyapunov : Basis
+        Its functions, or those of its inverse.
+    most : float
+        Gain up to which it is tried.
+
+    Returns
+    -------
+    Figure or None
+    """
+    shares = [s for s in MOVING if promised * (1 + s) <= most] or [0.0]
+    found = polytope.moving_proof(loop, values, lyapunov, promised, shares)
     if found is None:
         return None
     held = frozen_gain(polytope.over(loop, polytope.looked), discrete=loop.is_discrete)

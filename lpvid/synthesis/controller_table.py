@@ -83,6 +83,28 @@ def smooth(formula: FeedbackLaw, segments: int, linear: Mapping[str, np.ndarray]
     return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)
 
 
+def polynomial(formula: FeedbackLaw, degree: int, points: np.ndarray) -> LPVStateSpace:
+    """The controller as a polynomial of a total degree, fitted by least squares.
+
+    Parameters
+    ----------
+    formula : FeedbackLaw
+        The controller for every p; it reads no rates.
+    degree : int
+    points : (N, n_scheduling) array
+        At which it is fitted.
+
+    Returns
+    -------
+    LPVStateSpace
+        Near the formula, not equal to it: its bound must be checked.
+    """
+    box = formula.plant.plant.box
+    basis = Polynomial(box.names, degree).bound(box)
+    k, slopes = formula.at(points)
+    return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)
+
+
 def dense(box: Scheduling, cells: int, given: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
     """(N, n_scheduling) tensor grid with so many cells along every variable that has width.
 

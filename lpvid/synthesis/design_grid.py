@@ -62,6 +62,36 @@ def design_axes(box: Scheduling, points: int, affine: bool, given: Mapping[str, 
     return axes
 
 
+def with_breaks(axes: tuple[np.ndarray, ...], box: Scheduling, *bases: Basis) -> tuple[np.ndarray, ...]:
+    """Axes with the breakpoints of some tables among their values: a gain between them would be looked at nowhere.
+
+    Parameters
+    ----------
+    axes : tuple of arrays
+        Rising values of each variable of the box.
+    box : Scheduling
+    *bases : Basis
+        Over variables of the box.
+
+    Returns
+    -------
+    tuple of arrays
+
+    Examples
+    --------
+    >>> box = Scheduling(("p",), (0.0,), (1.0,))
+    >>> with_breaks((np.array([0.0, 1.0]),), box, Spline("p", 2, 1).bound(box))[0].tolist()
+    [0.0, 0.5, 1.0]
+    """
+    found = list(axes)
+    for basis in bases:
+        for reading in basis.readings():
+            i = box.names.index(reading.name)
+            inside = [b for b in reading.breaks if box.lower[i] < b < box.upper[i]]
+            found[i] = np.union1d(found[i], inside)
+    return tuple(found)
+
+
 def _smaller(variables: int, points: int) -> str:
     """What brings a tensor grid below the limit."""
     most = int(MOST_POINTS ** (1 / variables) + 1e-9)

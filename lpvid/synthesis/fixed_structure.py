@@ -21,7 +21,16 @@ from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals
 from lpvid.synthesis.bilinear_descent import BilinearDescent
 from lpvid.synthesis.block_proof import still_bound
 from lpvid.synthesis.controller_structures import Attached, LowOrder, ObserverBased, StaticGain, Structure
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, moving_basis, tensor, varies
+from lpvid.synthesis.design_grid import (
+    check_rates,
+    columns,
+    design_axes,
+    is_affine,
+    moving_basis,
+    tensor,
+    varies,
+    with_breaks,
+)
 from lpvid.synthesis.frozen_descent import FrozenLoops, shortlist
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
@@ -233,7 +242,7 @@ class _Problem:
             _checks.known_name(name, box.names, "scheduling variable of a gain")
         lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
         check_rates(lyapunov, box, plant.sample_time)
-        points = tensor(design_axes(box, design.points, False))
+        points = tensor(with_breaks(design_axes(box, design.points, False), box, gain, lyapunov))
         if design.hull is not None:
             points = Polytope.of(design.hull, box).within(points)
         refuse_dead_signals(plant, plant.at(points))

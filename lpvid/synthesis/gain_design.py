@@ -22,12 +22,13 @@ from lpvid.synthesis.design_grid import (
     richer,
     tensor,
     varies,
+    with_breaks,
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_check import LoopStorage
-from lpvid.synthesis.polytope import Polytope, affine_in, refuse_beside_hull
+from lpvid.synthesis.polytope import MOVING, Polytope, affine_in, check_hull
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed
+from lpvid.synthesis.shaped_design import KEPT, ShapedProblem, check_criteria, listed
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import Shaped, SignalCoordinates
 
@@ -61,7 +62,8 @@ class GainProblem(ShapedProblem):
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) where the inequalities stand."""
-        return tensor(self.axes) if self.polytope is None else self.polytope.vertices
+        return tensor(self.axes) if self.polytope is None else _points(
+            self.polytope, self.lyapunov, self.plant, max(map(len, self.axes)))
 
     @property
     def slack(self) -> Basis:
@@ -70,7 +72,7 @@ class GainProblem(ShapedProblem):
         return self.lyapunov if self.polytope is None else Polynomial((), 0)
 
     def steps(self, point: np.ndarray, psi: np.ndarray) -> list[np.ndarray]:
-        """What P must be compared with, away from a point: as `moves`; on a polytope, in discrete time, all vertices.
+        """What P must be compared with, away from a point: as `moves`, or as `Polytope.steps`.
 
         Parameters
         ----------
@@ -84,7 +86,7 @@ class GainProblem(ShapedProblem):
             Empty for a constant P.
         """
         if self.polytope is not None and self.lyapunov.names:
-            return list(psi)
+            return self.polytope.steps(self.lyapunov, point, psi, self.plant.sample_time)
         return moves(self.plant.box, self.lyapunov, point, self.plant.sample_time)
 
     def blocks_of(self, shaped: Shaped) -> LoopStorage | None:
@@ -134,10 +136,11 @@ class GainDesign(ABC):
     back_off : float
         Factor above the lowest level.
     hull : Hull, optional
-        A polytope in which the scheduling stays, in place of its box, as for `OutputFeedback`; the gain is affine. In
-        discrete time the Lyapunov matrix may be affine too (``lyapunov=Polynomial(names, 1)``): with a slack matrix
-        that is constant the inequalities of all steps between vertices cover every step inside (Daafouz & Bernussou
-        2001), and the gain stays affine.
+        A polytope in which the scheduling stays, in place of its box, as for `OutputFeedback`; the gain is affine. The
+        Lyapunov matrix may be a polynomial. In discrete time it is affine (``lyapunov=Polynomial(names, 1)``): with a
+        slack matrix that is constant the inequalities of all steps between vertices, or of all corners of the rate
+        bounds at the vertices, cover every step inside (Daafouz & Bernussou 2001), and the gain stays affine. In
+        continuous time its variables need rate bounds, and the gain is a polynomial.
     """
 
     criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
@@ -153,10 +156,8 @@ class GainDesign(ABC):
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
         object.__setattr__(self, "lyapunov", moving_basis(self.lyapunov))
         check_back_off(self.back_off)
-        if self.hull is None or self.lyapunov is None:
-            refuse_beside_hull(self.hull, None)
-        else:
-            refuse_beside_hull(self.hull, None if affine_in(self.lyapunov) else self.lyapunov)
+        check_hull(self.hull, self.lyapunov)
+        if self.hull is not None and self.lyapunov is not None:
             criteria = tuple(self.criteria)  # type: ignore[arg-type]
             if self.regions or not criteria or not all(isinstance(c, HInfinity) for c in criteria):
                 raise InputError("a Lyapunov matrix that moves on a hull bounds gains only",
@@ -180,6 +181,11 @@ class GainDesign(ABC):
         Synthesis
             With its verdict.
         """
+
+    @property
+    def kept(self) -> float:
+        """Factor up to which a verified figure may be above the promise: more where the gain is fitted on a hull."""
+        return KEPT if self.hull is None or self.lyapunov is None else 1 + MOVING[-1]
 
     def problem(self, kind: type[P], plant: GeneralizedPlant, beside: Sequence[str], polytope: Polytope | None = None,
                 **more: Any) -> P:
@@ -211,19 +217,28 @@ class GainDesign(ABC):
         box = plant.box
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
         lyapunov = (self.lyapunov or Polynomial((), 0)).bound(box)
-        if polytope is not None and plant.sample_time is None:
-            refuse_beside_hull(self.hull, self.lyapunov)
+        if polytope is not None and plant.sample_time is not None and not affine_in(lyapunov):
+            raise InputError("a Lyapunov matrix that moves on a hull in discrete time has degree one",
+                             got=f"degree {lyapunov.degree}", why="steps between vertices cover no other",
+                             mend=f"lpv.Polynomial({lyapunov.names!r}, 1)")
         check_rates(lyapunov, box, plant.sample_time)
         gain = None if self.gain is None else self.gain.bound(box)
         corners = plant.at(box.grid(2))
         steady = not any(varies(getattr(corners, name)) for name in beside)
         plain = steady and not lyapunov.names and gain is None and is_affine(plant.system.basis)
-        axes = design_axes(box, self.points, plain)
+        axes = with_breaks(design_axes(box, self.points, plain), box, lyapunov, *(() if gain is None else (gain,)))
         if gain is None:
-            gain = richer(plant, lyapunov, axes) if lyapunov.names and polytope is None else plant.system.basis
-        points = tensor(axes) if polytope is None else polytope.vertices
+            free = polytope is None or plant.sample_time is None
+            gain = richer(plant, lyapunov, axes) if lyapunov.names and free else plant.system.basis
+        points = tensor(axes) if polytope is None else _points(polytope, lyapunov, plant, self.points)
         check_criteria(plant, criteria, regions, points)
         raw = plant.at(points)
         coordinates = SignalCoordinates.of(raw, plant.sample_time is not None)
         return kind(plant, criteria, regions, self.back_off, lyapunov, gain, axes, coordinates, coordinates.scaled(raw),
                     polytope=polytope, **more)
+
+
+def _points(polytope: Polytope, lyapunov: Basis, plant: GeneralizedPlant, count: int) -> np.ndarray:
+    """Where the inequalities of a gain stand: the vertices where these decide; else points between them too."""
+    still = not lyapunov.names or plant.sample_time is not None
+    return polytope.vertices if still else polytope.spread(count)

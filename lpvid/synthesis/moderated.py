@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from lpvid.synthesis.progress import stop_at, stopped
@@ -29,12 +30,23 @@ class Moderated:
     best : MatrixPair
         Its pair of least bound.
     solvers : tuple of str
+    fewer : mapping of int to float, optional
+        Bounds by size for the same plant at fewer points: at more points they are no lower, so that a bound which they
+        refuse needs no program.
     """
 
-    def __init__(self, projected: ProjectedInequalities, best: MatrixPair, solvers: tuple[str, ...]) -> None:
-        self.projected, self.best, self.solvers = projected, best, solvers
+    def __init__(self, projected: ProjectedInequalities, best: MatrixPair, solvers: tuple[str, ...],
+                 fewer: Mapping[int, float] | None = None) -> None:
+        self.projected, self.best, self.solvers, self.fewer = projected, best, solvers, dict(fewer or {})
         self.sizes = NOISE if singular(projected.plant) else ()
         self.found: dict[int, tuple[ProjectedInequalities, MatrixPair | None]] = {}
+
+    @property
+    def bounds(self) -> dict[int, float]:
+        """The least bound by size, of those computed here or at fewer points; infinite where there is none."""
+        own = {k: math.inf if pair is None else pair.gamma for k, (_, pair) in self.found.items()
+               if pair is None or pair.status != ROOMY}
+        return {**self.fewer, **own}
 
     def fitting(self, gamma: float) -> Iterator[tuple[ProjectedInequalities, MatrixPair]]:
         """Those that admit a bound, the most noise first.
@@ -53,11 +65,14 @@ class Moderated:
             middle = (first + last) // 2
             first, last = (first, middle) if self._admits(middle, gamma) else (middle + 1, last)
         for k in range(first, len(self.sizes)):
-            noisy, least = self._least(k)
-            if least is not None and self._admits(k, gamma):
+            if self._admits(k, gamma):
+                noisy, least = self._least(k)
+                assert least is not None
                 yield noisy, least
 
     def _admits(self, k: int, gamma: float) -> bool:
+        if k not in self.found and self.fewer.get(k, 0.0) * (1 + SLACK) >= gamma:
+            return False
         least = self._least(k)[1]
         return least is not None and least.status != ROOMY and least.gamma * (1 + SLACK) < gamma
 

@@ -39,13 +39,14 @@ import numpy as np
 from lpvid.lmi.affine import Affine, block, combined
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis
+from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.bilinear import around_feedthrough
 from lpvid.synthesis.criteria import Criterion, HInfinity
 from lpvid.synthesis.design_grid import columns, fitted, richer, storage_for, tensor
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import written
+from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.reconstruction import dual
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Matrices
@@ -60,7 +61,7 @@ two variables, less for one. With the back-off it stays within the tenth that `O
 
 def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...], *, turned: bool = False,
                     strictly_proper: bool = False, bound: float | None = None, back_off: float = 0.01,
-                    criteria: Sequence[Criterion] = ()) -> Synthesis:
+                    criteria: Sequence[Criterion] = (), polytope: Polytope | None = None) -> Synthesis:
     """The controller of inequality (1) for a discrete plant, with the verified figures of its closed loop.
 
     Parameters
@@ -82,6 +83,10 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
         Share by which the bound is raised above the least one, for a controller of moderate gains.
     criteria : sequence of HInfinity, H2 or GeneralizedH2
         In place of one gain; they share P and G. Those of the covariance need `turned` to be false.
+    polytope : Polytope, optional
+        The scheduling set where that is no box, of a plant whose controller can be affine (`Polytope.full_order`). P is
+        of degree one, X and S are constants too: (1) is then affine in p and p⁺ together, so that the vertices with
+        every corner of a step, or every pair of them, cover the set, and the controller is affine.
 
     Returns
     -------
@@ -89,12 +94,12 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
         With a note where D22 kept the controller from having feedthrough.
     """
     axes = _with_kinks(plant, lyapunov, axes)
-    raw = plant.at(tensor(axes))
+    raw = plant.at(tensor(axes) if polytope is None else polytope.vertices)
     coordinates = SignalCoordinates.of(raw, True)
-    gains = richer(plant, lyapunov, axes)
+    gains = richer(plant, lyapunov, axes) if polytope is None else Polynomial(plant.box.names, 1).bound(plant.box)
     direct = not strictly_proper and not raw.D22.any()
     found = settle(_Moving(plant, tuple(criteria) or (HInfinity(bound=bound),), (), 1 + back_off, lyapunov, gains, axes,
-                           turned, direct, coordinates), kept=ABOVE if bound is None else KEPT)
+                           turned, direct, coordinates, polytope=polytope), kept=ABOVE if bound is None else KEPT)
     if direct or strictly_proper:
         return found
     return replace(found, notes=(*found.notes, "controls reach the measurements directly: no feedthrough in the "
@@ -126,7 +131,7 @@ def lowest(moving: Sequence[Synthesis], constant: Synthesis) -> Synthesis:
     if not constant.solved:
         note = f"a constant X and Y gave no controller ({constant.verdict}: {constant.why})"
         return replace(best, notes=(note, *best.notes))
-    where = "on the whole box" if constant.between_grid else "at the points of a grid"
+    where = f"on the whole {constant.region}" if constant.between_grid else "at the points of a grid"
     if _verified(constant) < _verified(best):
         note = f"X and Y are constants: matrices that move gave {_verified(best):.6g}, which is more"
         return replace(constant, notes=(note, *constant.notes))
@@ -151,9 +156,19 @@ class _Moving(ShapedProblem):
 
     @property
     def method(self) -> str:
-        which = "Y" if self.turned else "X"
-        return (f"output feedback, P and {which} over {', '.join(self.lyapunov.labels)}, "
-                f"{len(tensor(self.axes))} points")
+        which = "P" if self.polytope is not None else "P and Y" if self.turned else "P and X"
+        over = "" if self.polytope is None else f" on {self.polytope.text}"
+        return f"output feedback, {which} over {', '.join(self.lyapunov.labels)}, {len(self.points)} points{over}"
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, n_scheduling) where (1) stands."""
+        return tensor(self.axes) if self.polytope is None else self.polytope.vertices
+
+    @property
+    def slack(self) -> Basis:
+        """Functions of X and S."""
+        return self.lyapunov if self.polytope is None else Polynomial((), 0)
 
     @property
     def remedy(self) -> str:
@@ -162,7 +177,7 @@ class _Moving(ShapedProblem):
 
     @property
     def storage(self) -> Basis | None:
-        return storage_for(self.lyapunov)
+        return storage_for(self.lyapunov) if self.polytope is None else self.lyapunov
 
     def storage_of(self, shaped: Shaped) -> Values:
         z, n = _split(self, shaped)
@@ -181,26 +196,27 @@ class _Moving(ShapedProblem):
         return None
 
     def build(self, program: Program, scale: float) -> Shaping:
-        box, points = self.plant.box, tensor(self.axes)
+        box, points = self.plant.box, self.points
         design = self._design(points)
         new, n, nu, ny = program.unknowns, self.plant.order, design.B2.shape[2], design.C2.shape[1]
         p = [new.symmetric(2 * n) for _ in range(self.lyapunov.size)]
-        x, s = ([new.matrix(n, n) for _ in p] for _ in range(2))
+        x, s = ([new.matrix(n, n) for _ in range(self.slack.size)] for _ in range(2))
         z = new.matrix(n, n)
         shapes = {"Q": (n, n), "F": (n, ny), "L": (nu, n)} | ({"R": (nu, ny)} if self.direct else {})
         hats = {name: [new.matrix(*shape) for _ in range(self.gains.size)] for name, shape in shapes.items()}
-        psi, phi = (columns(box, basis, points) for basis in (self.lyapunov, self.gains))
+        psi, phi, chi = (columns(box, basis, points) for basis in (self.lyapunov, self.gains, self.slack))
         loops, above, below = [], [], [z]
         for k, point in enumerate(points):
             here = {name: combined(h, phi[k]) for name, h in hats.items()}
-            slack = block([[combined(x, psi[k]), np.eye(n)], [combined(s, psi[k]), z]])
+            slack = block([[combined(x, chi[k]), np.eye(n)], [combined(s, chi[k]), z]])
             now = combined(p, psi[k])
             above.append(now)
-            below += [combined(x, psi[k]), combined(s, psi[k]), *here.values()]
-            for step in moves(box, self.lyapunov, point, self.plant.sample_time):
+            below += [combined(x, chi[k]), combined(s, chi[k]), *here.values()]
+            for step in (moves(box, self.lyapunov, point, self.plant.sample_time) if self.polytope is None
+                         else self.polytope.steps(self.lyapunov, point, psi, self.plant.sample_time)):
                 later = combined(p, step)
                 first, second = (now, later) if self.turned else (later, now)
-                loops.append(_loop(design.point(k), combined(x, psi[k]), z, here, slack + slack.T - second, first,
+                loops.append(_loop(design.point(k), combined(x, chi[k]), z, here, slack + slack.T - second, first,
                                    self.turned))
         return Shaping(tuple(loops), size_and_condition(program, above=above, below=below), {
             "lyapunov": tuple(p), "X": tuple(x), "S": tuple(s), "Z": (z,), **{k: tuple(h) for k, h in hats.items()}})
@@ -212,6 +228,9 @@ class _Moving(ShapedProblem):
             a, b, c, d = self._physical(self._controller_at(shaped, points), points)
             return np.block([[a, b], [c, d]])
 
+        if self.polytope is not None:
+            inverse = np.linalg.pinv(columns(plant.box, self.gains, self.points))
+            return written(plant, np.tensordot(inverse, law(self.points), axes=1), order, self.gains)
         basis, k = fitted(law, plant.box, self.axes, self.gains)
         return written(plant, k, order, basis)
 
@@ -225,7 +244,7 @@ class _Moving(ShapedProblem):
 
     def _at(self, shaped: Shaped, name: str, points: np.ndarray) -> np.ndarray:
         """(N, …) values of an unknown matrix function."""
-        basis = self.lyapunov if name in ("lyapunov", "X", "S") else self.gains
+        basis = self.lyapunov if name == "lyapunov" else self.slack if name in ("X", "S") else self.gains
         return np.tensordot(columns(self.plant.box, basis, points), shaped.values(name), axes=1)
 
     def _controller_at(self, shaped: Shaped, points: np.ndarray) -> Matrices:
@@ -284,7 +303,7 @@ def _with_kinks(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray
 
 def _split(problem: _Moving, shaped: Shaped) -> tuple[np.ndarray, np.ndarray]:
     """Z and N, with the mean of S − ZX = N U over the design points split evenly between N and U."""
-    z, points = shaped.values("Z")[0], tensor(problem.axes)
+    z, points = shaped.values("Z")[0], problem.points
     mean = (problem._at(shaped, "S", points) - z @ problem._at(shaped, "X", points)).mean(axis=0)
     u, s, _ = np.linalg.svd(mean)
     if not s.min() > 1e-12 * s.max():

@@ -95,7 +95,7 @@ class MultiObjective:
         if self.regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")
-        refuse_beside_hull(self.hull, self.lyapunov)
+        refuse_beside_hull(self.hull, self.lyapunov, "one gain alone may have both (OutputFeedback)")
         if not _checks.real(self.back_off, "back_off") >= 1:
             raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
                              mend="1.02 stops 2 % above it")

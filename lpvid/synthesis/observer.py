@@ -81,7 +81,7 @@ class Observer(GainDesign):
         points = problem.points
         at = plant.at(points)
         reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
-        return settle(problem, fault_of(plant, reached, points))
+        return settle(problem, fault_of(plant, reached, points), kept=self.kept)
 
     def _polytope(self, plant: GeneralizedPlant) -> Polytope | None:
         """The hull for a plant in which the error of the observer is affine."""
@@ -196,10 +196,10 @@ class _ObserverProblem(GainProblem):
         return self.lyapunov
 
     def storage_of(self, shaped: Shaped) -> Values | None:
-        if self.polytope is None or self.lyapunov.names:
+        if self.polytope is None:
             return None
-        p, scale = shaped.values("lyapunov")[0], np.outer(self.coordinates.states, self.coordinates.states)
-        return lambda points: np.broadcast_to(p / scale, (len(points), *p.shape))
+        p, scale = shaped.values("lyapunov"), np.outer(self.coordinates.states, self.coordinates.states)
+        return lambda points: np.tensordot(columns(self.plant.box, self.lyapunov, points), p / scale, axes=1)
 
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
@@ -234,6 +234,8 @@ class _ObserverProblem(GainProblem):
             solved = np.linalg.solve(here, np.tensordot(columns(box, self.gain, points), y, axes=1))
             return c.states[:, None] * solved / c.measurements
 
+        if self.polytope is not None:
+            return MatrixFunction(*self.polytope.fitted(law))
         return MatrixFunction(*fitted(law, box, self.axes, self.lyapunov))
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:

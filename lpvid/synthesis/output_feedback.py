@@ -20,7 +20,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.moving_feedback import lowest, moving_feedback
 from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.output_feedback_search import SOLVED, STEPS, kept_near
-from lpvid.synthesis.polytope import refuse_beside_hull
+from lpvid.synthesis.polytope import Polytope, affine_in, check_hull
 from lpvid.synthesis.projected_feedback import FeedbackGrid, inspected, projected_feedback, remarked
 from lpvid.synthesis.result import Synthesis
 
@@ -59,9 +59,11 @@ class OutputFeedback:
         Grid points per scheduling variable, where corners of the box are not enough.
     hull : Hull, optional
         A polytope in which the scheduling stays (``lpv.Hull.of`` samples, ``lpv.Hull.disc`` for cos θ and sin θ) in
-        place of its box: the inequalities stand at its vertices, and the certificate is a `HullCertificate`. The plant
-        must be affine in the scheduling with steady gains of controls and measurements, X and Y are constants, and the
-        controller is affine too.
+        place of its box. With constant X and Y the plant must be affine in the scheduling with steady gains of controls
+        and measurements: the inequalities stand at the vertices, the controller is affine too, and the certificate is a
+        `HullCertificate`. With `lyapunov`, a polynomial, X or Y moves ("both" tries either), and the certificate is a
+        `GainCertificate` of the polytope. In continuous time the plant and the controller are polynomials. In discrete
+        time P moves, of degree one, beside constant slack matrices, and plant and controller are affine.
 
     Examples
     --------
@@ -100,7 +102,7 @@ class OutputFeedback:
         if regions and self.lyapunov is not None:
             raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
                              mend="leave one of the two out")
-        refuse_beside_hull(self.hull, self.lyapunov)
+        check_hull(self.hull, self.lyapunov)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with what its closed loop was shown to do.
@@ -134,6 +136,8 @@ class OutputFeedback:
             found = self._moving(plant, grid.axes)
         else:
             basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
+            if self.hull is not None and basis is not None:
+                return remarked(self._either(plant, grid, basis), grid, notes, started)
             found = projected_feedback(plant, grid, Variations(basis, self.varying, plant.box),
                                        strictly_proper=self.strictly_proper, bound=self.bound, back_off=self.back_off)
             if self.hull is not None and _farther(found, self.bound, self.back_off):
@@ -144,19 +148,37 @@ class OutputFeedback:
         """Discrete time: the lowest verified gain of what may move, and of a constant X and Y."""
         assert self.lyapunov is not None
         basis, sides = self.lyapunov.bound(plant.box), {"controls": (False,), "measurements": (True,)}
+        polytope = None if self.hull is None else Polytope.full_order(self.hull, plant)
+        if polytope is not None and not affine_in(basis):
+            raise InputError("a Lyapunov matrix that moves on a hull in discrete time has degree one",
+                             got=f"degree {basis.degree}", why="steps between vertices cover no other",
+                             mend=f"lpv.Polynomial({basis.names!r}, 1)")
         moving = [moving_feedback(plant, basis, axes, turned=turned, strictly_proper=self.strictly_proper,
-                                  bound=self.bound, back_off=self.back_off)
+                                  bound=self.bound, back_off=self.back_off, polytope=polytope)
                   for turned in sides.get(self.varying, (False, True))]
         proper = self.strictly_proper or bool(plant.at(tensor(axes)).D22.any())
         return lowest(moving, replace(self, lyapunov=None, strictly_proper=proper).solve(plant))
 
+    def _either(self, plant: GeneralizedPlant, grid: FeedbackGrid, basis: Basis) -> Synthesis:
+        """A hull, continuous time: the lowest verified gain of X or Y that moves, and of constants."""
+        sides = ("controls", "measurements") if self.varying == "both" else (self.varying,)
+        moving = [projected_feedback(plant, grid, Variations(basis, side, plant.box), bound=self.bound,
+                                     strictly_proper=self.strictly_proper, back_off=self.back_off) for side in sides]
+        try:
+            return lowest(moving, replace(self, lyapunov=None).solve(plant))
+        except InputError as error:  # constants ask more of the plant
+            return lowest(moving, Synthesis("numerical", why=str(error)))
+
     def _grid(self, plant: GeneralizedPlant) -> FeedbackGrid:
         """Where the inequalities are imposed."""
+        if self.lyapunov is not None:
+            check_rates(self.lyapunov, plant.box, plant.sample_time)
         if self.hull is not None:
-            return FeedbackGrid.over(plant, self.hull)
+            moves = self.lyapunov is not None and plant.sample_time is None
+            return (FeedbackGrid.moving_over(plant, self.hull, self.points) if moves
+                    else FeedbackGrid.over(plant, self.hull))
         if self.lyapunov is None:
             return FeedbackGrid.constant(plant, self.points)
-        check_rates(self.lyapunov, plant.box, plant.sample_time)
         if plant.sample_time is not None:
             return FeedbackGrid(design_axes(plant.box, self.points, False))
         return FeedbackGrid.moving(plant, self.lyapunov, self.points)

@@ -15,7 +15,7 @@ from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes
 from lpvid.synthesis.controller_formula import ControllerFormula, FeedbackLaw, Variations
-from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
+from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, polynomial, smooth, table
 from lpvid.synthesis.design_grid import distinct, tensor
 from lpvid.synthesis.fast_states import FAST, fastest_pole, without_fast_states
 from lpvid.synthesis.generalized_plant import PlantMatrices
@@ -24,7 +24,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.moderated import NOISE, SLACK, Moderated
-from lpvid.synthesis.polytope import Polytope, affine_controller
+from lpvid.synthesis.polytope import MOST_DEGREE, Polytope, affine_controller
 from lpvid.synthesis.progress import remember, stage, stop_at, stopped
 from lpvid.synthesis.projected_search import ROOMY, conditioned, least_bound, roomy
 from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities
@@ -95,7 +95,11 @@ class FeedbackProblem:
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) design points."""
-        return np.vstack([tensor(self.axes) if self.polytope is None else self.polytope.vertices, self.extra])
+        if self.polytope is None:
+            return np.vstack([tensor(self.axes), self.extra])
+        if self.corners:
+            return np.vstack([self.polytope.vertices, self.extra])
+        return np.vstack([self.polytope.spread(max(map(len, self.axes))), self.extra])
 
     @property
     def looked(self) -> np.ndarray:
@@ -127,6 +131,8 @@ class FeedbackProblem:
         -------
         (N, n_scheduling) array
         """
+        if self.polytope is not None:
+            return self.polytope.spread(cells)
         return dense(self.plant.plant.box, cells, self.linear)
 
     @property
@@ -144,7 +150,8 @@ class FeedbackProblem:
         if not self.plant.plant.box.half_width.any():
             return ""
         if self.polytope is not None:
-            return ", or design for a smaller hull"
+            rates = ", or give rate bounds and a Lyapunov basis (lyapunov=)" if self.variations.basis is None else ""
+            return f"{rates}, or design for a smaller hull"
         if self.variations.basis is None:
             return ", or give rate bounds and a Lyapunov basis (lyapunov=)"
         return ", or a richer Lyapunov basis (a higher degree, more of the variables), or lower rate bounds"
@@ -188,11 +195,12 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
 
 def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
     known: MatrixPair | None = None
+    refused: dict[int, float] = {}
     while True:
-        found = _search(problem, wanted, back_off, known)
+        found = _search(problem, wanted, back_off, known, refused)
         if isinstance(found, Synthesis):
             return remember(found)
-        points, known = found
+        points, known, refused = found
         problem = replace(problem, extra=np.vstack([problem.extra, points]))
 
 
@@ -222,9 +230,10 @@ def kept_near(verified: float, least: float) -> str:
             "bound of any route")
 
 
-def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: MatrixPair | None
-            ) -> Synthesis | tuple[np.ndarray, MatrixPair]:
-    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these."""
+def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: MatrixPair | None,
+            refused: Mapping[int, float]) -> Synthesis | tuple[np.ndarray, MatrixPair, dict[int, float]]:
+    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these and the
+    bounds that noise was found to cost (`Moderated.fewer`)."""
     verdict, why, mend = "", "", ""
     projected = problem.projected
     best = _least(projected, problem.solvers, known)
@@ -242,22 +251,25 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                          "least that the inequalities admit", infimum=best.gamma, method=problem.method,
                          mend=f"ask for more than {best.gamma:.6g}, or {weights}{problem.richer}")
     target, note = _target(problem, projected, best)
-    moderated = Moderated(projected, best, problem.solvers[:1])
+    moderated = Moderated(projected, best, problem.solvers[:1], refused)
     rapid: Synthesis | None = None  # verified, with states that no sampled target can run
     shares = [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]
-    for share in dict.fromkeys(max(s, 0.0) for s in shares):
+    shares = list(dict.fromkeys(max(s, 0.0) for s in shares))
+    for share, later in itertools.zip_longest(shares, shares[1:]):
         if rapid is not None and (share > SOLVED or stopped()):
             break
         gamma = target * (1 + share)
         for formula in _formulas(problem, projected, best, gamma, moderated):
             missed = _missed(problem, formula) if rapid is None else problem.extra[:0]
             if len(missed):
-                return missed, best
+                return missed, best, moderated.bounds
+            # a polynomial that misses this bound may keep that of the next step, by a formula with less room
+            most = None if problem.corners or problem.polytope is None or later is None else target * (1 + later)
             try:
-                found = _written(problem, formula)
+                found = _written(problem, formula, most)
             except KeyboardInterrupt as error:  # what there is must be verified before it is returned
                 stop_at(error)
-                found = _written(problem, formula)
+                found = _written(problem, formula, most)
             if found is None:
                 continue
             found = _slower(problem, formula, found, wanted, 1 + (back_off if rapid is None else share))
@@ -472,6 +484,11 @@ def _certificate(problem: FeedbackProblem, formula: FeedbackLaw, loop: LPVStateS
     """Of the scheduling set: the formula's own storage function, or for a polytope another that keeps as much."""
     if problem.polytope is None:
         return certificate_of(formula, loop, bound)
+    if not problem.corners:
+        basis = formula.variations.basis
+        assert basis is not None
+        return problem.polytope.moving_proof(loop, lambda p: formula.storage(p).blocks(), basis, bound,
+                                             states=formula.storage(problem.points[:1]).mix)
     own = problem.polytope.proof(loop, formula.storage(problem.points[:1]).matrices()[0], bound)
     if own is not None:
         return own
@@ -503,6 +520,8 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
           ) -> tuple[LPVStateSpace, float] | None:
     """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
     target = target or formula.gamma * (1 + SLACK)
+    if problem.polytope is not None and not problem.corners:
+        return _polynomial(problem, problem.polytope, formula, target)
     if problem.corners:
         controller = (table(formula, problem.axes, True) if problem.polytope is None
                       else affine_controller(formula, problem.polytope))
@@ -519,6 +538,24 @@ def _kept(problem: FeedbackProblem, formula: FeedbackLaw, target: float | None =
         if bound <= target:
             return controller, bound
     return _adapted(problem, formula, target) if len(problem.free) == 1 else None
+
+
+def _polynomial(problem: FeedbackProblem, polytope: Polytope, formula: FeedbackLaw, most: float
+                ) -> tuple[LPVStateSpace, float] | None:
+    """The polynomial controller of least degree whose loop keeps the formula's bound at points of a polytope; else the
+    one of the lowest bound, up to a given one."""
+    points = np.vstack([problem.points, problem.dense(4 * problem.segments[0])])
+    if not bounds_at(formula, points).max() <= formula.gamma * (1 + SLACK):
+        return None
+    best: tuple[LPVStateSpace, float] | None = None
+    for degree in range(1, MOST_DEGREE.get(len(polytope.box.names), 3) + 1):
+        controller = polynomial(formula, degree, points)
+        bound = float(bounds_at(formula, points, controller).max())
+        if bound <= min(most, np.inf if best is None else best[1]):
+            best = controller, bound
+        if bound <= formula.gamma * (1 + SLACK):
+            break
+    return best
 
 
 def _adapted(problem: FeedbackProblem, formula: FeedbackLaw, target: float) -> tuple[LPVStateSpace, float] | None:

@@ -7,8 +7,9 @@ they hold at its vertices.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linprog
@@ -17,24 +18,38 @@ from lpvid.analysis.frozen import pole_margins
 from lpvid.analysis.hull_certificate import hull_gain
 from lpvid.analysis.hull_stability import region_on
 from lpvid.errors import InputError
-from lpvid.lmi.certificate import diagonal
+from lpvid.lmi.certificate import Recheck, diagonal
+from lpvid.lmi.driven import driven
+from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.lmi.hull_certificate import HullCertificate, affine_driven, recheck_at
+from lpvid.lmi.polytope_positivity import lattice, simplices
+from lpvid.lmi.readings import box_of
+from lpvid.lmi.storage import Storage
 from lpvid.model.hull import GRID, KEY, Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.controller_formula import FeedbackLaw
 from lpvid.synthesis.criteria import Region
-from lpvid.synthesis.design_grid import columns, is_affine, varies
+from lpvid.synthesis.design_grid import MISFIT, columns, is_affine, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.scaling import Matrices
+from lpvid.synthesis.shaped_loop import moves
 
 ROUNDING = 1e-12
 """of the largest entries, for the eigenvalues of a loop over states of condition up to 1e3"""
 SHARES = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3)
 """by which the certified bound may lie above the one that the storage function keeps in two blocks: rounding of one
 matrix of both"""
+MOVING = (1e-6, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 3.5e-2, 5e-2)
+"""the same for one that moves, whose controller is fitted between the points of the design (`moving_feedback.ABOVE`)"""
+MOST_DEGREE = {1: 10, 2: 8}
+"""Highest degree of a controller on a polytope, by the number of variables; 3 for more. A loop of degree 9 in two takes
+100 Bernstein coefficients for each simplex and corner of the rates."""
+EXACT = 1e-8
+"""share of the largest entry by which a storage function may miss a sum over its functions: the rounding of inverses of
+a condition up to 1e7"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +155,36 @@ class Polytope:
                              mend="take its functions for variables (lpv.lift), or design for the box")
         return found
 
+    @classmethod
+    def polynomial(cls, hull: Hull, plant: GeneralizedPlant) -> Polytope:
+        """A hull for a plant that is polynomial in its scheduling.
+
+        Parameters
+        ----------
+        hull : Hull
+        plant : GeneralizedPlant
+
+        Returns
+        -------
+        Polytope
+
+        Raises
+        ------
+        InputError
+            Another plant, a direct path from controls to measurements, and as `of`.
+        """
+        found = cls.of(hull, plant.box)
+        if not isinstance(plant.system.basis, Polynomial):
+            raise InputError("a hull with matrices that move needs a plant that is polynomial in its scheduling",
+                             got=", ".join(plant.system.basis.labels), why="of other functions nothing is decided "
+                             "between the vertices", mend="take its functions for variables (lpv.lift)")
+        if plant.at(found.vertices).D22.any():
+            raise InputError("a hull needs no direct path from controls to measurements",
+                             got=f"{', '.join(plant.controls)} in {', '.join(plant.measurements)}",
+                             why="the loop around it is a ratio of polynomials",
+                             mend="put a fast constant filter in front of them (lpv.add_actuator_filters)")
+        return found
+
     def moving_measurements(self, plant: GeneralizedPlant) -> list[str]:
         """Measurements whose gains from states or disturbances vary over the polytope.
 
@@ -172,6 +217,21 @@ class Polytope:
         """
         inside = self.hull.contains(points[:, [self.box.names.index(n) for n in self.hull.names]])
         return np.unique(np.vstack([self.vertices, points[inside]]), axis=0)
+
+    def spread(self, count: int) -> np.ndarray:
+        """About as many points as a grid of so many along each variable has: a lattice on the simplices, its edges too.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        (N, n_scheduling) array
+            With the vertices among them.
+        """
+        parts = len(simplices(self.vertices)) ** (1 / len(self.box.names))
+        return lattice(self.vertices, max(1, round(count / parts)))
 
     @property
     def looked(self) -> np.ndarray:
@@ -235,6 +295,146 @@ class Polytope:
         worst, size = max(float(np.linalg.eigvalsh(r)[-1]) for r in rows), max(float(np.linalg.norm(r)) for r in rows)
         proven = worst < -ROUNDING * size or region_on(loop, self.hull, region.matrices()) is not None
         return "whole" if proven else "points"
+
+    def motion(self, sample_time: float | None) -> Scheduling:
+        """The least box around the set, with the rates that count.
+
+        In discrete time none where one sample takes a variable half of its width or more: from the middle it then
+        reaches an end, and steps from vertex to vertex ask for no more than steps that leave the set.
+
+        Parameters
+        ----------
+        sample_time : float or None
+            [s]
+
+        Returns
+        -------
+        Scheduling
+        """
+        around = self.hull.enclosing(self.box)
+        if sample_time is None:
+            return around
+        slow = all(r is not None and r * sample_time < half for r, half in
+                   zip(around.rate, around.half_width, strict=True))
+        return around if slow else replace(around, rate=(None,) * len(around.names))
+
+    def steps(self, lyapunov: Basis, point: np.ndarray, psi: np.ndarray, sample_time: float | None
+              ) -> list[np.ndarray]:
+        """What a matrix that moves must be compared with, away from a point, as `moves` for a box.
+
+        In discrete time, for one of degree one: at every corner of a step of the rate bounds, from inside of the set to
+        outside of it too; without rate bounds at every vertex.
+
+        Parameters
+        ----------
+        lyapunov : Basis
+            Of the matrix.
+        point : (n_scheduling,) array
+        psi : (V, M) array
+            Its functions at the vertices.
+        sample_time : float or None
+            [s]
+
+        Returns
+        -------
+        list of (M,) arrays
+        """
+        box = self.motion(sample_time)
+        if sample_time is None:
+            return moves(box, lyapunov, point, None)
+        if any(box.rate[box.names.index(n)] is None for n in lyapunov.names):
+            return list(psi)
+        reach = [(r or 0.0) * sample_time if n in lyapunov.names else 0.0
+                 for n, r in zip(box.names, box.rate, strict=True)]
+        signs = itertools.product(*([-1.0, 1.0] if r else [0.0] for r in reach))
+        return list(columns(self.box, lyapunov, point + np.array(list(signs)) * np.array(reach)))
+
+    def moving_proof(self, loop: LPVStateSpace, values: Callable[[np.ndarray], np.ndarray], lyapunov: Basis,
+                     bound: float, shares: Sequence[float] = MOVING, states: np.ndarray | None = None
+                     ) -> GainCertificate | None:
+        """The certificate of a loop by a storage function of which it, or its inverse, is a sum over given functions.
+
+        Parameters
+        ----------
+        loop : LPVStateSpace
+            w → z, polynomial in the scheduling.
+        values : callable
+            (N, n, n) P at (N, n_scheduling) points.
+        lyapunov : Basis
+            Its functions, or those of its inverse.
+        bound : float
+            Gain that it keeps.
+        shares : sequence of float
+            Rising, by which the certified gain may be above it.
+        states : (n, n) array, optional
+            T of x = Tξ, over whose ξ P is.
+
+        Returns
+        -------
+        GainCertificate or None
+            None where it fails, and for a loop that reads none of the variables of P.
+        """
+        system = driven(loop, tuple(n for n in lyapunov.names if n in loop.box.names))
+        box = box_of(system.readings, self.motion(loop.sample_time))
+        if not set(lyapunov.names) <= set(box.names):
+            return None
+        corners = self.hull.over(box.names).vertices()
+        points = lattice(self.vertices, (lyapunov.degree or 1) + 1)
+        phi, at = columns(self.box, lyapunov, points), values(points)
+        for inverse in (False, True):
+            wanted = np.linalg.inv(at) if inverse else at
+            matrices = np.tensordot(np.linalg.pinv(phi), wanted, axes=1)
+            matrices = 0.5 * (matrices + matrices.swapaxes(1, 2))
+            if np.abs(np.tensordot(phi, matrices, axes=1) - wanted).max() > EXACT * np.abs(wanted).max():
+                continue
+            storage = Storage(matrices, lyapunov, box, loop.sample_time)
+
+            def checked(gamma: float, storage: Storage = storage, inverse: bool = inverse) -> Recheck:
+                return recheck_gain(system, storage, gamma, states=states, inverse=inverse, vertices=corners)
+
+            proven, low = None, 0
+            high = len(shares)
+            while low < high:  # what holds for a gain holds for any larger one
+                middle = high - 1 if proven is None else (low + high) // 2
+                found = checked(bound * (1 + shares[middle]))
+                if found.holds:
+                    proven, high = (bound * (1 + shares[middle]), found), middle
+                elif proven is None:
+                    break
+                else:
+                    low = middle + 1
+            if proven is not None:
+                return GainCertificate.of(system, storage, *proven, states=states, inverse=inverse, vertices=corners)
+        return None
+
+    def fitted(self, values: Callable[[np.ndarray], np.ndarray]) -> tuple[Basis, np.ndarray]:
+        """A matrix known at every point of the set as a polynomial: of the least degree that misses it by a thousandth.
+
+        Parameters
+        ----------
+        values : callable
+            (N, …) values at (N, n_scheduling) points.
+
+        Returns
+        -------
+        Polynomial
+            Of the highest degree tried where none is as near.
+        (M, …) array
+            Coefficients over it.
+        """
+        highest = MOST_DEGREE.get(len(self.box.names), 3)
+        points = self.spread(2 * highest)
+        table = values(points)
+        flat = table.reshape(len(points), -1)
+        sizes = np.abs(flat).max(axis=0, initial=0.0)
+        sizes = sizes + 1e-6 * sizes.max(initial=1e-300)
+        for degree in range(1, highest + 1):
+            basis = Polynomial(self.box.names, degree).bound(self.hull.enclosing(self.box))
+            phi = columns(self.box, basis, points)
+            found = np.linalg.lstsq(phi, flat, rcond=None)[0]
+            if degree == highest or np.all(np.abs(phi @ found - flat) <= MISFIT * sizes):
+                break
+        return basis, found.reshape(basis.size, *table.shape[1:])
 
     def marked(self, system: LPVStateSpace) -> LPVStateSpace:
         """A controller or loop whose metadata name the set for which it was designed.
@@ -306,12 +506,12 @@ def _meets(vertices: np.ndarray, box: Scheduling) -> bool:
     return found.status != 2  # infeasible
 
 
-def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None) -> None:
-    """Refuse what is no hull, and one together with a Lyapunov matrix that moves.
+def check_hull(hull: Hull | None, lyapunov: Basis | None) -> None:
+    """Refuse what is no hull, and beside one a Lyapunov matrix that is no polynomial.
 
-    With P(p) affine the inequality He(PA) + Ṗ is of degree two in p, and the gain F(p)X(p)⁻¹ (or that of the change of
-    variables) is a ratio: neither it nor the loop is decided by vertices. State feedbacks and observers in discrete
-    time have a constant slack matrix in its place (`GainDesign`).
+    With P(p) of some degree the inequality He(PA) + Ṗ is of a higher one, and the gain F(p)X(p)⁻¹ (or that of the
+    change of variables) is a ratio, fitted by a polynomial: vertices do not decide about that loop, Bernstein
+    coefficients on simplices do, for polynomials (`lpvid.lmi.polytope_positivity`).
 
     Parameters
     ----------
@@ -321,19 +521,38 @@ def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None) -> None:
     Raises
     ------
     InputError
-        Either beside a hull, or another object in its place.
+        Another object in the hull's place, or another basis beside one.
     """
     if hull is None:
         return
     if not isinstance(hull, Hull):
         raise InputError("`hull` is a set of scheduling values", got=type(hull).__name__,
                          mend="lpv.Hull.of(names, samples), or lpv.Hull.disc(names) for cos and sin of an angle")
-    if lyapunov is not None:
-        raise InputError("a hull needs constant Lyapunov matrices", got="hull and lyapunov",
-                         why="with one that moves the inequality is of higher degree in the scheduling, which vertices "
-                             "do not decide",
-                         mend="leave one of the two out; an angle whose rate is bounded has a Fourier basis over its "
-                              "box, and in discrete time StateFeedback and Observer take Polynomial(names, 1)")
+    if lyapunov is not None and not isinstance(lyapunov, Polynomial):
+        raise InputError("a Lyapunov matrix that moves on a hull is a polynomial", got=type(lyapunov).__name__,
+                         why="of other functions nothing is decided between the vertices",
+                         mend="lpv.Polynomial(names, 1); an angle whose rate is bounded has a Fourier basis over its "
+                              "box")
+
+
+def refuse_beside_hull(hull: Hull | None, lyapunov: Basis | None, mend: str = "leave one of the two out") -> None:
+    """Refuse what is no hull, and one together with a Lyapunov matrix that moves.
+
+    Parameters
+    ----------
+    hull : Hull or None
+    lyapunov : Basis or None
+    mend : str
+        What to do instead.
+
+    Raises
+    ------
+    InputError
+        Either beside a hull, or another object in its place.
+    """
+    check_hull(hull, None)
+    if hull is not None and lyapunov is not None:
+        raise InputError("a hull needs constant Lyapunov matrices here", got="hull and lyapunov", mend=mend)
 
 
 def affine_in(basis: Basis) -> bool:

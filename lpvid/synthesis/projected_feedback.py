@@ -36,7 +36,8 @@ class FeedbackGrid:
     linear : mapping of name to array
         Variables along which the values of `axes` stand for all between them.
     polytope : Polytope or None
-        The scheduling set where that is no box: its vertices take the place of `axes`.
+        The scheduling set where that is no box: its vertices take the place of `axes`, with a lattice between them
+        where X or Y moves.
     """
 
     axes: tuple[np.ndarray, ...]
@@ -65,6 +66,30 @@ class FeedbackGrid:
             As `Polytope.full_order`.
         """
         return cls(convex_axes(plant), True, polytope=Polytope.full_order(hull, plant))
+
+    @classmethod
+    def moving_over(cls, plant: GeneralizedPlant, hull: Hull, points: int) -> FeedbackGrid:
+        """For X or Y over polynomials of the scheduling, on a set that is no box, in continuous time.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Polynomial in its scheduling.
+        hull : Hull
+        points : int
+            Of each scheduling variable.
+
+        Returns
+        -------
+        FeedbackGrid
+
+        Raises
+        ------
+        InputError
+            As `Polytope.polynomial`.
+        """
+        polytope = Polytope.polynomial(hull, plant)
+        return cls(design_axes(hull.enclosing(plant.box), points, False), polytope=polytope)
 
     @classmethod
     def moving(cls, plant: GeneralizedPlant, lyapunov: Basis, points: int) -> FeedbackGrid:
@@ -108,8 +133,10 @@ class FeedbackGrid:
 
     @property
     def points(self) -> np.ndarray:
-        """(N, n_scheduling) all combinations, or the vertices."""
-        return tensor(self.axes) if self.polytope is None else self.polytope.vertices
+        """(N, n_scheduling) all combinations, or the vertices, with combinations inside where they do not suffice."""
+        if self.polytope is None:
+            return tensor(self.axes)
+        return self.polytope.vertices if self.corners else self.polytope.spread(max(map(len, self.axes)))
 
 
 def remarked(found: Synthesis, grid: FeedbackGrid, notes: tuple[str, ...], started: float) -> Synthesis:

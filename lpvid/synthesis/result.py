@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid._shown import Shown
 from lpvid.codec import ADDED, Coded
 from lpvid.errors import InputError, NumericalError
+from lpvid.lmi.gain_certificate import GainCertificate
 from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.model.designed import designed
 from lpvid.model.signals import listed_signals
@@ -126,7 +127,8 @@ class Synthesis(Coded, Shown):
     @property
     def region(self) -> str:
         """The scheduling set of the design: "box" or "polytope"."""
-        return "polytope" if isinstance(self.certificate, HullCertificate) else "box"
+        moving = isinstance(self.certificate, GainCertificate) and self.certificate.vertices is not None
+        return "polytope" if moving or isinstance(self.certificate, HullCertificate) else "box"
 
     def required(self) -> LPVStateSpace:
         """The controller.

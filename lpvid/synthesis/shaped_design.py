@@ -18,7 +18,7 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
-from lpvid.synthesis.block_proof import gain_figure, searched_figure, variance_figure
+from lpvid.synthesis.block_proof import gain_figure, moving_figure, searched_figure, variance_figure
 from lpvid.synthesis.criteria import CovarianceCriterion, Criterion, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -321,9 +321,10 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
 def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
                  loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
     """A synthesis for a scheduling set that is no box: figures by the design's own storage function at its vertices."""
-    if not affine_in(loop.basis) or not polytope.stable(loop):
+    moving = problem.storage is not None and bool(problem.storage.names)
+    if not (moving or affine_in(loop.basis)) or not polytope.stable(loop):
         return None
-    if problem.storage is not None and problem.storage.names:
+    if moving:
         return _by_steps(problem, polytope, shaped, controller, loop, back_off, started, most)
     blocks = problem.blocks_of(shaped)
     if blocks is None:
@@ -354,10 +355,16 @@ def _on_polytope(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, con
 
 def _by_steps(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, controller: LPVStateSpace,
               loop: LPVStateSpace, back_off: float, started: float, most: float) -> tuple[Synthesis, bool] | None:
-    """A synthesis in discrete time whose Lyapunov matrix follows the scheduling: gains by steps between vertices."""
-    figures = [searched_figure(c.description(problem.plant), channel(loop, *c.indices(problem.plant)), promised,
-                               polytope, moving=True)
-               for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
+    """A synthesis whose Lyapunov matrix moves: gains by its own storage function, else by one that is looked for."""
+    values, figures = problem.storage_of(shaped), []
+    for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
+        part, text = channel(loop, *criterion.indices(problem.plant)), criterion.description(problem.plant)
+        limit = promised if criterion.bound is not None else most * promised
+        own = None if values is None or problem.storage is None else moving_figure(
+            text, part, promised, polytope, values, problem.storage, limit)
+        if own is None and loop.is_discrete and affine_in(loop.basis):
+            own = searched_figure(text, part, promised, polytope, moving=True)
+        figures.append(own)
     found = [f for f in figures if f is not None]
     if len(found) < len(figures):
         return None

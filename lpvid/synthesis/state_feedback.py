@@ -90,7 +90,7 @@ class StateFeedback(GainDesign):
         reading = state_reading(plant)
         polytope = None if self.hull is None else Polytope.full_order(self.hull, plant)
         problem = self.problem(_StateFeedbackProblem, plant, ("B2", "D12"), polytope, reading=reading)
-        return settle(problem, fault_of(plant, plant.at(problem.points), problem.points))
+        return settle(problem, fault_of(plant, plant.at(problem.points), problem.points), kept=self.kept)
 
 
 def state_reading(plant: GeneralizedPlant) -> np.ndarray:
@@ -142,7 +142,7 @@ class _StateFeedbackProblem(GainProblem):
 
     @property
     def storage(self) -> Basis | None:
-        return storage_for(self.lyapunov)
+        return storage_for(self.lyapunov) if self.polytope is None else self.lyapunov
 
     def storage_of(self, shaped: Shaped) -> Values | None:
         if not self.plant.box.names:  # the analysis of a time-invariant loop needs no search
@@ -183,7 +183,8 @@ class _StateFeedbackProblem(GainProblem):
                 force = np.tensordot(columns(box, self.gain, points), gain, axes=1)
                 return c.controls[:, None] * (force @ np.linalg.inv(here) @ back)
 
-            basis, k = fitted(law, box, self.axes, self.lyapunov)
+            basis, k = (fitted(law, box, self.axes, self.lyapunov) if self.polytope is None
+                        else self.polytope.fitted(law))
         else:
             basis, k = self.gain, c.controls[:, None] * (gain @ np.linalg.inv(inner[0]) @ back)
         return written(plant, k, 0, basis)

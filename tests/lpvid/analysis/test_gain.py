@@ -37,6 +37,12 @@ def test_the_reference_case_with_bounded_rates(rate, gain):
     assert lpv.verify(found.certificate, vanishing()).holds
 
 
+def test_a_degree_that_is_of_no_use_does_not_end_the_search():
+    """At this rate P of degree 2 is no better than of degree 1 (it is 1.0); the third brings what the reference has."""
+    found = l2_gain(vanishing(), rate=4.0, trajectories=False)
+    assert found.between_grid and REFERENCE[4.0] * (1 - 1e-4) < found.upper < 1.004 * REFERENCE[4.0]
+
+
 def test_the_reference_case_at_any_speed():
     found = l2_gain(vanishing())
     assert found.upper == pytest.approx(1.0, abs=1e-4) and found.certificate.kind == "quadratic"

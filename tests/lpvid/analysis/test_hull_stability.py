@@ -138,14 +138,15 @@ def test_growth_is_looked_for_inside_only():
     assert not grows.verified and edge.contains(grows.divergence.points).all() and grows.divergence.growth_rate > 0
 
 
-def test_bounded_rates_are_covered_on_the_box_around_the_hull():
+def test_bounded_rates_are_covered_on_the_hull():
     """No P of degree zero serves for two vertices that grow in turn; slow motion between them does not."""
     turning = [np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))]
     hull = lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]]))
     model = loop(turning, hull=hull)
     assert not lpv.certify_stability(model).verified
     slow = lpv.certify_stability(model, rate=0.02)
-    assert slow.verified and slow.kind == "parameter-dependent" and slow.vertices is None
+    assert slow.verified and slow.kind == "parameter-dependent" and len(slow.vertices) == 3
+    assert "polytope of 3 vertices with |d p/dt| <= 0.02" in slow.claim
     assert lpv.verify(slow, model).holds
     assert slow.box.limits[slow.box.names[0]] == (0.0, 1.0)
     assert not largest_rate(model).arbitrary and largest_rate(oscillator()).arbitrary
@@ -166,7 +167,7 @@ def test_gain_of_a_designed_loop_is_that_of_its_hull(sample_time, rng):
 
 
 def test_gain_with_bounded_rates_is_no_higher():
-    """P(p) on the box around the hull, where that is lower than one P."""
+    """P(p) on the hull, where that is lower than one P, and no higher than on the box around it."""
     eye = np.eye(2)                                  # zero for every frozen p, 1 for fast p: as in `lpv.l2_gain`
     basis, box = lpv.Polynomial(NAMES, 1), lpv.Scheduling(NAMES, (-1, -1), (1, 1), (0.1, 0.1))
     a, zero = np.array([-eye, 0 * eye, 0 * eye]), np.zeros((2, 1))
@@ -177,6 +178,8 @@ def test_gain_with_bounded_rates_is_no_higher():
     slow, fast = lpv.l2_gain(model), lpv.l2_gain(model, rate=np.inf)
     assert slow.upper < 0.2 and fast.upper == pytest.approx(1.0, rel=1e-2)
     assert all(lpv.verify(g.certificate, model).holds for g in (slow, fast))
+    around = lpv.l2_gain(model, range=((-1, 1), (0, 0.1)), trajectories=False)
+    assert slow.upper <= around.upper * 1.005 and len(slow.certificate.vertices) == 3
 
 
 def test_share_of_draws_that_the_same_matrix_covers_on_the_polytope(rng):
@@ -200,7 +203,7 @@ def test_report_states_the_set_that_was_examined():
     assert data["certified"] and study.mark == "good"
     assert data["hull"]["names"] == ["p", "q"] and len(data["hull"]["vertices"]) == 3
     assert "polytope of 3 vertices" in str(study) and "polytope of 3 vertices" in study.verdict
-    assert any("box" in note for note in study.reach.notes) and study.reach.largest_range is None
+    assert study.reach.largest_range.factor >= 1 and len(study.reach.largest_range.hull.vertices()) == 3
     assert study.reach.l2_gain.verdict == "certified" and study.reach.largest_rate.arbitrary
     page = stability_page(study, "loop.json")
     assert ("examined, as designed for", "a polytope of 3 vertices over p, q") in page.facts
@@ -286,13 +289,14 @@ def test_steps_between_all_pairs_of_many_vertices_are_left_out(monkeypatch):
 
 
 def test_next_steps_for_a_hull_ask_nothing_that_is_refused():
-    """`--largest-range` scales a box, and answers with a note for a design over a hull."""
+    """`--largest-range` scales the hull; `--largest-rate` is of use where some motion is not covered."""
     turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],
                    hull=lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]])))
-    for model, rate, text in ((oscillator(), None, "lpvid verify"), (turning, 0.02, "--largest-rate"),
-                              (turning, None, "--range NAME=LOW:HIGH")):
+    for model, rate, text, faster in ((oscillator(), None, "lpvid verify", False), (turning, None, "--rate", False),
+                                      (turning, 0.02, "--largest-rate", True)):
         commands = [step.command for step in stability_page(study_stability(model, rate=rate), "loop.json").steps]
-        assert any(text in c for c in commands) and not any("--largest-range" in c for c in commands), commands
+        assert any(text in c for c in commands) and any("--largest-range" in c for c in commands), commands
+        assert any("--largest-rate" in c for c in commands) == faster
     boxed = stability_page(study_stability(oscillator(), range={"p": (0.0, 0.3), "q": (0.0, 0.3)}), "loop.json")
     assert any("--largest-range" in step.command for step in boxed.steps)
 
@@ -313,3 +317,25 @@ def test_a_draw_that_is_not_affine_is_not_covered_by_vertices():
     assert certificate.vertices is not None and models[1].frozen([0.5, 0.5])[0][0, 0] > 0
     assert lpv.certified_share(certificate, models[:1]).probability == 1.0
     assert lpv.certified_share(certificate, models[1:]).probability == 0.0
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.1])
+def test_largest_hull_about_its_middle(sample_time):
+    """The pole −(1.5 − p − q), or 1 less T times that, on the triangle about (1/3, 1/3): p + q = 2/3 + k/3, k = 2.5."""
+    step = sample_time or 1.0
+    model = loop([[[(sample_time is not None) - 1.5 * step]], [[step]], [[step]]], sample_time)
+    found = lpv.largest_range(model)
+    assert 0.98 * 2.5 <= found.factor <= 2.5 and found.limit == "frozen" and len(found.hull.vertices()) == 3
+    assert lpv.verify(found.certificate, model).holds
+    assert found.hull.middle == pytest.approx([1 / 3, 1 / 3])
+    assert "a polytope of 3 vertices over p, q within" in str(found) and len(found.to_dict()["vertices"]) == 3
+    with pytest.raises(lpv.InputError, match="about its middle: got towards upper"):
+        lpv.largest_range(model, towards="upper")
+
+
+def test_a_hull_of_slow_motion_is_larger_than_one_of_jumps():
+    turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],
+                   hull=lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]])))
+    jumps, slow = lpv.largest_range(turning), lpv.largest_range(turning, rate=0.02)
+    assert jumps.factor < 1 <= slow.factor and jumps.limit == "certificate"
+    assert lpv.verify(slow.certificate, turning).holds

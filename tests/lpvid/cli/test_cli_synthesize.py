@@ -273,6 +273,26 @@ def test_a_hull_from_a_file_is_what_the_certificate_states(tmp_path):
     assert "polytope" not in boxed.output and json.loads((again / "stability.json").read_text())["hull"] is None
 
 
+def test_a_moving_matrix_on_a_hull_from_a_file(tmp_path):
+    """A triangle at a tenth per second: below one X and Y, and its certificate, report and stability know the set."""
+    text = TURNING.replace("range = [-1.0, 1.0]", "range = [-1.0, 1.0]\nrate = 0.1")
+    hull = HINF + "hull = [[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]]\npoints = 4\n"
+    still, moved = tmp_path / "still", tmp_path / "moved"
+    for out, more in ((still, ""), (moved, 'lyapunov_degree = 1\nvarying = "controls"\n')):
+        found = run("synthesize", written(tmp_path, text + hull + more), "--out", out)
+        assert found.exit_code == 0, found.output
+    gains = [json.loads((out / "synthesis.json").read_text())["gamma_verified"] for out in (still, moved)]
+    assert gains[1] < 0.98 * gains[0]
+    claim = json.loads((moved / "certificate.json").read_text())["claim"]
+    assert "polytope of 3 vertices with |d c/dt| <= 0.1" in claim
+    assert "polytope: c<" in (moved / "report.html").read_text()
+    assert run("verify", moved / "certificate.json", moved / "closed_loop.json").exit_code == 0
+    examined = run("stability", moved / "closed_loop.json", "--rate", "0.1", "--largest-range", "--json")
+    assert examined.exit_code == 0, examined.output
+    data = json.loads(examined.stdout)
+    assert data["largest_range"]["factor"] > 1 and len(data["largest_range"]["vertices"]) == 3
+
+
 @pytest.mark.parametrize(("rows", "line"), [("[[0.0], [1.0]]", "the plant has c, s"), ("3", "the plant has c, s"),
                                             ("[]", "the plant has c, s"),
                                             ("[[0.0, 0.0], [1.0, 1.0]]", "no inside"),

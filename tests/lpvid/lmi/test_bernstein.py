@@ -110,3 +110,14 @@ def test_a_factor_that_rounding_let_through_proves_nothing(rng):
             factored += 1
     assert factored > 5
     assert bernstein._exceed(np.eye(12)[None, None], 1 - 1e-12)[0]
+
+
+@pytest.mark.parametrize("axes", [0, 1, 2])
+def test_a_constant_is_decided_by_its_eigenvalues(axes):
+    """Twelve rows, of which one exceeds the level by less than the rounding of a factor: there is nothing to halve."""
+    f = np.diag([3e-15, *np.ones(11)])
+    boxes = f.reshape(1, *(1,) * axes, 12, 12)
+    assert not bernstein._exceed(f[None, None], 1e-15)[0]
+    found = bernstein.positive(boxes, axes, above=1e-15)
+    assert found.holds and found.bound == pytest.approx(3e-15) and found.work <= 2
+    assert bernstein.positive(boxes, axes, above=4e-15).holds is False

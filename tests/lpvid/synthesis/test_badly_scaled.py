@@ -12,6 +12,7 @@ import lpvid as lpv
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.infeasibility import obstacle
+from lpvid.synthesis.moderated import Moderated
 from lpvid.synthesis.output_feedback_search import FeedbackProblem
 from lpvid.synthesis.projected_half import Variation
 from lpvid.synthesis.projected_search import least_bound
@@ -80,3 +81,21 @@ def test_matrices_that_break_the_coupling_are_no_bound():
     assert shortfall(problem, raised(pair, 2e-3)) < 1e-8
     halved = replace(pair, x=0.5 * pair.x, y=0.5 * pair.y)
     assert shortfall(problem, replace(halved, gamma=2 * pair.gamma)) > 0.1
+
+
+def test_noise_refused_at_fewer_points_is_not_tried_again(monkeypatch):
+    """More points only raise a least bound: 1070, over four grids, took 73 s of processor time, and takes 38 s."""
+    plant, design, _ = random_case(89)
+    grid = design._grid(plant)
+    variations = Variations(None, "both", plant.box)
+    projected = FeedbackProblem(BalancedPlant.of(plant, grid.points), variations, grid.axes, grid.corners, False,
+                                grid.points[:0]).projected
+    best = least_bound(projected)
+    calls = []
+    monkeypatch.setattr("lpvid.synthesis.moderated.singular", lambda _: True)
+    monkeypatch.setattr("lpvid.synthesis.moderated.least_bound", lambda *_, **__: calls.append(1))
+    fresh = Moderated(projected, best, ("CLARABEL",))
+    assert not list(fresh.fitting(2 * best.gamma)) and calls and set(fresh.bounds.values()) == {np.inf}
+    count = len(calls)
+    assert not list(Moderated(projected, best, ("CLARABEL",), fresh.bounds).fitting(2 * best.gamma))
+    assert len(calls) == count

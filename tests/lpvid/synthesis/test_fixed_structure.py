@@ -170,6 +170,25 @@ def test_integral_behind_a_zero_at_rest_is_refused():
     assert "integral" in found.mend
 
 
+@pytest.mark.parametrize("design", [
+    lambda gain: lpv.FixedStructure(lpv.PID(filter=0.1, integral=False), gain=gain, starts=1, points=2),
+    lambda gain: lpv.StateFeedback(gain=gain, points=2)])
+def test_breakpoints_of_a_table_are_points_of_the_design(design):
+    """Two points look at the ends alone; a table with a breakpoint between them is no worse than one line."""
+    noisy = isinstance(design(None), lpv.FixedStructure)
+    names = ("stroke", "effort", "sensor") if noisy else ("stroke", "effort", "position", "speed")
+    a, b = [[[0, 1], [0, -0.2]], [[0, 0], [-1, 0]]], [[[0, 0, 0], [1, 0, 1]], np.zeros((2, 3))]
+    rows = [[1, 0], [0, 0], [1, 0], [0, 1]][:len(names)]
+    d = np.zeros((2, len(names), 3))
+    d[0, 1, 2], d[0, 2, 1] = 0.3, 0.1 * noisy
+    box = lpv.Scheduling(("k",), (1.0,), (4.0,))
+    system = lpv.LPVStateSpace(a, b, [rows, np.zeros((len(names), 2))], d, lpv.Polynomial("k", 1), None, box,
+                               inputs=("push", "noise", "force"), outputs=names)
+    plant = lpv.GeneralizedPlant(system, ["force"], list(names[2:]))
+    line, table = (lpv.synthesize(plant, design(g)) for g in (lpv.Polynomial("k", 1), lpv.Spline("k", 2, 1)))
+    assert table.solved and table.gamma_verified <= 1.03 * line.gamma_verified
+
+
 def test_bad_input_in_one_line():
     with pytest.raises(lpv.InputError, match="a fixed structure is needed"):
         lpv.FixedStructure("pid")

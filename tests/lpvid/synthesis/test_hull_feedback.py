@@ -209,7 +209,7 @@ def test_result_names_its_set(tmp_path):
 
 def test_a_bound_that_is_too_low():
     found = lpv.synthesize(turning(), lpv.OutputFeedback(hull=DISC, bound=0.5))
-    assert found.verdict == "infeasible" and "smaller hull" in found.mend and "lyapunov" not in found.mend
+    assert found.verdict == "infeasible" and "smaller hull" in found.mend and "lyapunov=" in found.mend
 
 
 @pytest.mark.seconds
@@ -229,12 +229,6 @@ def test_bad_input_in_one_line():
                    lambda hull: lpv.Filter(hull=hull).solve(turning())):
         with pytest.raises(lpv.InputError, match=r"got str.*lpv\.Hull\.of"):
             design(hull="disc")
-    for design in (lpv.OutputFeedback, lpv.MultiObjective, lpv.StateFeedback, lpv.Observer):
-        with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*degree in the scheduling"):
-            design(hull=DISC, lyapunov=lpv.Polynomial("c", 2))
-        if design in (lpv.OutputFeedback, lpv.MultiObjective):
-            with pytest.raises(lpv.InputError, match=r"constant Lyapunov matrices.*StateFeedback and Observer"):
-                design(hull=DISC, lyapunov=lpv.Polynomial("c", 1))
     with pytest.raises(lpv.InputError, match="a gain of degree one"):
         lpv.StateFeedback(hull=DISC, gain=lpv.Polynomial(NAMES, 2))
     bent = wu(None)

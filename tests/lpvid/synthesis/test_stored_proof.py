@@ -13,7 +13,7 @@ from helpers.synthesis_plants import spring
 
 import lpvid as lpv
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
+from lpvid.lmi.gain_certificate import GainCertificate, certify_gain, recheck_gain
 from lpvid.lmi.storage import Storage
 
 
@@ -91,9 +91,24 @@ def test_the_inverse_of_a_storage_function_shows_the_gain_of_the_primal() -> Non
         assert recheck_gain(system, storage, 1.001, inverse=inverse).holds
         assert not recheck_gain(system, storage, 0.999, inverse=inverse).holds
         assert not recheck_gain(system, storage, 1.001, inverse=not inverse).holds
-    moving = Storage(np.array([[[1.0]], [[0.1]]]), p, lpv.Scheduling(("p",), (0.0,), (1.0,), (1.0,)), 1.0)
-    sampled = driven(replace(model, A=0.5 * model.A, sample_time=1.0))
-    assert "continuous time" in recheck_gain(sampled, moving, 10.0, inverse=True).why
+
+
+def test_the_inverse_of_a_storage_function_that_moves_in_discrete_time() -> None:
+    """Q(p⁺) − AQ(p)Aᵀ and its companions, against the primal inequality of P = 1/Q at dense values and steps."""
+    p, box = lpv.Polynomial("p", 1), lpv.Scheduling(("p",), (0.0,), (1.0,), (0.3,))
+    model = lpv.LPVStateSpace([[[-0.25]], [[-0.25]]], [[[2.0]], [[0.5]]], [[[0.5]], [[0.2]]], np.zeros((2, 1, 1)), p,
+                              1.0, box)
+    storage = Storage(np.array([[[5.0]], [[1.5]]]), p, box, 1.0)
+    points = np.linspace(0, 1, 201)[:, None]
+    now = 1 / storage.values(points)
+    later = np.stack([1 / storage.values(np.clip(points + step, 0, 1)) for step in np.linspace(-0.3, 0.3, 13)], axis=1)
+    held = []
+    for gamma in np.geomspace(1.0, 8.0, 40):
+        found, dense = recheck_gain(driven(model), storage, gamma, inverse=True), certify_gain(
+            model.at(points), now, gamma, later=later)
+        assert found.holds == dense.holds or abs(dense.margin) < 1e-2
+        held.append(found.holds)
+    assert held[-1] and not held[0] and held == sorted(held)
 
 
 def test_a_proof_on_the_whole_box_takes_back_the_remark_on_the_grid() -> None:
