@@ -14,6 +14,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from lpvid._threads import single_thread
+from lpvid._triangular import triangular_factor
 from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
 from lpvid.record import Record
 from lpvid.validation.residuals import residual_tests
@@ -64,7 +65,7 @@ def inverse_gram(jacobian: np.ndarray) -> np.ndarray:
     -------
     (k, k) array
     """
-    root = pseudo_inverse(np.asarray(np.linalg.qr(jacobian, mode="r")) if len(jacobian) > len(jacobian.T) else jacobian)
+    root = pseudo_inverse(triangular_factor(jacobian) if len(jacobian) > len(jacobian.T) else jacobian)
     return root @ root.T
 
 
@@ -97,7 +98,7 @@ def vague_inverse(jacobian: np.ndarray) -> np.ndarray:
     """
     norms = np.linalg.norm(jacobian, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian / scale, mode="r"), full_matrices=False)
+    _, s, vt = np.linalg.svd(triangular_factor(jacobian, scale), full_matrices=False)
     weights = vt.T / np.maximum(s, VAGUE * s[0] if s[0] > 0 else 1.0)
     return (weights @ weights.T) / np.outer(scale, scale)
 
@@ -208,7 +209,9 @@ def estimate_covariance(jacobian: np.ndarray, residual: np.ndarray, lengths: Seq
     else:
         memory = residual_memory(pieces)
         length = block_length(memory, rows, k)
-        scores = [jacobian[a:b, free] * residual[a:b, None] for a, b in ends]
+        scores = [jacobian[a:b, free] for a, b in ends]  # a copy, which becomes J(t) e(t)
+        for s, (a, b) in zip(scores, ends, strict=True):
+            s *= residual[a:b, None]
         middle, how = ((bartlett(scores, 3 * memory), "Bartlett weights") if length is None
                        else (blocks(scores, length), "block scores"))
         found = inverse @ middle @ inverse * (rows / max(rows - k, 1))

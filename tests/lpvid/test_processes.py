@@ -87,13 +87,16 @@ def test_leaving_the_block_stops_the_call() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
-@pytest.mark.parametrize("without", ["", "_processes.ends_with_parent = lambda parent: None\n"], ids=["Linux", "other"])
-def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, without: str) -> None:
+@pytest.mark.parametrize(("forks", "without"), [
+    (True, ""), (False, ""), (False, "_workers.ends_with_parent = lambda parent: None\n")],
+    ids=["forks", "fresh", "other systems"])
+def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, forks: bool, without: str) -> None:
     """By Linux's signal even in a call that keeps the interpreter's lock; elsewhere by the end of what they read."""
     work = "__import__('time').sleep(600)" if without else "sum(iter(int, 1))"
     code = f"""
-        from lpvid import _processes
-        _processes.WORKER = "from lpvid import _processes\\n" + {without!r} + "_processes.serve({{}})"
+        from lpvid import _processes, _threads, _workers
+        _threads.undisturbed = lambda: {forks}
+        _workers.WORKER = "from lpvid import _workers\\n" + {without!r} + "_workers.serve({{}})"
         number = "__import__('os').write(1, b'%d' % __import__('os').getpid() + bytes([10]))"
         _processes.in_processes(eval, [number + " and {work}"] * 2, workers=2)
     """
