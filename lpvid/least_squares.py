@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from lpvid._triangular import triangular_factor
+from lpvid._tall import triangular_factor
 
 MAX_DAMPING = 1e12
 """of unit columns: a step is then a part in 1e12 of the way down the gradient."""

@@ -29,8 +29,8 @@ from lpvid._forks import in_forks
 from lpvid._pickling import ReadOnlyState
 from lpvid._processes import Beside, in_processes
 from lpvid._shown import Shown
+from lpvid._tall import triangular_factor
 from lpvid._threads import found_once, processors, single_thread
-from lpvid._triangular import triangular_factor
 
 if TYPE_CHECKING:
     from lpvid._compiling import copy_values, njit

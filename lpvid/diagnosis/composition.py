@@ -6,12 +6,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from gc import collect
 
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import STAGES, Effect
-from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from lpvid.diagnosis.signals import LONG, Core, Linearised, Remembered, Signals
 
 STEP = 1e-5
 """step of a finite difference, as a share of the parameter's scale"""
@@ -269,6 +270,8 @@ class Composition:
             else:
                 there = self.predict(signals, moved)
             change = there - here
+            if signals.n_samples > LONG:  # signals that were made for this run hold what holds them
+                collect(1)
             if np.abs(change).max() > rounding:  # else the derivative would be one of rounding errors
                 out[:, column] = change / (moved[j] - vector[j])
         return out

@@ -13,8 +13,8 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
+from lpvid._tall import triangular_factor
 from lpvid._threads import single_thread
-from lpvid._triangular import triangular_factor
 from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
 from lpvid.record import Record
 from lpvid.validation.residuals import residual_tests
@@ -26,6 +26,8 @@ BLOCKS_PER_PARAMETER = 5
 """fewest blocks for each parameter."""
 SHORTEST = 10
 """shortest block [samples]."""
+PART = 65_536
+"""rows whose sums over windows are in memory at a time"""
 LARGEST_LAG = 200
 """largest lag of a residual's memory that is looked at [samples], and at most a fiftieth of the samples."""
 
@@ -135,11 +137,20 @@ def bartlett(scores: Sequence[np.ndarray], lags: int) -> np.ndarray:
     -------
     (k, k) array
     """
-    out, window = np.zeros((scores[0].shape[1], scores[0].shape[1])), lags + 1
+    k, window = scores[0].shape[1], lags + 1
+    out = np.zeros((k, k))
     for s in scores:  # (1 − |τ|/window) of s(t) s(t−τ)ᵀ is the mean share of the windows that hold both samples
-        sums = np.cumsum(np.vstack([s, np.zeros((lags, s.shape[1]))]), axis=0)
-        sums[window:] -= sums[:-window].copy()
-        out += sums.T @ sums / window
+        before = np.zeros((window, k))  # cumulative sums up to the part at hand
+        for first in range(0, len(s) + lags, PART):
+            part = s[first: first + PART]
+            sums = np.zeros((min(PART, len(s) + lags - first), k))
+            sums[: len(part)] = part
+            sums[0] += before[-1]
+            np.cumsum(sums, axis=0, out=sums)
+            before = np.vstack([before, sums])
+            sums -= before[: len(sums)]
+            before = before[len(before) - window:].copy()
+            out += sums.T @ sums / window
     return out
 
 
